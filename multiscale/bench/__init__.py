@@ -15,13 +15,13 @@ STABILITY_FILE = resources.files("multiscale.bench").joinpath("stability.toml")
 FAMILIES: Mapping[str, str] = {
     "chain": "answers",
     "damage": "answers",
-    "grains": "grains",
+    "grains": "grain_scenes",
     "laws": "answers",
-    "limit": "cells",
-    "meshes": "cells",
+    "limit": "cell_scenes",
+    "meshes": "cell_scenes",
     "micro": "rough_contact",
     "nonsmooth": "nonsmooth",
-    "strain": "cells",
+    "strain": "cell_scenes",
     "structures": "structures",
     "substructures": "substructures",
     "volumes": "answers",
@@ -54,7 +54,7 @@ def bench(
         Follows ``WORK_PRECISION``. The attribute ``cautions`` has a sentence for each method that
         is left out.
     """
-    from multiscale.bench.runner import measure_family
+    from multiscale.bench.measure import measure_family
 
     module = import_module(f"multiscale.bench.{FAMILIES[family]}")
     return measure_family(getattr(module, family.upper()), quick=quick, report=report, keep=keep)

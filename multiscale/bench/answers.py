@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from multiscale.bench.runner import Family, Row, Runner, judge
+from multiscale.bench.measure import BenchFamily, Row, Runner, judge
 from multiscale.micro.damage import (
     FatigueMaterial,
     Recipe,
@@ -74,7 +74,7 @@ def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     yield judge(rows, exact, half / exact)
 
 
-CHAIN = Family("whole chain: stiffness of an interface", chain, ("scipy", "numba"))
+CHAIN = BenchFamily("whole chain: stiffness of an interface", chain, ("scipy", "numba"))
 
 # ---------------------------------------------------------------------------------------------
 # laws: stiffness of a fitted law against the time of its cells
@@ -145,7 +145,7 @@ def laws(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     yield judge(rows, float(parts.mean()), float(spread))
 
 
-LAWS = Family("interface laws: stiffness at 1 GPa", laws, ("scipy",))
+LAWS = BenchFamily("interface laws: stiffness at 1 GPa", laws, ("scipy",))
 
 # ---------------------------------------------------------------------------------------------
 # volumes: stiffness of a porous solid over size, number and voxels of its volumes
@@ -195,7 +195,7 @@ def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     yield judge(rows, exact, abs(coarser / exact - 1.0))
 
 
-VOLUMES = Family("stiffness of a porous solid: error against run time", volumes, ("numba",))
+VOLUMES = BenchFamily("stiffness of a porous solid: error against run time", volumes, ("numba",))
 
 # ---------------------------------------------------------------------------------------------
 # damage: fatigue lives by jumps over cycles
@@ -265,4 +265,4 @@ def damage(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         yield rows
 
 
-DAMAGE = Family("two-scale fatigue: error of the life against run time", damage, ("numba",))
+DAMAGE = BenchFamily("two-scale fatigue: error of the life against run time", damage, ("numba",))

@@ -22,7 +22,7 @@ from multiscale.bench.lcp_scenes import (
     p_matrix,
     tensegrity,
 )
-from multiscale.bench.runner import Family, Row, Runner
+from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.convergence import Solution
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
 from multiscale.nonsmooth.friction import FRICTION_METHODS
@@ -152,7 +152,7 @@ def judged(problem: Problem, run: Runner, method: str, quick: bool) -> Row:
     }
 
 
-NONSMOOTH = Family(
+NONSMOOTH = BenchFamily(
     "complementarity and friction: residual of every method",
     solve_problems,
     ("clarabel",),

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from multiscale.bench.runner import THREADS, Family, Row, Runner, extrapolate
+from multiscale.bench.measure import THREADS, BenchFamily, Row, Runner, extrapolate
 from multiscale.surfaces.surface import Surface
 
 __all__ = [
@@ -266,7 +266,7 @@ def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, flo
     return reference, distance if limits.size > 1 else np.nan
 
 
-MICRO = Family(
+MICRO = BenchFamily(
     "rough contact: mean gap and contact fraction",
     micro,
     tuple(code.module for code in CODES.values()),

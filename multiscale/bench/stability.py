@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from multiscale.bench import STABILITY_FILE, stability_cases
-from multiscale.bench.runner import versions
+from multiscale.bench.measure import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY, Dataset

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from multiscale.bench.runner import Family, Row, Runner
+from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.links.link_equations import compatibility
 
@@ -156,7 +156,7 @@ def judged(rows: Sequence[Row], grid: LinkSystem, load_factor: float) -> Sequenc
     return rows
 
 
-STRUCTURES = Family(
+STRUCTURES = BenchFamily(
     "statics of tensegrity grids: growth of time and memory",
     solve_grids,
     ("scipy", "pypardiso"),

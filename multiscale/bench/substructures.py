@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from multiscale.bench.runner import Family, Row, Runner
+from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.bench.structures import distance, scene_grid
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -212,7 +212,7 @@ def judged(rows: Sequence[Row], scene: CutScene) -> Sequence[Row]:
     return rows
 
 
-SUBSTRUCTURES = Family(
+SUBSTRUCTURES = BenchFamily(
     "cut structures: LATIN, Newton-Schur and the whole structure, in one process",
     solve_cuts,
     ("scipy", "pypardiso"),

@@ -2,8 +2,8 @@
 
 import pytest
 
-from multiscale.bench import runner
-from multiscale.bench.runner import Measurement
+from multiscale.bench import measure as measured
+from multiscale.bench.measure import Measurement
 from multiscale.io import open_dataset, write_dataset
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
@@ -19,7 +19,7 @@ def in_this_process(monkeypatch):
             return Measurement(None)
         return Measurement(task(), 0.1, 0.2, 1e8)
 
-    monkeypatch.setattr(runner, "measure", measure)
+    monkeypatch.setattr(measured, "measure", measure)
     return deaths
 
 

@@ -5,10 +5,10 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import FAMILIES, cells
+from multiscale.bench import FAMILIES, cell_scenes
 from multiscale.bench.answers import DAMAGE_SCENES, life
-from multiscale.bench.cells import LIMIT_SCENES, measure_kernel
-from multiscale.bench.grains import BOUNCE, COMPLIANCES, EXACT, ROLL, STEPS, answer
+from multiscale.bench.cell_scenes import LIMIT_SCENES, measure_kernel
+from multiscale.bench.grain_scenes import BOUNCE, COMPLIANCES, EXACT, ROLL, STEPS, answer
 from multiscale.bench.rough_contact import CODES
 from multiscale.bench.structures import GRID_METHODS
 from multiscale.bench.substructures import CUT_METHODS, RIGHT
@@ -79,9 +79,9 @@ def test_grains_follow_their_closed_forms_to_first_order_of_the_step(scene, comp
 
 @pytest.mark.parametrize("scene", LIMIT_SCENES)
 def test_a_kernel_is_measured_beside_a_copy_of_its_bytes(scene, monkeypatch):
-    monkeypatch.setattr(cells, "LEAST", 1e-3)
+    monkeypatch.setattr(cell_scenes, "LEAST", 1e-3)
     found = measure_kernel(scene, 34)
     assert min(found[name] for name in ("over_copy", "wall_time", "operations")) > 0.0
-    arrays = 1 if scene == "compliance of a flat cell" else 3 * cells.LAYERS
+    arrays = 1 if scene == "compliance of a flat cell" else 3 * cell_scenes.LAYERS
     precision = 4 if scene.endswith("single precision") else 8
     assert found["bytes_moved"] >= 2 * precision * 34 * 34 * arrays  # in and out

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.bench import bench
+from multiscale.bench.measure import Runner
 from multiscale.bench.nonsmooth import FRICTION_SCENES, LCP_SCENES, NONSMOOTH, judged, problem_of
-from multiscale.bench.runner import Runner
 from multiscale.bench.summary import tabulate_runs
 from multiscale.convergence import Solution, Status
 from multiscale.nonsmooth import solve_friction, solve_lcp

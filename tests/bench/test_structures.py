@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.bench import bench, structures
-from multiscale.bench.runner import measure
+from multiscale.bench.measure import measure
 from multiscale.bench.structures import (
     GRID_METHODS,
     GridAnswer,

@@ -154,7 +154,7 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
 def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
     code = """
         import json, sys
-        from multiscale.bench.runner import peak_memory
+        from multiscale.bench.measure import peak_memory
         from multiscale.pipeline import load_case, run_macro
         small, large, out = sys.argv[1:]
         peaks = []

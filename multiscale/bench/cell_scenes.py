@@ -6,7 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
-from multiscale.bench.runner import Family, Row, Runner, judge, limit_of
+from multiscale.bench.measure import BenchFamily, Row, Runner, judge, limit_of
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 
 __all__ = ["LIMIT", "LIMIT_SCENES", "MESHES", "STRAIN", "measure_kernel"]
@@ -56,7 +56,7 @@ def meshes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     yield judge(rows, *limit_of(rows[: len(grids["kernel"])]))
 
 
-MESHES = Family(
+MESHES = BenchFamily(
     "cells on meshes: mean gap",
     meshes,
     ("numba", "scikit-fem", "pyamg"),
@@ -102,7 +102,7 @@ def strain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         yield judge(rows, *limit_of(rows))
 
 
-STRAIN = Family("cells at large strain: mean gap", strain, ("numba",))
+STRAIN = BenchFamily("cells at large strain: mean gap", strain, ("numba",))
 
 # ---------------------------------------------------------------------------------------------
 # limit: kernels of elastic cells against the memory
@@ -196,6 +196,6 @@ def limit(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         yield [row | (row["value"] or {}) | {"converged": int(bool(row["value"]))} for row in rows]
 
 
-LIMIT = Family(
+LIMIT = BenchFamily(
     "kernels of elastic cells: time over a copy of the same bytes", limit, ("numba", "scipy")
 )

@@ -5,8 +5,8 @@ import os
 import numpy as np
 import pytest
 
+from multiscale.bench.measure import BenchFamily, extrapolate, judge, measure, measure_family
 from multiscale.bench.rough_contact import common_reference
-from multiscale.bench.runner import Family, extrapolate, judge, measure, measure_family
 from multiscale.bench.summary import join_families, tabulate_cheapest, tabulate_runs
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
@@ -45,7 +45,7 @@ def test_a_process_that_dies_has_no_answer_and_raises_nothing():
 
 
 def measured(scenes, **options):
-    return measure_family(Family("c", scenes), quick=True, **options)
+    return measure_family(BenchFamily("c", scenes), quick=True, **options)
 
 
 @pytest.mark.usefixtures("in_this_process")

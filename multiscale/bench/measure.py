@@ -26,7 +26,7 @@ from multiscale.schema import WORK_PRECISION, Dataset
 
 __all__ = [
     "THREADS",
-    "Family",
+    "BenchFamily",
     "Measurement",
     "Row",
     "Runner",
@@ -117,7 +117,7 @@ def peak_memory() -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class BenchFamily:
     """Questions of one kind.
 
     Parameters
@@ -146,7 +146,7 @@ class Family:
 class Runner:
     """Measures answers to the questions of a family; ``report`` gets a line after each."""
 
-    family: Family
+    family: BenchFamily
     report: Callable[[str], None]
     repeats: int = 1
     load: float = field(default_factory=lambda: os.getloadavg()[0])
@@ -218,7 +218,7 @@ class Runner:
 
 
 def measure_family(
-    family: Family,
+    family: BenchFamily,
     *,
     quick: bool,
     report: Callable[[str], None] = lambda line: None,

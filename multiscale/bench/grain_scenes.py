@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from multiscale.bench.runner import Family, Row, Runner, judge
+from multiscale.bench.measure import BenchFamily, Row, Runner, judge
 
-__all__ = ["BOUNCE", "COMPLIANCES", "DEPOSIT", "EXACT", "GRAINS", "ROLL", "STEPS", "answer"]
+__all__ = ["BOUNCE", "COMPLIANCES", "DEPOSIT", "EXACT", "ROLL", "STEPS", "answer"]
 
 GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
 HEIGHTS = 1.0 + 0.05 * (np.arange(16) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0)
@@ -106,4 +106,4 @@ def follow_grains(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         yield judge(rows, float(heights.mean()), float(spread))
 
 
-GRAINS = Family("grains in motion: heights and ways", follow_grains, ("numba",))
+GRAINS = BenchFamily("grains in motion: heights and ways", follow_grains, ("numba",))
