@@ -200,8 +200,8 @@ def plot_shear_law(law: Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_joint_stiffness(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the stiffness of a joint, of its interface and of its bodies against the preload."""
     known = result.isel(step=np.flatnonzero(result["joint_stiffness"].notnull()))
-    names = ("joint", "unloading", "interface", "solid")
-    ax = plot_lines(known, *(f"{name}_stiffness" for name in names), ax=ax)
+    needed = [str(known[f"{name}_stiffness"].name) for name in ("joint", "interface", "solid")]
+    ax = plot_lines(known, needed[0], "unloading_stiffness", *needed[1:], ax=ax)
     preload, unit = unit_in(known, "preload"), unit_in(known, "joint_stiffness")
     draw_bands(known, "joint_stiffness", preload.shown(known["preload"]), ax, unit.scale)
     ax.set(xscale="log", yscale="log", title="joint stiffness")
