@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from multiscale.macro import pressed_blocks
-from multiscale.macro.monolithic import prepare_flexible, soften_tangent
+from multiscale.macro.monolithic import soften_tangent
 from multiscale.macro.substructures import assemble, cut_assembly
 
 
@@ -16,7 +16,7 @@ def press_blocks(joint, law, preloads, **options):
     """
     whole = assemble(cut_assembly(pressed_blocks(joint, law)))
     load, weight, area = whole.load[:, 0], whole.weight, joint.area
-    flexible = prepare_flexible(whole.stiffness.toarray(), whole.jump, weight, whole.motions)
+    flexible, both = whole.flexible, whole.flexible.split(load, motions=False)
     result = SimpleNamespace(
         **{
             name: np.full(len(preloads), np.nan)
@@ -40,9 +40,7 @@ def press_blocks(joint, law, preloads, **options):
         result.approach[step] = load @ solution.value / area
         result.mean_gap[step] = weight @ solution.jump[0] / area + law.gap
         result.closed_fraction[step] = weight @ (response.traction[0] < 0.0) / area
-        turned = flexible.motions.T @ load
         tangent = weight * soften_tangent(response, flexible.resistance).tangent
-        moved = flexible.direction(tangent, np.append(load, turned))
-        compliance = load @ moved[: load.size] + turned @ moved[load.size :]
-        result.joint_stiffness[step] = area / compliance
+        moved = flexible.direction(tangent, both)
+        result.joint_stiffness[step] = area / (both @ moved)
     return result

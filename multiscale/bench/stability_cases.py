@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from multiscale.laws import Sliders
     from multiscale.macro import Assembly, LinkSystem
+    from multiscale.macro.monolithic import Assembled
     from multiscale.macro.substructures import Method
-    from multiscale.macro.substructures.whole import Assembled
     from multiscale.micro.elastic_cell import ContactState
     from multiscale.surfaces.surface import Surface
 

@@ -111,7 +111,7 @@ def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") ->
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``, with the fields that
-        :func:`multiscale.macro.substructures.add_body_fields` adds.
+        :func:`multiscale.macro.bodies.add_body_fields` adds.
     folder, name
         For ``NAME.pvd``, ``NAME-0000.vtu``, ``NAME-joints-0000.vtu`` and so on.
 

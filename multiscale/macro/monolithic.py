@@ -11,7 +11,8 @@ the bodies, to the next :math:`y` on the law,
 The next tangent is that at y. This is the local stage of LATIN with the tangent of the law as the
 direction of its linear stage; at the solution y = j. On the way the bodies are out of balance with
 the traction of the law at y by :math:`k (j - y)` per area, so that one residual measures both the
-distance of the traction and of the jump from the solution, however stiff the law is.
+distance of the traction and of the jump from the solution, however stiff the law is. A step is
+shortened, in bodies and law together, while the residual does not fall.
 """
 
 from collections.abc import Callable
@@ -23,7 +24,7 @@ import numpy as np
 from numpy.linalg import norm, qr, svd
 from scipy.sparse import block_diag, csr_array, hstack, issparse
 
-from multiscale.convergence import Solution, Status, check_limits
+from multiscale.convergence import Solution, Status
 from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw, Response
@@ -32,13 +33,14 @@ from multiscale.numerics.newton import Limits, NewtonRun, enough, step_length
 
 __all__ = [
     "FLOOR",
+    "FULL",
+    "Assembled",
     "Equilibrium",
     "FlexibleBodies",
     "InterfaceSolution",
     "Place",
     "face_stiffness",
     "find_equilibrium",
-    "prepare_flexible",
     "solve_interface",
 ]
 
@@ -80,6 +82,10 @@ UNSURE = 1e-8
 """Largest residual that rounding excuses: without a limit, a body that runs away would count as
 in balance."""
 
+FEW, FULL = 2000, 0.1
+"""Unknowns, and share of the entries of a matrix that are not zero, up to and above which it is
+taken as a full matrix."""
+
 NO_LINKS = np.zeros(0)
 
 
@@ -107,7 +113,6 @@ def solve_interface(
     start: np.ndarray | None = None,
     jump: np.ndarray | None = None,
     state: np.ndarray | None = None,
-    flexible: "FlexibleBodies | None" = None,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
@@ -137,8 +142,6 @@ def solve_interface(
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
-    flexible : FlexibleBodies, optional
-        Of the same full matrices, for many laws and loads; see :func:`prepare_flexible`.
     max_iterations : int, iteration limit
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
@@ -163,29 +166,117 @@ def solve_interface(
     small stiffness holds bodies that an open interface does not, where the residual explodes, and
     where it has not fallen for some steps.
     """
-    check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
         raise ValueError(
             f"load ({n},) and jump_operator (d * {points}, {n}) must match stiffness and weight, "
             f"got {load.shape} and {jump_operator.shape}"
         )
-    u = np.zeros(n) if start is None else np.array(start, dtype=float)
-    state = np.zeros((law.n_state, points)) if state is None else state
-    jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
-    if flexible is None:
-        whole: Equilibrium = _Whole(stiffness, load, jump_operator, weight, law, state)
-    else:
-        whole, motion = _Condensed(flexible, load, law, state), flexible.motions.T @ u
-        u = np.append(u - flexible.motions @ motion, motion)
-    here = whole.place(u, jump)
-    whole.scale = float(norm(load)) or whole.size(here.gradient) or 1.0
-    run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
-    here, _ = find_equilibrium(whole, here, run)
-    u = here.value
-    if flexible is not None:
-        u = u[:n] + flexible.motions @ u[n:]
-    return InterfaceSolution(u, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at)
+    bodies = Assembled(stiffness, load[:, None], jump_operator, weight, np.zeros((n, 0)))
+    return bodies.solve(
+        law,
+        np.ones(1),
+        start=start,
+        jump=jump,
+        state=state,
+        max_iterations=max_iterations,
+        tolerance=tolerance,
+        callback=callback,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Assembled:
+    """Elastic bodies in one piece, prepared for many laws and loads.
+
+    Attributes
+    ----------
+    stiffness : csr_array or ndarray, shape (n, n), stiffness of all linear parts, N/m
+    load : ndarray or csr_array, shape (n, cases), N
+    jump : csr_array, shape (d * points, n)
+        Normal jump at all points of all joints, then each tangential one.
+    weight : ndarray, shape (points,), area of these points, m²
+    motions : ndarray, shape (n, motions), rigid motions of the bodies, m
+    """
+
+    stiffness: csr_array | np.ndarray
+    load: np.ndarray | csr_array
+    jump: csr_array
+    weight: np.ndarray
+    motions: np.ndarray
+
+    def solve(
+        self,
+        law: InterfaceLaw,
+        factor: np.ndarray,
+        *,
+        start: np.ndarray | None = None,
+        jump: np.ndarray | None = None,
+        state: np.ndarray | None = None,
+        max_iterations: int = 100,
+        tolerance: float = 1e-10,
+        callback: Callable[[int, float], None] | None = None,
+    ) -> InterfaceSolution:
+        """Find the unknowns, m, for factors of the load cases; see :func:`solve_interface`."""
+        limits, load, points = (
+            Limits(max_iterations, tolerance, callback),
+            self.load @ factor,
+            self.weight.size,
+        )
+        if not points:
+            u = self._solve(load)
+            residual = float(norm(self.stiffness @ u - load)) / (float(norm(load)) or 1.0)
+            return InterfaceSolution(u, Status.CONVERGED, (1.0, residual), jump=np.zeros((3, 0)))
+        u = np.zeros(load.size) if start is None else np.array(start, dtype=float)
+        state = np.zeros((law.n_state, points)) if state is None else state
+        jump = (self.jump @ u).reshape(-1, points) if jump is None else jump
+        bodies = self.flexible or self
+        balance = Equilibrium(bodies, bodies.split(load, motions=False), law, state)
+        here = balance.place(bodies.split(u), jump)
+        balance.scale = float(norm(load)) or balance.size(here.gradient) or 1.0
+        run = NewtonRun(limits, PATIENCE)
+        here, _ = find_equilibrium(balance, here, run)
+        u = bodies.join(here.value)
+        return InterfaceSolution(
+            u, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at
+        )
+
+    @cached_property
+    def _solve(self) -> Solve:
+        """Solve with the stiffness."""
+        return factorise(self.stiffness, name="the stiffness of the structure")
+
+    @cached_property
+    def resistance(self) -> float:
+        """Stiffness of the bodies per area, Pa/m."""
+        return face_stiffness(self.stiffness.diagonal(), self.jump[: self.weight.size], self.weight)
+
+    @cached_property
+    def flexible(self) -> "FlexibleBodies | None":
+        """Bodies condensed onto their jumps; None if sparse, or if more than motions are free."""
+        n = self.load.shape[0]
+        matrix = csr_array(self.stiffness)
+        if n > FEW and matrix.nnz <= FULL * n**2:
+            return None
+        return _prepare_flexible(matrix.toarray(), self.jump, self.weight, self.motions)
+
+    def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Newton direction, m, by factors of the tangent K + B^T (w D) B."""
+        B, points = self.jump, self.weight.size
+        i, j, at = np.nonzero(tangent)
+        place = (points * i + at, points * j + at)
+        weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
+        matrix = self.stiffness + B.T @ (weighted @ B)
+        matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
+        return factorise(matrix, name="the tangent stiffness")(force)
+
+    def split(self, value: np.ndarray, *, motions: bool = True) -> np.ndarray:
+        """Unknowns or forces of the Newton step."""
+        return value
+
+    def join(self, value: np.ndarray) -> np.ndarray:
+        """Displacement, m."""
+        return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,13 +312,13 @@ class Place:
 class Equilibrium:
     """Bodies under a load that are joined by a law: K u + B^T (w t(B u)) = f.
 
-    A subclass finds Newton directions; one of a structure that has been cut adds up over its parts.
+    The bodies find Newton directions; a structure that has been cut adds up over its parts.
 
     Attributes
     ----------
-    stiffness, load, jump_operator, weight, law, state
+    bodies : Assembled or FlexibleBodies
+    load, law, state
         As of :func:`solve_interface`.
-    resistance : float or ndarray, (d, points), stiffness of the bodies per area, Pa/m
     resists : bool, whether more than the law resists, so that the law may go on by itself
     descends : bool, whether every step lowers the energy, so that none needs a search
     scale : float, force to which residuals are relative, N
@@ -235,33 +326,25 @@ class Equilibrium:
 
     def __init__(
         self,
-        stiffness: csr_array | np.ndarray,
+        bodies: "Assembled | FlexibleBodies",
         load: np.ndarray,
-        jump_operator: csr_array,
-        weight: np.ndarray,
         law: InterfaceLaw,
         state: np.ndarray,
-        resistance: float | np.ndarray | None = None,
     ) -> None:
-        self.stiffness, self.load, self.jump_operator = stiffness, load, jump_operator
-        self.weight, self.law, self.state, self.scale = weight, law, state, 1.0
-        if resistance is None:
-            normal_jump = jump_operator[: weight.size]
-            resistance = face_stiffness(stiffness.diagonal(), normal_jump, weight)
-        self.resistance = resistance
-        self.resists, self.descends = bool(np.all(resistance > 0.0)), False
+        self.bodies, self.load, self.law, self.state, self.scale = bodies, load, law, state, 1.0
+        self.resists, self.descends = bool(np.all(bodies.resistance > 0.0)), False
 
     def inner(self, value: np.ndarray, elastic: np.ndarray) -> np.ndarray:
         """Return the forces of bodies and links less the load, N."""
-        return np.asarray(self.stiffness @ value - self.load)
+        return np.asarray(self.bodies.stiffness @ value - self.load)
 
     def stretch(self, direction: np.ndarray) -> np.ndarray:
         """Change of tension without slack along a direction, N."""
         return NO_LINKS
 
     def size(self, force: np.ndarray) -> float:
-        """Norm of forces, N."""
-        return float(norm(force))
+        """Norm of forces, N; those on rigid motions are sums of them."""
+        return float(norm(force[: self.bodies.motions.shape[0]]))
 
     def largest(self, here: Place) -> float:
         """Size of the forces that cancel in the balance, N."""
@@ -278,18 +361,16 @@ class Equilibrium:
     @cached_property
     def magnitude(self) -> csr_array | np.ndarray:
         """Magnitudes of the entries of the stiffness, N/m."""
-        return abs(self.stiffness)
-
-    def held(self, here: Place, floor: float) -> np.ndarray:
-        """Tangent with a share of the stiffness of the bodies, shape (d, d, points), N/m."""
-        tangent = here.tangent.copy()
-        lent = np.broadcast_to(floor * self.resistance * self.weight, here.jump.shape)
-        tangent[range(len(lent)), range(len(lent))] += lent
-        return tangent
+        return abs(self.bodies.stiffness)
 
     def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular, even with a floor of the law's."""
-        raise NotImplementedError
+        tangent = here.tangent.copy()
+        lent = floor * self.bodies.resistance * self.bodies.weight
+        tangent[range(len(tangent)), range(len(tangent))] += lent
+        with suppress(MultiscaleError):
+            return self.bodies.direction(tangent, -here.gradient)
+        return None
 
     def place(
         self,
@@ -305,10 +386,10 @@ class Equilibrium:
         """
         at = jump if at is None else at
         exact = self.law.respond(at, self.state)
-        response = soften_tangent(exact, self.resistance)
+        response = soften_tangent(exact, self.bodies.resistance)
         inner = self.inner(value, elastic)
         gradient, fault = (
-            inner + self.jump_operator.T @ (self.weight * traction).ravel()
+            inner + self.bodies.jump.T @ (self.bodies.weight * traction).ravel()
             for traction in (tangent_traction(response, at, jump), response.traction)
         )
         return Place(
@@ -318,7 +399,7 @@ class Equilibrium:
             at,
             elastic,
             exact.traction,
-            self.weight * response.tangent,
+            self.bodies.weight * response.tangent,
             self.size(fault),
             self.anywhere(response is not exact),
         )
@@ -333,7 +414,7 @@ class Equilibrium:
 
     def move(self, here: Place, step: float, direction: np.ndarray) -> Place:
         """Take a step of the bodies, m."""
-        opened = (self.jump_operator @ direction).reshape(here.jump.shape)
+        opened = (self.bodies.jump @ direction).reshape(here.jump.shape)
         elastic = here.elastic + step * self.stretch(direction)
         return self.place(here.value + step * direction, here.jump + step * opened, elastic=elastic)
 
@@ -344,7 +425,7 @@ class Equilibrium:
         if (enough(first, last) and not here.softened) or not self.resists:
             return there
         # (1) of this module from the sum t + k y on the law towards that on its tangent
-        k, law = self.resistance, self.law
+        k, law = self.bodies.resistance, self.law
         response = soften_tangent(law.respond(here.at, self.state), k)
         begin = response.traction + k * here.at
         change = tangent_traction(response, here.at, there.jump) + k * there.jump - begin
@@ -412,22 +493,6 @@ def find_equilibrium(
     return here, best if run.since_best else here
 
 
-class _Whole(Equilibrium):
-    """The balance of assembled bodies, by factors of the tangent in every step."""
-
-    def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
-        """Newton direction, m; None if the tangent is singular."""
-        B, points, tangent = self.jump_operator, self.weight.size, self.held(here, floor)
-        i, j, at = np.nonzero(tangent)
-        place = (points * i + at, points * j + at)
-        weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
-        matrix = self.stiffness + B.T @ (weighted @ B)  # K + B^T (w D) B
-        matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
-        with suppress(MultiscaleError):
-            return -factorise(matrix, name="the tangent stiffness")(here.gradient)
-        return None
-
-
 @dataclass(frozen=True, eq=False)
 class FlexibleBodies:
     r"""Bodies of a full stiffness, whose jumps and rigid motions are the unknowns of a Newton step.
@@ -443,12 +508,20 @@ class FlexibleBodies:
 
     However stiff the law is, no stiffness of the bodies is lost beside it; however soft it is, the
     forces :math:`K v` in the bodies do not round as their motion would make them.
+
+    Attributes
+    ----------
+    stiffness : ndarray, shape (n + m, n + m), of v and a, N/m; the motions have none
+    jump : csr_array, shape (d * points, n + m)
+    weight, motions : ndarray, shape (points,) and (n, m)
+    solve : callable, with :math:`\hat K`
+    compliance : ndarray, shape (d * points, d * points), C, m/N
     """
 
     stiffness: np.ndarray
-    motions: np.ndarray
-    jump_operator: csr_array
+    jump: csr_array
     weight: np.ndarray
+    motions: np.ndarray
     solve: Solve
     compliance: np.ndarray
 
@@ -460,18 +533,19 @@ class FlexibleBodies:
 
     def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Newton direction (1), m, of v and a, from the tangent, (d, d, points), N/m."""
-        n, (points, m) = len(self.stiffness), (self.compliance.shape[0], self.motions.shape[1])
+        n, points = len(self.motions), self.compliance.shape[0]
+        B, m = self.jump[:, :n], self.motions.shape[1]
         size = 1.0 + np.abs(tangent).max(axis=0) / (self.resistance * self.weight)  # stiff laws
         change = tangent / size
         # C w D and (B N)^T w D
-        rows = np.concatenate([self.compliance, (self.jump_operator @ self.motions).T])
+        rows = np.concatenate([self.compliance, self.jump[:, n:].toarray().T])
         parts = rows.reshape(points + m, *size.shape)
         product = np.einsum("rip,ijp->rjp", parts, change).reshape(points + m, points)
         matrix = np.zeros((points + m, points + m))
         matrix[:, :points] = product
         matrix[np.arange(points), np.arange(points)] += 1.0 / size.ravel()
         matrix[:points, points:] = -rows[points:].T
-        right = np.append(self.jump_operator @ self.solve(force[:n]), force[n:])
+        right = np.append(B @ self.solve(force[:n]), force[n:])
         scale = np.abs(matrix[points:]).max(axis=1)
         if not np.all(scale > 0.0):
             raise MultiscaleError("a rigid motion meets no stiffness of the law")
@@ -479,46 +553,23 @@ class FlexibleBodies:
         right[points:] /= scale
         opened, motion = np.split(factorise(matrix, name="the tangent compliance")(right), [points])
         moved = np.einsum("ijp,jp->ip", change, opened.reshape(size.shape)).ravel()
-        return np.append(self.solve(force[:n] - self.jump_operator.T @ moved), motion)
+        return np.append(self.solve(force[:n] - B.T @ moved), motion)
+
+    def split(self, value: np.ndarray, *, motions: bool = True) -> np.ndarray:
+        """Displacement without motions, and the motions; or forces, and the forces on motions."""
+        amount = self.motions.T @ value
+        return np.append(value - self.motions @ amount if motions else value, amount)
+
+    def join(self, value: np.ndarray) -> np.ndarray:
+        """Displacement, m."""
+        n = len(self.motions)
+        return np.asarray(value[:n] + self.motions @ value[n:])
 
 
-class _Condensed(Equilibrium):
-    """The balance of v and a of :class:`FlexibleBodies`."""
-
-    def __init__(
-        self, bodies: FlexibleBodies, load: np.ndarray, law: InterfaceLaw, state: np.ndarray
-    ) -> None:
-        B, N = bodies.jump_operator, bodies.motions
-        nothing = np.zeros((N.shape[1],) * 2)
-        super().__init__(
-            block_diag([bodies.stiffness, nothing]).toarray(),
-            np.append(load, N.T @ load),
-            csr_array(hstack([B, csr_array(B @ N)])),
-            bodies.weight,
-            law,
-            state,
-            bodies.resistance,
-        )
-        self.bodies = bodies
-
-    def size(self, force: np.ndarray) -> float:
-        """Norm of forces, N; those on the motions are sums of them."""
-        return float(norm(force[: self.bodies.motions.shape[0]]))
-
-    def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
-        """Newton direction, m; None if the tangent is singular."""
-        with suppress(MultiscaleError):
-            return self.bodies.direction(self.held(here, floor), -here.gradient)
-        return None
-
-
-def prepare_flexible(
-    stiffness: np.ndarray, jump_operator: csr_array, weight: np.ndarray, motions: np.ndarray
+def _prepare_flexible(
+    stiffness: np.ndarray, jump: csr_array, weight: np.ndarray, motions: np.ndarray
 ) -> FlexibleBodies | None:
-    """Condense bodies of full matrices onto their interface; None if more than motions are free.
-
-    Parameters are those of :func:`solve_interface`, and rigid motions of the bodies, (n, k), m.
-    """
+    """Condense bodies of full matrices onto their jumps; None if more than motions are free."""
     mean = np.abs(stiffness.diagonal()).mean()
     # rigid motions that leave no force but rounding: orthonormal, then to all digits
     basis, length, _ = svd(motions, full_matrices=False)
@@ -532,8 +583,15 @@ def prepare_flexible(
             N = N[:, np.abs(stiffness @ N).max(axis=0) <= EXACT * mean]
         held = stiffness + mean * (N @ N.T)
         solve = factorise(held, name="the held bodies")
-        compliance = compliances(solve, jump_operator)[0]
-        return FlexibleBodies(held, N, jump_operator, weight, solve, compliance)
+        nothing = np.zeros((N.shape[1],) * 2)
+        return FlexibleBodies(
+            block_diag([held, nothing]).toarray(),
+            csr_array(hstack([jump, csr_array(jump @ N)])),
+            weight,
+            N,
+            solve,
+            compliances(solve, jump)[0],
+        )
     return None
 
 

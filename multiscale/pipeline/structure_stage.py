@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
-from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.macro.substructures.methods import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, changed_sliders
 from multiscale.pipeline.showing import Rows, Table, list_cycles, list_facts
@@ -244,7 +245,7 @@ class ReadyBodies:
         result = result.assign_attrs(facts="\n".join([*facts, solver]))
         damages = [body.worst_damage for body in self.bodies.bodies]
         return with_too_far(
-            substructures.add_body_fields(result, self.parts.assembly.bodies, damage=damages)
+            macro.bodies.add_body_fields(result, self.parts.assembly.bodies, damage=damages)
         )
 
 

@@ -12,10 +12,9 @@ from multiscale.io import write_body_fields
 from multiscale.laws import Exponential, ModifiedLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, LatinMethod
-from multiscale.macro.bodies import stacked_blocks
+from multiscale.macro.bodies import add_body_fields, stacked_blocks
 from multiscale.macro.substructures import (
     JointLoading,
-    add_body_fields,
     cut_assembly,
     load_joint,
     solve_latin,

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.sparse.linalg import eigsh
 
-from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.whole import assemble
 from multiscale.macro.vibration import Amplitudes, follow_backbone, structure_mass
 from multiscale.pipeline import load_case, run

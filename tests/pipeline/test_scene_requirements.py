@@ -29,7 +29,7 @@ from multiscale.macro.links.link_system import link_needs
 from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
-from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.macro.substructures.methods import cut_needs
 from multiscale.pipeline import load_case, requirements
 from tests.link_structures import truss
 from tests.support import joints_of, run_python, write_law

@@ -9,8 +9,8 @@ from multiscale.errors import CaseError
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
-from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
+from multiscale.macro.bodies import add_body_fields, stacked_blocks
+from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline.showing import list_cycles
 from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
 from multiscale.plotting import joint_pictures, plot_hysteresis, plot_joint_plan

@@ -17,7 +17,7 @@ from multiscale.macro import Assembly, Body, Interface
 from multiscale.macro.substructures import LatinMethod, cut_assembly, solve_whole
 from multiscale.macro.substructures.error import Admissible, indicate_error
 from multiscale.macro.substructures.latin_solver import LatinSolver
-from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import JointState
 
 EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6  # m, Pa, Pa
 TIMES = (1.0, 2.0, 3.0, 1.5, 0.0)

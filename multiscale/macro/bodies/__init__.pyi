@@ -10,3 +10,7 @@ from .builders import LapShape as LapShape
 from .builders import lap_joint as lap_joint
 from .builders import lap_meshes as lap_meshes
 from .builders import stacked_blocks as stacked_blocks
+from .fields import add_body_fields as add_body_fields
+from .fields import element_corners as element_corners
+from .fields import element_stress as element_stress
+from .fields import list_elements as list_elements

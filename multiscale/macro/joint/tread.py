@@ -14,9 +14,9 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.bolt import Platen
 from multiscale.macro.continuum.body import Body
-from multiscale.macro.substructures.condensed import condense_problem
-from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.whole import Assembled, assemble
+from multiscale.macro.monolithic import Assembled
+from multiscale.macro.substructures.cut import cut_assembly
+from multiscale.macro.substructures.whole import assemble, condense_problem
 
 __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_block"]
 

@@ -6,13 +6,12 @@ from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.sparse import block_array, coo_array, csr_array, eye_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import block_array, csr_array, eye_array
 
 from multiscale.errors import CaseError
-from multiscale.fe.rigid_motion import free_motions, rigid_motions
+from multiscale.fe.rigid_motion import free_motions
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import stack_parts
 
@@ -175,38 +174,15 @@ def _jumps(problem: CutProblem, modes: np.ndarray) -> list[list[np.ndarray]]:
 
 
 def _free_motions(problem: CutProblem) -> np.ndarray:
-    """Rigid motions of every body that its supports leave free, shape (unknowns, motions).
+    """Rigid motions of bodies that neither supports, links nor shanks resist, (unknowns, motions).
 
-    Substructures that share unknowns are a body. Locked bolts hold bodies together only along
-    their shanks: the motions do not stretch them.
+    The unknowns are those of the substructures, one after the other.
     """
-    shanks = len(problem.bolts) if problem.locked else 0
-    parts = problem.substructures[: len(problem.substructures) - shanks]
-    numbers = np.concatenate([part.unknown for part in parts])
-    owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
-    shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(parts), problem.n))
-    body = connected_components(shared @ shared.T, directed=False)[1][owner]
-    position = np.concatenate([part.position for part in parts])
-    component = np.concatenate([part.component for part in parts])
-    stacked = stack_parts(problem, range(len(parts)))
+    stacked = stack_parts(problem, range(len(problem.substructures)))
     K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
-    motions_of_bodies = [np.zeros((owner.size, 0))]
-    for index in range(int(body.max()) + 1):
-        mine = np.flatnonzero(body == index)
-        motions = np.zeros((owner.size, 6))
-        motions[mine] = rigid_motions(position[mine], component[mine])
-        motions /= np.abs(motions).max(axis=0)
-        free = free_motions(K, motions)
-        motions_of_bodies.append(free / np.abs(free).max(axis=0))
-    modes = np.concatenate(motions_of_bodies, axis=1)
-    if shanks:
-        ends = [
-            [np.argmax(numbers == unknown) for unknown in bolt.unknown] for bolt in problem.bolts
-        ]
-        stretch = modes[[above for _, above in ends]] - modes[[below for below, _ in ends]]
-        modes = modes @ null_space(stretch)
-        modes = np.concatenate([modes, np.zeros((2 * shanks, modes.shape[1]))])
-    return modes
+    motions = problem.motions[np.concatenate([part.unknown for part in problem.substructures])]
+    free = free_motions(K, motions[:, np.any(motions != 0.0, axis=0)])
+    return np.asarray(free / np.abs(free).max(axis=0))
 
 
 def _weakest(

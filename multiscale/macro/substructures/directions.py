@@ -8,9 +8,8 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.fe.condensation import condense, split
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
-from multiscale.macro.substructures.stack import Factors, Sides, Stack
+from multiscale.macro.substructures.stack import Factors, ProcessGroup, Sides, Stack
 
 __all__ = [
     "SideStiffness",

@@ -17,10 +17,16 @@ from multiscale.macro.substructures.directions import (
     schur_complements,
     side_stiffness,
 )
-from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stack import (
+    Alone,
+    Factors,
+    ProcessGroup,
+    lay_out_sides,
+    share,
+    stack_parts,
+)
+from multiscale.macro.substructures.stepping import JointState
 
 __all__ = ["Latin", "LatinIterate"]
 

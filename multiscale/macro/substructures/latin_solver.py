@@ -13,10 +13,9 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.rigid_motion import count_free_motions
 from multiscale.macro.substructures.error import Admissible, ErrorBound, ForceError, indicate_error
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
-from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.state import JointState
-from multiscale.macro.substructures.stepping import Method, StepAnswer
+from multiscale.macro.substructures.stack import ProcessGroup
+from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
 from multiscale.numerics.krylov import Anderson
 from multiscale.schema import MACRO_RESULT, Dataset
 

@@ -1,7 +1,7 @@
 """Measures of a structure under loads: pressure, slip, loss, stiffness, data of the laws."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from multiscale.macro.data_range import (
     load_shares,
     with_load_shares,
 )
-from multiscale.macro.substructures.condensed import condense_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
 from multiscale.macro.substructures.load_path import (
     JointLoading,
@@ -25,9 +24,15 @@ from multiscale.macro.substructures.load_path import (
     cycle_work,
 )
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.state import JointState
-from multiscale.macro.substructures.stepping import FollowedPath, Method, PreparedStructure, follow
+from multiscale.macro.substructures.stepping import (
+    FollowedPath,
+    JointState,
+    Method,
+    PreparedStructure,
+    follow,
+)
 from multiscale.macro.substructures.tangents import Tangents
+from multiscale.macro.substructures.whole import condense_assembly
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import readable
 
@@ -95,20 +100,13 @@ def follow_cut_loads(
     of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
     :func:`~.path.cycle_work`; interfaces share it as slip dissipates at their points.
     """
-    factors, forces, ends = path.factors(), np.array(path.forces), path.ends()
-    tangents, rise = Tangents(problem), np.where(factors < 0.0, -1.0, 1.0)
-    work = np.full((2, 3, *factors.shape), np.nan)
-
-    def note(step: int, state: JointState) -> None:
-        if ends[step] >= 0:
-            work[:, :, step] = tangents.work(state, rise[step])
-
-    followed = follow(PreparedStructure(problem, method), factors, near=near, note=note)
-    displacement = followed.unknowns @ tangents.whole.load / forces
-    (stuck, *_), (whole, of_interfaces, _) = work
+    loaded = _follow_path(problem, path, method, near, rising=True)
+    factors, forces = path.factors(), np.array(path.forces)
+    displacement = loaded.displacement(forces)
+    (stuck, *_), (whole, of_interfaces, _) = loaded.work
     free = np.isinf(whole)
     values: dict[str, Any] = {
-        "path_step": ends,
+        "path_step": path.ends(),
         "factor": factors,
         "load_displacement": displacement,
         "load_secant": _secants(factors, displacement, forces, not problem.joints),
@@ -116,23 +114,10 @@ def follow_cut_loads(
         "stuck_stiffness": forces**2 / stuck,
         "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
     }
-    if problem.joints:
-        measures = contact_measures(followed)
-        values |= measures | _of_interfaces(followed.result, measures["contact_state"])
     loads = [_say_factors(path.names, row) for row in factors]
-    result = _with_values(followed, values, extrapolate, loads)
-    if path.cycles:
-        energy = path.cycle_energy(result["load_displacement"].to_numpy())
-        energies: dict[str, Any] = {"cycle_energy": energy}
-        if problem.joints:
-            weighted = result["dissipation"].to_numpy() * result["point_area"].to_numpy()
-            lost = _by_interface(result, weighted)
-            slipped = np.array([lost[cycle][1:].sum(axis=0) for cycle in path.closed()])
-            total = slipped.sum(axis=1, keepdims=True)
-            energies["interface_energy"] = (
-                slipped / np.where(total > 0.0, total, 1.0) * energy[:, None]
-            )
-        result = MACRO_RESULT.assign(result, energies).assign_coords(cycle=range(path.cycles))
+    result = _measure(loaded, path, displacement, values, extrapolate, loads)
+    if problem.joints:
+        result = MACRO_RESULT.assign(result, _of_interfaces(result, path))
     return result.assign_coords(load=list(path.names))
 
 
@@ -198,26 +183,53 @@ def load_joint(
 
 @dataclass(frozen=True, eq=False)
 class FollowedJoint:
-    """Joints that have been loaded.
+    """A structure that has been loaded.
 
     Attributes
     ----------
-    loading : JointLoading
-    load : ndarray, shape (n, 2), forces of preload and shear of 1 Pa, N
-    work : ndarray, shape (3, steps, 2)
-        Work of preload and shear of 1 Pa on what they move at the preloads without slip, of joints
-        and of bodies in it, J.
-    path : FollowedPath, at the preloads, then in cycles
+    load : ndarray, shape (n, cases), forces of the loads at the factor one, N
+    work : ndarray, shape (2, 3, steps, cases)
+        Work of each load at the end of each step of the path, of :meth:`~.tangents.Tangents.work`.
+    path : FollowedPath
+    ended : list of JointState, at the ends of the steps of the path
+    loading : JointLoading, optional
     cycles : list of FollowedPath
         Of all amplitudes from each preload: from there the shear rises in one step to an amplitude,
         makes a closed cycle and rises to the next. None from the first preload that has failed.
     """
 
-    loading: JointLoading
     load: np.ndarray
     work: np.ndarray
     path: FollowedPath
-    cycles: list[FollowedPath]
+    ended: list[JointState]
+    loading: JointLoading | None = None
+    cycles: Sequence[FollowedPath] = ()
+
+    def displacement(self, forces: np.ndarray) -> np.ndarray:
+        """Displacement of loads of some resultants, N, shape (steps, cases), m."""
+        return np.asarray(self.path.unknowns @ self.load / forces)
+
+
+def _follow_path(
+    problem: CutProblem,
+    path: LoadPath,
+    method: Method,
+    near: FollowedPath | None,
+    *,
+    rising: bool = False,
+) -> FollowedJoint:
+    """Follow a path, and measure tangents at the ends of its steps."""
+    factors, ends, tangents = path.factors(), path.ends(), Tangents(problem)
+    work, ended = np.full((2, 3, *factors.shape), np.nan), list[JointState]()
+
+    def note(step: int, state: JointState) -> None:
+        if ends[step] >= 0:
+            rise = np.where(factors[step] < 0.0, -1.0, 1.0) if rising else None
+            work[:, :, step] = tangents.work(state, rise)
+            ended.append(state)
+
+    followed = follow(PreparedStructure(problem, method), factors, near=near, note=note)
+    return FollowedJoint(tangents.whole.load, work, followed, ended)
 
 
 def follow_joint(
@@ -234,37 +246,26 @@ def follow_joint(
     near : FollowedJoint, optional
         The same structure and loading with other laws, from which the method may begin.
     """
-    factors, levels = loading.path().factors(), len(loading.preloads)
-    tangents, pressed = Tangents(problem), list[JointState]()
-    work = np.full((3, *factors.shape), np.nan)
-
-    def note(step: int, state: JointState) -> None:
-        if step < levels:
-            work[:, step] = tangents.work(state)[0]
-            pressed.append(state)
-
-    prepared, cycles = PreparedStructure(problem, method), list[FollowedPath]()
-    path = follow(prepared, factors, near=near.path if near else None, note=note)
-    top, known = np.array(loading.amplitudes), near.cycles if near else []
+    followed = _follow_path(problem, loading.path(), method, near.path if near else None)
+    top, known = np.array(loading.amplitudes), near.cycles if near else ()
     shear = np.ravel(top[:, None] * np.append(1.0, closed_cycle(loading.amplitude_steps)))
-    for level, state in enumerate(pressed if top.size else ()):
+    prepared, cycles = PreparedStructure(problem, method), list[FollowedPath]()
+    for level, state in enumerate(followed.ended if top.size else ()):
         swing = np.stack([np.full(shear.size, loading.preloads[level]), shear], axis=1)
         like = known[level] if level < len(known) else None
         cycles.append(follow(prepared, swing, after=state, near=like))
-    return FollowedJoint(loading, tangents.whole.load, work, path, cycles)
+    return replace(followed, loading=loading, cycles=cycles)
 
 
 def measure_joint(
     followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
 ) -> Dataset:
     """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
-    loading, path, area = followed.loading, followed.path, np.array(areas)
-    loads = loading.path(areas)
-    (preload, shear), (approach, along) = (
-        loads.factors().T,
-        (path.unknowns @ followed.load / area).T,
-    )
-    whole, of_joints, of_bodies = followed.work
+    loading, area = followed.loading, np.array(areas)
+    assert loading is not None  # of follow_joint
+    path, moved = loading.path(areas), followed.displacement(area)
+    (preload, shear), (approach, along) = path.factors().T, moved.T
+    whole, of_joints, of_bodies = followed.work[0]
     values: dict[str, Any] = {
         "preload": preload,
         "shear": shear,
@@ -274,34 +275,45 @@ def measure_joint(
         "tangential_stiffness": area[1] / whole[:, 1],
         "interface_stiffness": area[0] / of_joints[:, 0],
         "solid_stiffness": area[0] / of_bodies[:, 0],
-        **contact_measures(path),
     }
-    result = _with_values(path, values, extrapolate)
-    if loading.cycles:
-        moved = np.stack([result[name] for name in ("approach", "shear_displacement")], axis=1)
-        lost = {"cycle_energy": loads.cycle_energy(moved)}
-        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
+    result = _measure(followed, path, moved, values, extrapolate)
     if loading.amplitudes:
-        result = _with_amplitudes(result, followed, float(area[1]), extrapolate)
+        result = _with_amplitudes(result, followed, loading, float(area[1]), extrapolate)
     return result
 
 
-def _with_values(
-    followed: FollowedPath, values: dict[str, Any], extrapolate: bool, loads: Sequence[str] = ()
+def _measure(
+    loaded: FollowedJoint,
+    path: LoadPath,
+    displacement: np.ndarray,
+    values: dict[str, Any],
+    extrapolate: bool,
+    loads: Sequence[str] = (),
 ) -> Dataset:
-    """Add values to the result of a path, and the shares of its load outside the data."""
-    result = MACRO_RESULT.assign(followed.result, values)
-    if not followed.problem.joints:
-        return result
-    shares, data = joint_shares(followed.problem, result)
-    return with_load_shares(result, shares, data, extrapolate=extrapolate, loads=loads)
+    """Add values, states of the joints, shares of load outside the data, and energy of cycles."""
+    followed = loaded.path
+    joints = contact_measures(followed) if followed.problem.joints else {}
+    result = MACRO_RESULT.assign(followed.result, values | joints)
+    if joints:
+        shares, data = joint_shares(followed.problem, result)
+        result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=loads)
+        known = extrapolate | (result["known"].to_numpy() == 1)
+        displacement = np.where(known[:, None], displacement, np.nan)
+    if path.cycles:
+        lost = {"cycle_energy": path.cycle_energy(displacement)}
+        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(path.cycles))
+    return result
 
 
 def _with_amplitudes(
-    result: Dataset, followed: FollowedJoint, area: float, extrapolate: bool
+    result: Dataset,
+    followed: FollowedJoint,
+    loading: JointLoading,
+    area: float,
+    extrapolate: bool,
 ) -> Dataset:
     """Add secant stiffness, slip and loss of the cycles of shear."""
-    preloads, top = followed.loading.preloads, np.array(followed.loading.amplitudes)
+    preloads, top = loading.preloads, np.array(loading.amplitudes)
     cautions: list[str] = []
     shape = (len(preloads), top.size)
     loss, secant, slip = (np.full(shape, np.nan) for _ in range(3))
@@ -410,16 +422,24 @@ def _by_interface(result: Dataset, values: np.ndarray) -> np.ndarray:
     return np.stack([values[:, number == joint].sum(axis=1) for joint in np.unique(number)], axis=1)
 
 
-def _of_interfaces(result: Dataset, state: np.ndarray) -> dict[str, np.ndarray]:
-    """Mean pressure of every interface, and its open and slipping shares."""
-    area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
+def _of_interfaces(result: Dataset, path: LoadPath) -> dict[str, np.ndarray]:
+    """Mean pressure of every interface, its open and slipping shares, and its loss in cycles."""
+    state, area = result["contact_state"].to_numpy(), result["point_area"].to_numpy()
+    pressure = -result["traction"].to_numpy()[..., 0]
     known = np.where(np.isnan(state), np.nan, 1.0)
     whole = _by_interface(result, known * area)
-    return {
+    values = {
         "interface_pressure": _by_interface(result, pressure * area) / whole,
         "interface_open": _by_interface(result, known * (state == OPENED) * area) / whole,
         "interface_slip": _by_interface(result, known * (state == SLIPS) * area) / whole,
     }
+    if path.cycles:
+        lost = _by_interface(result, result["dissipation"].to_numpy() * area)
+        slipped = np.array([lost[cycle][1:].sum(axis=0) for cycle in path.closed()])
+        total = slipped.sum(axis=1, keepdims=True)
+        energy = result["cycle_energy"].to_numpy()
+        values["interface_energy"] = slipped / np.where(total > 0.0, total, 1.0) * energy[:, None]
+    return values
 
 
 def _secants(

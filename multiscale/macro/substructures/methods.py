@@ -15,15 +15,21 @@ import numpy as np
 
 from multiscale.executors import usable_memory
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.substructures.condensed import DENSE
-from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
 from multiscale.macro.substructures.stepping import Method
-from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
-from multiscale.macro.substructures.whole import AssembledNewton
+from multiscale.macro.substructures.whole import DENSE, AssembledNewton
+from multiscale.needs import Needs, choose
 from multiscale.schema import Dataset
 
-__all__ = ["JointSize", "MethodChoice", "MethodCost", "choose_method", "solve_assembly"]
+__all__ = [
+    "JointSize",
+    "MethodChoice",
+    "MethodCost",
+    "choose_method",
+    "cut_needs",
+    "solve_assembly",
+]
 
 FACTORS, SOLVE, DENSE_FACTORS = 4e-9, 4e-8, 2.5e-11
 """Seconds: of sparse factors over the square of the unknowns, of a solve over their power of 4/3,
@@ -31,6 +37,10 @@ and of full factors over their cube."""
 
 PER_FILL = 650
 """Peak memory of the factors of one matrix, byte, over the power of 4/3 of its unknowns."""
+
+PER_LINK, PER_UNKNOWN, PER_PART = 5000, 2800, 1300
+"""Peak memory, byte: of a link; of an unknown of a body, for matrices and results; of that to the
+power of 4/3 in a substructure, for the factors of three matrices."""
 
 NEWTON_STEPS, ITERATIONS, OVERHEAD = 5, 27, 6e-3
 """Newton steps and iterations of LATIN for a load step; seconds of an iteration for a substructure
@@ -213,3 +223,83 @@ def _latin_cost(size: JointSize, method: LatinMethod) -> MethodCost:
     prepare = 3 * count * FACTORS * part**2 + 3 * size.joint_points * solve
     seconds = prepare + ITERATIONS * size.steps * count * (solve + OVERHEAD)
     return MethodCost(method, count, latin_memory(size.unknowns, count), seconds)
+
+
+def latin_memory(unknowns: int, substructures: int) -> int:
+    """Peak memory of LATIN on elastic bodies, byte."""
+    fill = substructures * (unknowns / substructures) ** (4.0 / 3.0)
+    return int(PER_UNKNOWN * unknowns + PER_PART * fill)
+
+
+def cut_needs(
+    unknowns: int,
+    *,
+    links: int = 0,
+    joint_points: int = 0,
+    substructures: int = 1,
+    coarse: bool = True,
+    moving: bool = False,
+    slabs: int = 0,
+) -> Needs:
+    """Return what :func:`solve_latin` takes, or :func:`simulate_latin`.
+
+    Examples
+    --------
+    >>> needs = cut_needs(3000, substructures=4)
+    >>> "coarse problem" in needs.built, "joint laws" in needs.built
+    (True, False)
+    """
+    memory = PER_LINK * links if links else latin_memory(unknowns, substructures)
+    faces = substructures > 1 or joint_points > 0
+    judged = coarse and not moving
+    parts = (
+        ("substructure stiffness", True, "factorised for each part by itself", ""),
+        (
+            "links",
+            links > 0,
+            "cables and bars inside the parts, some of which may go slack",
+            "the parts are elastic bodies",
+        ),
+        (
+            "joint laws",
+            joint_points > 0,
+            "jump and traction, three components a point"
+            + (f"; {slabs} slabs of sliders" if slabs else ""),
+            "the parts hang together",
+        ),
+        (
+            "coarse problem",
+            coarse and faces,
+            "balances the parts as wholes: more parts take hardly more iterations",
+            "none is asked for, or needed by the method"
+            if faces
+            else "there is one part and no joint",
+        ),
+        (
+            "error bound",
+            judged and not joint_points,
+            "guaranteed, from forces in balance",
+            "friction has no bound" if joint_points else "of statics with a coarse problem alone",
+        ),
+        (
+            "error indicator",
+            judged and joint_points > 0,
+            "heuristic, of the laws of the joints",
+            "without joints there is a bound" if judged else "of statics with a coarse problem",
+        ),
+        ("mass", moving, "of the nodes, a stiffness of the parts", "at rest"),
+        ("geometric stiffness", False, "", "substructures move little"),
+    )
+    libraries = {"numba": links or joint_points, "scikit-fem": not links}
+    return Needs(
+        unknowns_per_contact=3 if joint_points else min(1, links),
+        kinematics="small displacements",
+        choices=tuple(choose(*part) for part in parts),
+        state_variables=(
+            *(("state of the laws of joints",) if joint_points else ()),
+            *(("displacement", "velocity") if moving else ()),
+        ),
+        fields=("displacement", *(("tension", "slack") if links else ("stress", "energy"))),
+        libraries=tuple(name for name, used in libraries.items() if used),
+        memory=memory,
+    )

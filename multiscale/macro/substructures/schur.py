@@ -18,15 +18,25 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.condensation import CondensedStiffness, condense, split
 from multiscale.laws.side_by_side import lay_side_by_side
 from multiscale.macro.links.link_newton import SlackStiffness, exact_step
-from multiscale.macro.monolithic import NO_LINKS, Equilibrium, Place, find_equilibrium
-from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
+from multiscale.macro.monolithic import NO_LINKS, Assembled, Equilibrium, Place, find_equilibrium
 from multiscale.macro.substructures.capacity import find_slide
-from multiscale.macro.substructures.coarse import coarse_basis
-from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
+from multiscale.macro.substructures.coarse import (
+    Balancing,
+    coarse_basis,
+    lay_out,
+    prepare_balancing,
+)
 from multiscale.macro.substructures.problem import CutProblem, Substructure
-from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-from multiscale.macro.substructures.state import JointState
-from multiscale.macro.substructures.stepping import Method, StepAnswer
+from multiscale.macro.substructures.stack import (
+    Alone,
+    Factors,
+    ProcessGroup,
+    lay_out_sides,
+    share,
+    stack_parts,
+    together,
+)
+from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
 from multiscale.macro.substructures.whole import stack_jumps
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun, step_length
@@ -174,7 +184,13 @@ class SchurSolver:
         counts = [joint.weight.size for joint in joints]
         self.law = lay_side_by_side(laws, counts, problem.gap[self.points])
         jumps = [self._placed(inner[at][1], inner[at][0] - mine[0]) for at in places]
-        self.jump_operator = stack_jumps(jumps, self.stack.n)
+        self.bodies = Assembled(
+            self.stack.stiffness,
+            self.stack.load,
+            stack_jumps(jumps, self.stack.n),
+            problem.weight[self.points],
+            np.zeros((self.stack.n, 0)),
+        )
 
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
@@ -280,7 +296,7 @@ class SchurSolver:
         matrix = self.stack.matrix(carried * self.stack.links.stiffness, None)
         if self.points.size:
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
-            B = self.jump_operator
+            B = self.bodies.jump
             matrix += B.T @ block_array(blocks, format="csr") @ B
         matrix = csr_array(matrix + HELD * diags_array(self.taut))
         symmetric = not self.total(not np.array_equal(tangent, tangent.transpose(1, 0, 2)))
@@ -334,14 +350,8 @@ class _CutEquilibrium(Equilibrium):
     """
 
     def __init__(self, cut: SchurSolver, load: np.ndarray, state: JointState) -> None:
-        super().__init__(
-            cut.stack.stiffness,
-            load,
-            cut.jump_operator,
-            cut.problem.weight[cut.points],
-            cut.law,
-            state.history[: cut.law.n_state, cut.points],
-        )
+        history = state.history[: cut.law.n_state, cut.points]
+        super().__init__(cut.bodies, load, cut.law, history)
         self.cut, self.links = cut, cut.stack.links
         self.resists, self.descends = bool(cut.problem.joints), cut.problem.n_links > 0
         self.lending, self.known = SlackStiffness(SLACK, SLACKEST), None
@@ -401,7 +411,7 @@ class _CutEquilibrium(Equilibrium):
             # factors last until a link or a joint changes
             factored = cut.factored
             if cut.problem.joints or factored is None or changed:
-                lent = floor * self.resistance * self.weight * np.eye(3)[:, :, None]
+                lent = floor * self.bodies.resistance * self.bodies.weight * np.eye(3)[:, :, None]
                 carried = np.where(carries, 1.0, self.lending.share)
                 factored = cut.factorise(here.tangent + lent, carried)
                 cut.factored, cut.key = factored, key
@@ -434,7 +444,7 @@ class _CutEquilibrium(Equilibrium):
     def _exact_step(self, here: Place, direction: np.ndarray) -> float:
         """Step to the least energy; what is linear counts as one more link that never slackens."""
         links, team = self.links, self.cut.team
-        curvature = self.dot(direction, self.stiffness @ direction)
+        curvature = self.dot(direction, self.bodies.stiffness @ direction)
         no_bound = np.array([np.inf]) if curvature > 0.0 else NO_LINKS
         rest = np.full(no_bound.size, curvature)
         elastic, growth, stiffness, lower, upper = (

@@ -9,11 +9,11 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.errors import MultiscaleError
 from multiscale.laws.side_by_side import SideBySide
-from multiscale.macro.monolithic import FLOOR, face_stiffness
+from multiscale.macro.monolithic import FLOOR, Assembled
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors
-from multiscale.macro.substructures.state import JointState
-from multiscale.macro.substructures.whole import Assembled, assemble
+from multiscale.macro.substructures.stepping import JointState
+from multiscale.macro.substructures.whole import assemble
 from multiscale.numerics.factorisation import Solve, factorise
 
 __all__ = ["Tangents"]
@@ -104,12 +104,12 @@ class _Place:
         self, tangent: np.ndarray, load: np.ndarray, factorise: Callable[[csr_array], Solve]
     ) -> np.ndarray:
         """Displacement under loads, m; where a load moves freely, a little stiffness is lent."""
-        K, B, weight = self.structure.stiffness, self.structure.jump, self.structure.weight
+        K = self.structure.stiffness
         whole = csr_array(K + self.stiffness(tangent))
         try:
             return factorise(whole)(load)
         except MultiscaleError:
-            lent = FLOOR * face_stiffness(K.diagonal(), B[: weight.size], weight)
+            lent = FLOOR * self.structure.resistance
             soft = np.abs(np.einsum("iip->ip", tangent)) < lent
             held = self.stiffness(lent * np.eye(3)[:, :, None] * soft)
             return factorise(csr_array(whole + held))(load)

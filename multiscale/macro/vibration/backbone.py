@@ -29,10 +29,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.interface_law import InterfaceLaw, Response
+from multiscale.macro.monolithic import Assembled
 from multiscale.macro.substructures.load_path import closed_cycle
-from multiscale.macro.substructures.state import JointState
-from multiscale.macro.substructures.stepping import sliding_share
-from multiscale.macro.substructures.whole import Assembled, assemble
+from multiscale.macro.substructures.stepping import JointState, sliding_share
+from multiscale.macro.substructures.whole import assemble
 from multiscale.macro.vibration.modes import TangentModes
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions

@@ -11,15 +11,17 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.monolithic import face_stiffness
 from multiscale.macro.substructures.capacity import refuse_free
-from multiscale.macro.substructures.condensed import CondensedProblem, condense_problem
-from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.measures import joint_shares
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.state import JointState
-from multiscale.macro.substructures.stepping import PreparedStructure, follow
-from multiscale.macro.substructures.whole import AssembledNewton, assemble
+from multiscale.macro.substructures.stepping import JointState, PreparedStructure, follow
+from multiscale.macro.substructures.whole import (
+    AssembledNewton,
+    CondensedProblem,
+    assemble,
+    condense_problem,
+)
 from multiscale.macro.vibration.modes import find_free_motions
 from multiscale.schema import Dataset
 
@@ -63,7 +65,7 @@ class Preloaded:
         tangent = law.respond(self.state.jump, law.unsheared(self.state.history)).tangent
         B, points = whole.jump, whole.weight.size
         if points:
-            most = STIFFEST * face_stiffness(whole.stiffness.diagonal(), B[:points], whole.weight)
+            most = STIFFEST * whole.resistance
             size = np.abs(tangent).max(axis=(0, 1))
             tangent = tangent * np.minimum(1.0, most / np.where(size > 0.0, size, most))
         blocks = [[diags_array(whole.weight * entry) for entry in row] for row in tangent]

@@ -121,7 +121,7 @@ class _Cycled:
                 f"answer; {result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
         sound = 1.0 - self.bodies.bodies[self.number].damage
-        return substructures.element_stress(bodies[self.number], moved) / sound
+        return macro.bodies.element_stress(bodies[self.number], moved) / sound
 
 
 def _run(case: Case, found: Datasets, job: Job) -> Dataset:
@@ -151,7 +151,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         tolerance=table.tolerance,
         max_cycles=table.max_cycles,
     )
-    corners, crack = substructures.element_corners(body), int(life["crack_element"])
+    corners, crack = macro.bodies.element_corners(body), int(life["crack_element"])
     position = body.basis.doflocs.T
     values: dict[str, Any] = {"position": position, "corners": corners}
     if crack >= 0:

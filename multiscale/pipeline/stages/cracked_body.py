@@ -8,7 +8,6 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.macro import substructures
 from multiscale.micro.damage.cracks import half_widths, softening_samples
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.showing import View
@@ -67,7 +66,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         for kind, half in zip(("mean_law", "one_part"), half_widths(samples), strict=True):
             both = np.hypot(half, error)
             values[f"{name}_{kind}"] = value * np.exp([-both, both])
-    values |= {"position": body.basis.doflocs.T, "corners": substructures.element_corners(body)}
+    values |= {"position": body.basis.doflocs.T, "corners": macro.bodies.element_corners(body)}
     result = CRACKED_BODY.build(values, title=case.title, body=body.name)
     whole = all(int(one["converged"]) for one in cracked)
     return with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)

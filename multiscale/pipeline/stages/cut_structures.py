@@ -10,7 +10,7 @@ from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields, write_link_fields
 from multiscale.macro import substructures
-from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.macro.substructures.methods import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
@@ -257,7 +257,7 @@ LINKS = structure_stage(
 def _solve_plate(plate: Plate, case: Case, found: Datasets, job: Job) -> Dataset:
     assembly, factors = plate.build(), np.array(case.statics.load_factors)
     result = macro.solve_assembly(assembly, factors, method=case.cut.method(job.team))
-    result = substructures.add_body_fields(result, assembly.bodies)
+    result = macro.bodies.add_body_fields(result, assembly.bodies)
     largest = np.linalg.norm(result["displacement"].to_numpy(), axis=2).max(axis=1)
     return with_too_far(MACRO_RESULT.assign(result, {"largest_displacement": largest}))
 

@@ -12,7 +12,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
-from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.macro.substructures.methods import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
@@ -141,7 +141,7 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
         material_damping=asked.material_damping,
         progress=lambda finished, total: job.progress(finished, total, "amplitudes"),
     )
-    values = substructures.list_elements(still.bodies)
+    values = macro.bodies.list_elements(still.bodies)
     if still.rest.free.bolts:
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)

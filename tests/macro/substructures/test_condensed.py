@@ -14,11 +14,11 @@ from multiscale.macro.substructures import (
     JointLoading,
     LoadPath,
     condense_assembly,
-    condensed,
     follow_cut_loads,
     follow_joint,
     load_joint,
     measure_joint,
+    whole,
 )
 
 EDGE, E = 0.02, 210e9
@@ -30,7 +30,7 @@ PINS = ((0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0))
 def load_whole(monkeypatch, *arguments):
     """Load a joint with all unknowns of the bodies kept."""
     with monkeypatch.context() as patch:
-        patch.setattr(condensed, "DENSE", 0)
+        patch.setattr(whole, "DENSE", 0)
         return load_joint(*arguments, method=AssembledNewton(), extrapolate=True)
 
 

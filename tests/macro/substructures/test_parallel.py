@@ -12,7 +12,7 @@ import pytest
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import open_dataset
 from multiscale.macro.substructures import Alone, world
-from multiscale.macro.substructures.parallel import share, together
+from multiscale.macro.substructures.stack import share, together
 from multiscale.schema import MACRO_RESULT
 
 PROGRAM = dedent(

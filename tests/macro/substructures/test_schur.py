@@ -17,7 +17,7 @@ from multiscale.macro.substructures import (
     split_boxes,
     split_grid,
 )
-from multiscale.macro.substructures.balancing import prepare_balancing
+from multiscale.macro.substructures.coarse import prepare_balancing
 from multiscale.macro.substructures.schur import NewtonSchur
 from multiscale.macro.substructures.stack import Factors
 from multiscale.numerics.factorisation import factorise, on_diagonal
