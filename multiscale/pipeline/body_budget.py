@@ -139,6 +139,7 @@ class ErrorSources:
     laws: list[JointsOfLaw]  # whose errors are independent
     stated: list[Uncertainty]  # of stated values and representative volumes
     unknown: list[str]  # laws without an error, a sentence each
+    beds: tuple[int, ...]  # joints that have beds of sliders
     meshes: Mapping[float, Bodies]  # coarser ones, by the ratio of the spacings
 
     @classmethod
@@ -159,7 +160,8 @@ class ErrorSources:
             replace(one, of=one.name, name="", changes=[Change(structure=changed)])
             for one, changed in bodies.uncertainties()
         ]
-        return cls(found, stated, unknown, bodies.coarser())
+        beds = tuple(k for k, one in enumerate(bodies.interfaces) if one.asperities is None)
+        return cls(found, stated, unknown, beds, bodies.coarser())
 
     def __bool__(self) -> bool:
         """Whether any error is known."""
@@ -187,7 +189,7 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
     """Return the laws of all joints, of which beds of sliders that change have other parameters."""
 
     def changed(law: InterfaceLaw) -> InterfaceLaw:
-        bed = cast(Sliders, law)  # a law with a budget is one
+        bed = cast(Sliders, law)  # only joints with beds change
         factors = {name: factor * getattr(bed, name) for name, factor in change.factors.items()}
         return replace(bed, slabs=change.slabs or bed.slabs, **factors)
 
@@ -239,9 +241,8 @@ def with_joint_budget(
     value = answers(result)
     if cycles is not None:
         moving = 1.0 * (np.arange(steps.size) >= rests.size)
-        every = tuple(joint for law in sources.laws for joint in law.joints)
-        if every:
-            fewer = Change(every, slabs=SLABS // 2)
+        if sources.beds:
+            fewer = Change(sources.beds, slabs=SLABS // 2)
             how = f"beds of {SLABS} and {SLABS // 2} slabs"
             listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=how))
         if sources.meshes:

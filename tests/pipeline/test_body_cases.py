@@ -676,3 +676,19 @@ def test_the_figure_and_the_answer_are_those_of_the_last_step_that_is_known(mesh
         r"At step 0 the largest mean stress .* \(von Mises\), in (housing|cover)\.", once
     )
     assert "or state a law that holds there" in found.attrs["cautions"]
+
+
+def test_slip_and_loss_of_a_stated_law_have_the_intervals_of_its_values(meshes):
+    text = TEXT.replace("friction = 0.2", 'friction = "0.2 +- 10 %"').replace('"1 kN"', '"1.8 kN"')
+    text += '[cycles]\nload = "pull"\ncycles = 1\nsteps = 4\n'
+    found = run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
+    more = text.replace('"0.2 +- 10 %"', "0.22")
+    changed = run_macro(load_case(write_scene(meshes, more)), meshes / "more.nc")
+    terms = found["error_half_width"].isel(step=-1)
+    for name in ("cycle_energy", "slipping_load"):
+        below, above = found[f"{name}_mean_law"].values[..., -1]
+        assert below < float(found[name][-1]) < above
+        assert 0.0 < float(terms.sel(error_term="friction bed", quantity=name)) < 0.1
+    change = abs(float(changed["cycle_energy"][-1] / found["cycle_energy"][-1]) - 1.0)
+    stated = float(terms.sel(error_term="stated values", quantity="cycle_energy"))
+    assert stated == pytest.approx(change, rel=0.1)  # of paths of fewer steps

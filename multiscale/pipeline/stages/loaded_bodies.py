@@ -293,7 +293,7 @@ def _with_budget(
     )
     prepared = substructures.PreparedStructure(ready.structure.small, ready.method)
     near = substructures.follow(prepared, short.factors())
-    rise = path.cycle_steps if path.cycles and whole and sources.laws else 0
+    rise = path.cycle_steps if path.cycles and whole else 0
     asked = load_answers(result, rise, few)
     solve = ready.again(partial(_follow, short), near)
     return with_joint_budget(result, sources, solve, asked, job)
