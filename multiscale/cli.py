@@ -255,7 +255,7 @@ def fit_command(
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
-    from multiscale.upscaling.branches import say_shear
+    from multiscale.upscaling.branches import describe_shear
 
     _check_dataset(out)
     if response.suffix.lower() == ".csv":
@@ -274,7 +274,7 @@ def fit_command(
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
     typer.echo(law.attrs["branches"])
-    for line in say_shear(law):
+    for line in describe_shear(law):
         typer.echo(line)
 
 
@@ -576,7 +576,7 @@ def bench_command(
 def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
     """Measure a family, leave its dataset and figure, and print its runs."""
     from multiscale.bench import bench
-    from multiscale.bench.summary import say_load, tabulate_runs
+    from multiscale.bench.summary import describe_load, tabulate_runs
     from multiscale.io import write_dataset
     from multiscale.plotting import draw_work_precision
     from multiscale.schema import WORK_PRECISION
@@ -587,7 +587,7 @@ def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
     figure = draw_work_precision(found, file.with_suffix(".png"))
     _warn(found.attrs["cautions"].splitlines())
     _print_table(found.attrs["title"], *tabulate_runs(found))
-    typer.echo(f"load of the machine: {say_load(found)}")
+    typer.echo(f"load of the machine: {describe_load(found)}")
     typer.echo(f"dataset and figure: {file}, {figure}")
     return found
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.schema import WORK_PRECISION, Dataset
 
-__all__ = ["TARGETS", "join_families", "say_load", "tabulate_cheapest", "tabulate_runs"]
+__all__ = ["TARGETS", "describe_load", "join_families", "tabulate_cheapest", "tabulate_runs"]
 
 TARGETS = (0.1, 0.05, 0.02, 0.01)
 """Relative errors of the table of cheapest answers."""
@@ -59,7 +59,7 @@ def tabulate_runs(work_precision: Dataset) -> tuple[tuple[str, ...], list[tuple[
     return head, rows
 
 
-def say_load(work_precision: Dataset) -> str:
+def describe_load(work_precision: Dataset) -> str:
     """Report how busy the machine was before and after the runs, on which their times depend."""
     before, after = (work_precision.attrs[f"load_{when}"] for when in ("before", "after"))
     return (
@@ -83,7 +83,7 @@ def join_families(families: Mapping[str, Dataset]) -> Dataset:
         title="error against run time",
         cautions="\n".join(filter(None, (one.attrs["cautions"] for one in families.values()))),
         versions="; ".join(f"{name}: {one.attrs['versions']}" for name, one in families.items()),
-        load="; ".join(f"{name}: {say_load(one)}" for name, one in families.items()),
+        load="; ".join(f"{name}: {describe_load(one)}" for name, one in families.items()),
     )
 
 

@@ -1,4 +1,4 @@
-"""Branches of a law beside the loading: unloading, shear, sliding and damage."""
+"""Branches of a law besides the loading: unloading, shear, sliding and damage."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from multiscale.schema import (
     with_cautions,
 )
 from multiscale.upscaling.family import unloading_family
-from multiscale.upscaling.fit import fit_law, say_control, told_branches, with_branch
+from multiscale.upscaling.fit import branch_origins, describe_control, fit_law, with_branch
 from multiscale.upscaling.observations import Misfit, Observations, list_pressures
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
@@ -24,9 +24,9 @@ __all__ = [
     "ALONG_LOADING",
     "REFUSED",
     "assume_shear",
+    "describe_shear",
     "fit_branches",
     "hysteretic_from_dataset",
-    "say_shear",
     "sliders_from_dataset",
     "sliding_friction_at",
     "state_shear",
@@ -43,13 +43,13 @@ WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stif
 """Names of the tangential values in sentences."""
 
 ALONG_LOADING, REFUSED = "along the loading curve", "refused"
-"""What a law says of an unloading that cells were pressed for and that has no branch."""
+"""Origin, in a law, of the unloading of cells that have unloaded but give no branch."""
 
 LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is as good as exponential
 
 LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
 
-PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degrees
+PARALLEL = 0.97  # cosine of a normal to the normal of the interface, within 14 degrees
 
 SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
@@ -57,42 +57,44 @@ SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 def assume_shear(
     law: Dataset, *, friction: float | None = None, stiffness_ratio: float | None = None
 ) -> Dataset:
-    """Give a law tangential values that nothing was measured for, and say so in a caution.
+    """Return a law with assumed tangential values and a caution that names them.
 
     Parameters
     ----------
     law : Dataset, follows ``INTERFACE_LAW``
     friction, stiffness_ratio : float, optional
         Friction coefficient, and tangential over normal stiffness, for instance
-        2 (1 - nu) / (2 - nu) between alike bodies; the law keeps its own if not given.
+        2 (1 - nu) / (2 - nu) between alike bodies; the value of the law stays if not given.
     """
-    said, known = _put_shear(law, "assumed", friction, stiffness_ratio)
+    names, law = _set_shear(law, "assumed", friction, stiffness_ratio)
     both = friction is not None and stiffness_ratio is not None
     verb, them = ("are", "them") if both else ("is", "it")
-    return with_cautions(known, f"{said} {verb} assumed; shear the cells to measure {them}")
+    return with_cautions(law, f"{names} {verb} assumed; shear the cells to measure {them}")
 
 
 def state_shear(
     law: Dataset, *, friction: float | None = None, stiffness_ratio: float | None = None
 ) -> Dataset:
-    """Give a law tangential values that a user states; arguments as for :func:`assume_shear`.
+    """Return a law with tangential values that a user states; see :func:`assume_shear`.
 
-    A caution says where they differ from values that the law had.
+    A caution names the values of the law that they replace.
     """
     stated = {"friction": friction, "stiffness_ratio": stiffness_ratio}
-    before = {name: one for name, one in tangential_values(law).items() if stated[name] is not None}
+    replaced = {
+        name: value for name, value in tangential_values(law).items() if stated[name] is not None
+    }
     return with_cautions(
-        _put_shear(law, "given", friction, stiffness_ratio)[1],
+        _set_shear(law, "given", friction, stiffness_ratio)[1],
         *(
             f"the {WORDS[name]} of {stated[name]:.3g} that is given stands instead of the "
-            f"{one:.3g} of the law"
-            for name, one in before.items()
+            f"{value:.3g} of the law"
+            for name, value in replaced.items()
         ),
     )
 
 
 def tangential_values(law: Dataset) -> dict[str, float]:
-    """Return ``friction`` and ``stiffness_ratio`` (mean of x and y) of a law, as far as known."""
+    """Return ``friction`` and ``stiffness_ratio`` (mean of x and y) of a law, if it has them."""
     names = {"friction": "shear_friction", "stiffness_ratio": "shear_stiffness_ratio"}
     return {
         short: float(np.nanmean(law[name]))
@@ -101,9 +103,9 @@ def tangential_values(law: Dataset) -> dict[str, float]:
     }
 
 
-def say_shear(law: Dataset) -> list[str]:
-    """Say friction and stiffness ratio of a law, with their bands if they are measured."""
-    said = []
+def describe_shear(law: Dataset) -> list[str]:
+    """Write friction and stiffness ratio of a law, with their bands if they are measured."""
+    lines = []
     for name, value in tangential_values(law).items():
         band = ""
         if law.sizes.get("shear_sample", 0):
@@ -111,34 +113,34 @@ def say_shear(law: Dataset) -> list[str]:
             drawn = drawn.mean(axis=1) if drawn.ndim > 1 else drawn
             low, high = np.nanpercentile(drawn, (2.5, 97.5))
             band = f" ({low:.3g} ... {high:.3g}, 95 %)" if high > low else ""
-        said.append(f"{WORDS[name]}: {value:.3g}{band}")
-    return said
+        lines.append(f"{WORDS[name]}: {value:.3g}{band}")
+    return lines
 
 
-def _put_shear(
-    law: Dataset, how: str, friction: float | None, stiffness_ratio: float | None
+def _set_shear(
+    law: Dataset, origin: str, friction: float | None, stiffness_ratio: float | None
 ) -> tuple[str, Dataset]:
-    """Name tangential values, and put them into a law and all its samples."""
+    """Set tangential values in a law and all its samples; return their names in words, too."""
     n = law.sizes.get("shear_sample", 0)
     values: dict[str, object] = {}
-    said, short = [], []
+    names, short = [], []
     if stiffness_ratio is not None:
         values["shear_stiffness_ratio"] = [stiffness_ratio] * 2
         values |= {"shear_stiffness_ratio_sample": np.full((n, 2), stiffness_ratio)} if n else {}
-        said.append(f"the {WORDS['stiffness_ratio']} of {stiffness_ratio:.3g}")
+        names.append(f"the {WORDS['stiffness_ratio']} of {stiffness_ratio:.3g}")
         short.append(f"stiffness ratio {stiffness_ratio:.3g}")
     if friction is not None:
         values["shear_friction"] = friction
         values |= {"shear_friction_sample": np.full(n, friction)} if n else {}
-        said.append(f"the {WORDS['friction']} of {friction:.3g}")
+        names.append(f"the {WORDS['friction']} of {friction:.3g}")
         short.append(f"friction {friction:.3g}")
-    before = told_branches(law).get("shear") if tangential_values(law) else None
-    told = f"{how}, {' and '.join(short)}"
+    before = branch_origins(law).get("shear") if tangential_values(law) else None
+    text = f"{origin}, {' and '.join(short)}"
     if before is not None:
-        told = f"{before}, but {' and '.join(short)} {how}"
+        text = f"{before}, but {' and '.join(short)} {origin}"
     if values:
-        law = with_branch(law, "shear", told, values)
-    return " and ".join(said), law
+        law = with_branch(law, "shear", text, values)
+    return " and ".join(names), law
 
 
 def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
@@ -156,22 +158,26 @@ def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
     """
     SLIDING_RESPONSE.check(sliding)
     steady = sliding["steady_friction"].to_numpy()
-    known = np.isfinite(steady)
-    if not np.any(known):
+    finite = np.isfinite(steady)
+    if not np.any(finite):
         raise CaseError(
             "the cell slid over less than one period at every pressure, so that no friction "
             "coefficient is steady; slide farther"
         )
-    order = np.argsort(sliding["nominal_pressure"].to_numpy()[known])
+    pressure, friction = sliding["nominal_pressure"].to_numpy()[finite], steady[finite]
+    order = np.argsort(pressure)
     values = {
-        "sliding_pressure": sliding["nominal_pressure"].to_numpy()[known][order],
-        "sliding_friction": steady[known][order],
+        "sliding_pressure": pressure[order],
+        "sliding_friction": friction[order],
     }
     return with_branch(law, "sliding", "measured", values)
 
 
 def sliding_friction_at(dataset: Dataset, pressure: np.ndarray) -> np.ndarray:
-    """Friction coefficient of large sliding at pressures, Pa; constant beyond the data."""
+    """Interpolate the friction coefficient of large sliding at pressures, Pa.
+
+    It is constant beyond the data.
+    """
     require_law(dataset, "sliding_pressure", "sliding_friction")
     p, mu = (dataset[f"sliding_{name}"].to_numpy() for name in ("pressure", "friction"))
     return np.asarray(np.interp(np.log(pressure), np.log(p), mu))
@@ -184,9 +190,9 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     of the friction is not known.
     """
     friction = float(sliding_friction_at(law, np.array(pressure)))
-    how = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
-    said, known = _put_shear(law, how, friction, None)
-    known = INTERFACE_LAW.assign(known, {"shear_friction_error": np.nan})
+    origin = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
+    name, changed = _set_shear(law, origin, friction, None)
+    changed = INTERFACE_LAW.assign(changed, {"shear_friction_error": np.nan})
     slid = law["sliding_pressure"].to_numpy()
     nearest = slid[np.argmin(np.abs(np.log(slid / pressure)))]
     outside = (
@@ -196,9 +202,9 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     )
     beyond = not slid.min() * (1.0 - SAME) <= pressure <= slid.max() * (1.0 + SAME)
     return with_cautions(
-        known,
+        changed,
         outside if beyond else "",
-        f"{said} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
+        f"{name} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
         f"not known; shear the cells to measure it with its scatter",
     )
 
@@ -212,7 +218,7 @@ def sliders_from_dataset(
     pressures: tuple[float, float] | None = None,
     slabs: int = 48,
 ) -> Sliders:
-    """Make the frictional law of a dataset with a tangential branch.
+    """Build the frictional law of a dataset with a tangential branch.
 
     Parameters
     ----------
@@ -257,7 +263,7 @@ def fit_branches(
     n_samples: int = 200,
     **options: Any,
 ) -> Dataset:
-    """Fit the law of the loading with all branches that data are given for.
+    """Fit the law of the loading, and each branch with data.
 
     Parameters
     ----------
@@ -304,9 +310,9 @@ def with_unloading(
     -------
     Dataset
         Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the
-        :class:`~multiscale.laws.HystereticLaw` of it. Samples are of the spring back alone: the
-        loading law has its own. The exponent is at most :data:`LARGEST_EXPONENT`. The branch is
-        left out, with a caution, where the cells are no stiffer at first than they were loaded.
+        :class:`~multiscale.laws.HystereticLaw` of it. Its samples vary the spring back only; the
+        loading law has separate samples. The exponent is at most :data:`LARGEST_EXPONENT`. The
+        branch is left out, with a caution, where the initial unloading is not stiffer than loading.
 
     Raises
     ------
@@ -314,25 +320,24 @@ def with_unloading(
         If no step unloads, or none from a pressure of the law.
     """
     loading = law_from_dataset(law)
-    seen = unloading_observations(response, control)
-    within = seen.conditions[1] <= (1.0 + 1e-6) * loading.pressure_limit
+    observations = unloading_observations(response, control)
+    within = observations.conditions[1] <= (1.0 + 1e-6) * loading.pressure_limit
     if not np.any(within):
         raise CaseError(
-            f"the cells unload from {list_pressures(seen.conditions[1])}, where the law of the "
-            f"loading has ended at {list_pressures(np.array([loading.pressure_limit]))}; unload "
-            f"from a lower pressure"
+            f"the cells unload from {list_pressures(observations.conditions[1])}, where the law of "
+            f"the loading has ended at {list_pressures(np.array([loading.pressure_limit]))}; "
+            f"unload from a lower pressure"
         )
-    seen = seen.at(within)
+    observations = observations.at(within)
     family = unloading_family(loading)
-    fitted = fit_law(seen, family=family, n_samples=n_samples)
+    fitted = fit_law(observations, family=family, n_samples=n_samples)
     if float(fitted["exponent"]) > LARGEST_EXPONENT:
-        held = {"exponent": LARGEST_EXPONENT}
-        fitted = fit_law(seen, family=family, n_samples=n_samples, fixed=held)
+        fixed = {"exponent": LARGEST_EXPONENT}
+        fitted = fit_law(observations, family=family, n_samples=n_samples, fixed=fixed)
     if float(fitted["stiffness_ratio"]) < 1.0 + LEAST_STIFFENING:
-        return _without_unloading(law, loading, seen)
-    known = str(law.attrs["cautions"]).splitlines()
-    found = str(fitted.attrs["cautions"]).splitlines()
-    law = with_cautions(law, *(one for one in found if one not in known))
+        return _without_unloading(law, loading, observations)
+    earlier, new = (str(data.attrs["cautions"]).splitlines() for data in (law, fitted))
+    law = with_cautions(law, *(caution for caution in new if caution not in earlier))
     names = ("stiffness_ratio", "exponent")
     values = {f"unloading_{name}": fitted[name].values for name in names}
     values |= {f"unloading_{name}_sample": fitted[f"{name}_sample"].values for name in names}
@@ -343,38 +348,39 @@ def with_unloading(
         "unloading_fit_error": fitted["fit_error"].values,
     }
     if control is not None:
-        told = f"{law.attrs['control']}; {say_control('spring back', seen)}"
-        law = law.assign_attrs(control=told)
+        text = f"{law.attrs['control']}; {describe_control('spring back', observations)}"
+        law = law.assign_attrs(control=text)
     return with_branch(law, "unloading", "measured", values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],
     )
 
 
-def _without_unloading(law: Dataset, loading: NormalLaw, seen: Observations) -> Dataset:
-    """Report that a law has no unloading branch, since its ratio is at the lower end."""
-    pressure, peak = seen.conditions
-    along = (loading.gap_at(pressure) - loading.gap_at(peak) - seen.mean) / seen.scale
-    apart = f"{100.0 * float(np.max(np.abs(along))):.2g} % of its length"
-    if Misfit("", pressure, along, seen.scatter).missed.any():
-        how = REFUSED
-        told = f"no unloading branch describes how the cells spring back, up to {apart} from it"
+def _without_unloading(law: Dataset, loading: NormalLaw, observed: Observations) -> Dataset:
+    """Return a law without unloading branch, since its ratio is at the lower end."""
+    pressure, peak = observed.conditions
+    distance = loading.gap_at(pressure) - loading.gap_at(peak) - observed.mean
+    relative = distance / observed.scale
+    apart = f"{100.0 * float(np.max(np.abs(relative))):.2g} % of its length"
+    if Misfit("", pressure, relative, observed.scatter).missed.any():
+        origin = REFUSED
+        reason = f"no unloading branch describes how the cells spring back, up to {apart} from it"
     else:
-        how, told = ALONG_LOADING, f"the cells spring back along it, to {apart}"
+        origin, reason = ALONG_LOADING, f"the cells spring back along it, to {apart}"
     return with_cautions(
-        with_branch(law, "unloading", how, {}),
-        f"the law has the loading curve for unloading too: {told}; press the cells to pressures "
+        with_branch(law, "unloading", origin, {}),
+        f"the law has the loading curve for unloading too: {reason}; press the cells to pressures "
         f"under which more of them flows",
     )
 
 
 def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> HystereticLaw:
-    """Make the law of a dataset with its unloading branch, the mean or a bootstrap sample of it.
+    """Build the law of a dataset with its unloading branch: the mean, or a bootstrap sample.
 
     Raises
     ------
     CaseError
-        If the dataset holds no unloading branch, or not this sample.
+        If the dataset has no unloading branch, or not this sample.
     """
     if "unloading_stiffness_ratio" not in dataset.variables:
         raise CaseError(
@@ -383,8 +389,7 @@ def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> Hyst
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
     require_law(dataset, *names)
-    found = (pick(dataset, name, [sample], of="unloading")[0] for name in names)
-    ratio, exponent = map(float, found)
+    ratio, exponent = (float(pick(dataset, name, [sample], of="unloading")[0]) for name in names)
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)
 
 
@@ -407,15 +412,15 @@ def with_damage(law: Dataset, sections: Dataset) -> Dataset:
     Raises
     ------
     CaseError
-        If no section of the volume is parallel to the interface, or all of one has been lost.
+        If no section of the volume is parallel to the interface, or nothing is left of those.
     """
     DAMAGE_SECTIONS.check(sections)
     cosine = np.abs(sections["normal"].to_numpy()[:, 2])
     nearest = int(np.argmax(cosine))
     if cosine[nearest] < PARALLEL:
         raise CaseError(
-            f"no section of the volume is parallel to the interface, whose normal is its axis "
-            f"z: the nearest one is {np.degrees(np.arccos(cosine[nearest])):.3g} "
+            f"no section of the volume is parallel to the interface, which has the normal "
+            f"z: the nearest section is {np.degrees(np.arccos(cosine[nearest])):.3g} "
             f"degrees off; take more directions"
         )
     lost = sections["damage"].to_numpy()[nearest]
@@ -426,7 +431,7 @@ def with_damage(law: Dataset, sections: Dataset) -> Dataset:
     values = {"interface_damage": mean, "interface_damage_band": [low, high]}
     return with_cautions(
         with_branch(law, "damage", "measured", values),
-        f"the interface carries what a damage of {mean:.3g} leaves, the mean of {lost.size} "
+        f"the law of the interface is reduced by a damage of {mean:.3g}, the mean of {lost.size} "
         f"sections parallel to it, of which 95 % lie from {low:.3g} to {high:.3g}; the error "
         f"budget does not have this range",
     )

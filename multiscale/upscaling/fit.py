@@ -31,13 +31,13 @@ __all__ = [
     "FREE_FORM",
     "Prediction",
     "best_family",
+    "branch_origins",
     "compare_laws",
+    "describe_control",
     "fit_law",
     "laws_of_each",
     "predict",
-    "say_control",
     "stiffness_of_each",
-    "told_branches",
     "with_branch",
 ]
 
@@ -75,31 +75,31 @@ def fit_law(
     data : Dataset or Observations
         A dataset that follows ``MICRO_RESPONSE``, with realisations loaded to the same pressures,
         gives a normal law and an area law. Failed steps (``converged`` 0 or NaN) are left out,
-        and a pressure that no realisation reached with them. Observations give the law of their
+        as is a pressure that no realisation reached. Observations give the law of their
         quantity; see :func:`observe` and :func:`read_observations`.
     control : Dataset, optional
         Follows ``MICRO_RESPONSE``: many cheap cells beside the few of a response, at the same
         pressures, such as flat cells beside conforming ones. Those with the numbers of the
         response have its surfaces. Means and samples are of both, see
-        :class:`~.sampling.Control`; of a quantity for which that makes no interval
-        narrower they are of the response alone.
+        :class:`~.sampling.Control`; for a quantity where that makes no interval narrower they
+        are of the response only.
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
-        have free form and are the default; the others are in ``FAMILIES``, or a user's own.
+        have free form and are the default; the others are in ``FAMILIES``, or defined by a user.
     fixed : mapping of str to float, optional, parameters of the family that keep a value, SI
     weights : ndarray, shape (points,), optional
         Weight of each step of the response, or of each point, not negative; 1 if not given.
     n_terms : int, number of knots of the normal law of free form, at least 6
     n_samples : int
-        Number of bootstrap samples. With fewer than three realisations the scatter is not known,
-        and the dimension ``sample`` has size 0; if there is one realisation of independent
+        Number of bootstrap samples. With fewer than three realisations the scatter is unknown,
+        and the dimension ``sample`` has size 0; for a single realisation of independent
         measurements, the residuals of a family with parameters are resampled instead.
     seed : int
 
     Returns
     -------
     Dataset
-        Follows ``INTERFACE_LAW``; a family with parameters has one variable for each and one
+        Follows ``INTERFACE_LAW``; a family with parameters has a variable for each, and its
         ``..._sample`` along ``sample``. Attributes: ``family``, ``quantity``,
         ``n_realisations``, ``n_samples``, ``pressure_min``, ``pressure_max`` (Pa),
         ``pressures_per_decade``, ``branches`` (which are measured and which assumed) and for normal
@@ -148,8 +148,8 @@ def fit_law(
     observed.
 
     The bootstrap resamples whole realisations with replacement, since the steps of one are
-    correlated; the samples are spread as by :func:`widening` so that 95 % intervals keep their
-    promise for few realisations. The bands tell the sampling error, not the error of the model.
+    correlated; the samples are spread by :func:`widening`, so that 95 % intervals hold for few
+    realisations too. The bands contain the sampling error, not the error of the model.
 
     References
     ----------
@@ -174,95 +174,102 @@ def fit_law(
     area = None if isinstance(data, Observations) else area_observations(data, control)
     attributes: dict[str, Any] = {}
     cautions: list[str] = []
+    # a normal law ends at the pressure that a convex function no longer follows
     if chosen == "convex_decreasing":
-        kept, cautions = representable(observations, share, n_terms=n_terms)
-        observations, share = observations.at(slice(kept)), share[:kept]
-        area = None if area is None else area.at(slice(kept))
+        n_used, cautions = representable(observations, share, n_terms=n_terms)
+        observations, share = observations.at(slice(n_used)), share[:n_used]
+        area = None if area is None else area.at(slice(n_used))
         if cautions:
             attributes["pressure_limit"] = float(observations.pressure[-1])
-    further = max(one.n_further for one in (observations, area) if one is not None)
+    # the mean law and its bootstrap samples
+    further = max(data.n_further for data in (observations, area) if data is not None)
     counts = draw_counts(observations.n_realisations, n_samples, seed, n_further=further)
     attributes["uncertainty"] = BY_REALISATION if len(counts) else NONE
     if isinstance(chosen, Family):
-        found = fit_family(
+        result = fit_family(
             observations, chosen, counts, share, fixed or {}, n_samples=n_samples, seed=seed
         )
     elif fixed:
         raise CaseError(f"the family {chosen!r} has free form and no parameter to be fixed")
     elif chosen == "monotone":
         fitted = fit_area(observations, counts)
-        found = FitResult(fitted, unseen_errors(fitted["area_fit_error"]))
+        result = FitResult(fitted, unseen_errors(fitted["area_fit_error"]))
     else:
-        found = fit_convex_decreasing(observations, counts, share, n_terms=n_terms)
-    values = found.values
+        result = fit_convex_decreasing(observations, counts, share, n_terms=n_terms)
+    values = result.values
+    # the area law of the same cells
     if area is not None:
         fitted = fit_area(area, counts)
         values = fitted | values
-        of_area = AreaLaw(fitted["area_pressure"], fitted["area_fraction"])
-        cautions += area.misses(of_area, "the area law misses the observed fraction").judge(
+        area_law = AreaLaw(fitted["area_pressure"], fitted["area_fraction"])
+        cautions += area.misses(area_law, "the area law misses the observed fraction").judge(
             "use more realisations, or a finer grid"
         )
         if control is not None:
-            told = say_control("mean gap", observations), say_control("contact fraction", area)
-            attributes |= {"control": "; ".join(told), "n_control": control.sizes["realisation"]}
-        attributes["branches"] = _say_branches(BRANCHES)
-    attributes |= found.attributes | {"seed": seed}
+            controls = {"mean gap": observations, "contact fraction": area}
+            attributes["control"] = "; ".join(
+                describe_control(name, data) for name, data in controls.items()
+            )
+            attributes["n_control"] = control.sizes["realisation"]
+        attributes["branches"] = _join_branches(BRANCHES)
+    attributes |= result.attributes | {"seed": seed}
     return _build(observations, chosen, values, attributes, cautions, share > 0.0)
 
 
-def say_control(name: str, seen: Observations) -> str:
-    """Say what a control does for a quantity, or that it does nothing."""
-    return f"{name}: {seen.control or 'none, since they follow each other by chance alone'}"
+def describe_control(name: str, observed: Observations) -> str:
+    """Describe the effect of a control on a quantity, which may be none."""
+    return f"{name}: {observed.control or 'none, since they follow each other by chance alone'}"
 
 
-def with_branch(law: Dataset, branch: str, how: str, values: Mapping[str, Any]) -> Dataset:
+def with_branch(law: Dataset, branch: str, origin: str, values: Mapping[str, Any]) -> Dataset:
     """Add a branch to a law: its values, and whether it is measured."""
-    told = _say_branches({**told_branches(law), branch: how})
-    return INTERFACE_LAW.assign(law, values).assign_attrs(branches=told)
+    branches = _join_branches({**branch_origins(law), branch: origin})
+    return INTERFACE_LAW.assign(law, values).assign_attrs(branches=branches)
 
 
-def told_branches(law: Dataset) -> dict[str, str]:
-    """Return what a law says of each of its branches."""
-    said = str(law.attrs.get("branches", ""))
-    return dict(part.split(": ", 1) for part in said.split("; ") if part)
+def branch_origins(law: Dataset) -> dict[str, str]:
+    """Return the origin of each branch of a law, such as ``"measured"``."""
+    text = str(law.attrs.get("branches", ""))
+    return dict(branch.split(": ", 1) for branch in text.split("; ") if branch)
 
 
-def _say_branches(told: Mapping[str, str]) -> str:
-    return "; ".join(map(": ".join, told.items()))
+def _join_branches(origins: Mapping[str, str]) -> str:
+    return "; ".join(map(": ".join, origins.items()))
 
 
 def laws_of_each(observations: Observations, law: Dataset | None = None) -> list[Any]:
     """Fit a normal law to each realisation."""
     mean, counted = observations.mean, observations.counted
-    gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)
+    gap, equal_weights = np.where(counted, observations.values, mean), np.ones(mean.size)
     family = FREE_FORM["gap"] if law is None else str(law.attrs["family"])
     if law is None or family == FREE_FORM["gap"]:
         return list(fit_each(observations, gap))
     fixed = {name: float(law[name]) for name in str(law.attrs["fixed"]).split()}
-    regression = regression_of(FAMILIES[family], observations, fixed, ones)
-    found = regression.solve_many(gap, 1.0 * counted, regression.solve(mean, ones))
-    return [None if one is None else regression.law(one) for one in found]
+    regression = regression_of(FAMILIES[family], observations, fixed, equal_weights)
+    start = regression.solve(mean, equal_weights)
+    fits = regression.solve_many(gap, 1.0 * counted, start)
+    return [None if fit is None else regression.law(fit) for fit in fits]
 
 
 def stiffness_of_each(observations: Observations, law: Dataset | None = None) -> np.ndarray:
-    """Stiffness of the laws of :func:`laws_of_each`, Pa/m, shape (realisations, points).
+    """Evaluate the stiffness of the laws of all realisations, Pa/m, (realisations, points).
 
     NaN where a realisation has no value or its fit does not settle.
     """
     counted = observations.counted
     gap = np.where(counted, observations.values, observations.mean)
     stiffness = np.full(gap.shape, np.nan)
-    for k, one in enumerate(laws_of_each(observations, law)):
-        if one is not None:
-            stiffness[k] = one.stiffness(gap[k])
+    for k, law_k in enumerate(laws_of_each(observations, law)):
+        if law_k is not None:
+            stiffness[k] = law_k.stiffness(gap[k])
     return np.where(counted, stiffness, np.nan)
 
 
 def _choose(family: str | Family | None, quantity: str) -> str | Family:
-    """Return the family that is meant: a name of free form, or one with parameters."""
+    """Return the name of a family of free form, or a family with parameters."""
     if isinstance(family, Family):
         return family
-    fitting = [one.name for one in FAMILIES.values() if quantity in one.quantities]
+    fitting = [family.name for family in FAMILIES.values() if quantity in family.quantities]
     free_form = FREE_FORM.get(quantity)
     if family is None and free_form is None and len(fitting) != 1:
         hint = " or ".join(repr(name) for name in fitting) or "unloading_family(loading law)"
@@ -271,8 +278,8 @@ def _choose(family: str | Family | None, quantity: str) -> str | Family:
     if name == free_form:
         return name
     if name not in FAMILIES or quantity not in FAMILIES[name].quantities:
-        known = ", ".join([*([free_form] if free_form else []), *fitting])
-        raise CaseError(f"there is no family {name!r} for {quantity}; choose from {known}")
+        names = ", ".join([*([free_form] if free_form else []), *fitting])
+        raise CaseError(f"there is no family {name!r} for {quantity}; choose from {names}")
     return FAMILIES[name]
 
 
@@ -285,7 +292,8 @@ def _build(
     counted: np.ndarray,
 ) -> Dataset:
     """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
-    quantity, told = QUANTITIES[observations.quantity], {**observations.attributes, **attributes}
+    quantity = QUANTITIES[observations.quantity]
+    attributes = {**observations.attributes, **attributes}
     mean, p = observations.mean, observations.pressure
     steps = np.unique(p).size - 1
     if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
@@ -294,18 +302,21 @@ def _build(
             f"gaps in m"
         )
     if steps:
-        each = steps / np.log10(p.max() / p.min())
-        told["pressures_per_decade"] = float(each)
-        if observations.quantity == "gap" and each < FEWEST_PER_DECADE * (1.0 - 1e-9):
+        per_decade = steps / np.log10(p.max() / p.min())
+        attributes["pressures_per_decade"] = float(per_decade)
+        if observations.quantity == "gap" and per_decade < FEWEST_PER_DECADE * (1.0 - 1e-9):
             cautions.append(
-                f"the law rests on {each:.2g} pressures a decade; from {FEWEST_PER_DECADE} on its "
-                f"accuracy was measured"
+                f"the law rests on {per_decade:.2g} pressures a decade; from "
+                f"{FEWEST_PER_DECADE} on its accuracy was measured"
             )
 
     schema = INTERFACE_LAW
-    if isinstance(family, Family):  # whose parameters are variables of the law
+    if isinstance(family, Family):  # its parameters are variables of the law
         text = f"parameter of the {family.name} law"
-        added = {name: Variable((), one.unit, text) for name, one in family.parameters.items()}
+        added = {
+            name: Variable((), parameter.unit, text)
+            for name, parameter in family.parameters.items()
+        }
         for name, (_, unit) in family.held(observations).items():
             added[name] = Variable((), unit, f"given by the data to the {family.name} law")
         schema = replace(schema, optional={**schema.optional, **added})
@@ -318,7 +329,7 @@ def _build(
             **{f"fit_{name}": condition for name, condition in conditions},
             quantity.variable: mean,
         },
-        **told,
+        **attributes,
         family=family if isinstance(family, str) else family.name,
         quantity=observations.quantity,
         n_realisations=observations.n_realisations,
@@ -331,9 +342,9 @@ def _build(
     else:
         law = fitted_law(dataset, family=family if isinstance(family, Family) else None)
     name, free_form = dataset.attrs["family"], FREE_FORM.get(observations.quantity)
-    what = f"the law of the family {name!r} misses the observed {observations.quantity}"
+    missed = f"the law of the family {name!r} misses the observed {observations.quantity}"
     other = f"such as {free_form!r}" if free_form not in (None, name) else "or fewer pressures"
-    misfit = observations.at(counted).misses(law, what.replace("_", " "))
+    misfit = observations.at(counted).misses(law, missed.replace("_", " "))
     cautions += misfit.judge(f"choose another family, {other}")
     report = admissibility(law, (float(p.min()), float(p.max())))
     dataset = dataset.assign_attrs(admissible=int(report.passed), admissibility=str(report))
@@ -356,8 +367,8 @@ def compare_laws(
     -------
     Dataset
         Follows ``LAW_COMPARISON``, best first by the cross-validated error. The criterion
-        is NaN for a law of free form, whose number of parameters is not defined, and its weight
-        is that among the others.
+        is NaN for a law of free form, which has no defined number of parameters, and the weights
+        are among the other families.
 
     Notes
     -----
@@ -373,16 +384,16 @@ def compare_laws(
     """
     if families is None:
         quantity = data.quantity if isinstance(data, Observations) else "gap"
-        families = [one.name for one in FAMILIES.values() if quantity in one.quantities]
+        families = [family.name for family in FAMILIES.values() if quantity in family.quantities]
         families = [*([FREE_FORM[quantity]] if quantity in FREE_FORM else []), *families]
     fits = [fit_law(data, family=family, n_samples=0).attrs for family in families]
     error = np.array([fit["cross_validated_rms_error"] for fit in fits])
     criterion = np.array([fit.get("akaike_criterion", np.nan) for fit in fits])
     weight = np.full(len(fits), np.nan)
-    known = np.isfinite(criterion)
-    if np.any(known):
-        likelihood = np.exp(-0.5 * (criterion[known] - criterion[known].min()))
-        weight[known] = likelihood / likelihood.sum()
+    finite = np.isfinite(criterion)
+    if np.any(finite):
+        likelihood = np.exp(-0.5 * (criterion[finite] - criterion[finite].min()))
+        weight[finite] = likelihood / likelihood.sum()
     order = np.argsort(error)
     names = [family if isinstance(family, str) else family.name for family in families]
     return LAW_COMPARISON.build(
@@ -426,8 +437,11 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
         If the data are refused.
     """
     n, quantity = observations.pressure.size, observations.quantity
-    fitting = [one for one in FAMILIES.values() if quantity in one.quantities]
-    names = [one.name for one in fitting if len(one.parameters) < n]
+    names = [
+        family.name
+        for family in FAMILIES.values()
+        if quantity in family.quantities and len(family.parameters) < n
+    ]
     families = compare_laws(observations, [FREE_FORM[quantity], *names])
     admissible = families["family"].values[families["admissible"].values == 1]
     if not admissible.size:
@@ -443,7 +457,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
 
     Parameters
     ----------
-    law : Dataset, follows ``INTERFACE_LAW``; fitted to ``seen``, values over pressures alone
+    law : Dataset, follows ``INTERFACE_LAW``; fitted to ``seen``, values over pressures only
     seen : Observations
     pressure : ndarray, shape (points,), Pa
 
@@ -458,19 +472,20 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
 
     predicted = QUANTITIES[seen.quantity].predict
     mean, n = fitted_law(law), seen.n_realisations
-    value, none = predicted(mean, pressure), np.full((2, pressure.size), np.nan)
+    value, unknown_band = predicted(mean, pressure), np.full((2, pressure.size), np.nan)
     unknown = []
-    band = none
+    band = unknown_band
     if refusal := refuse_band(law):
         unknown.append(f"the interval of the mean law is not known: {refusal}")
     else:
-        band = np.array(law_band(law, lambda one: predicted(one, pressure)))
+        band = np.array(law_band(law, lambda sample: predicted(sample, pressure)))
+    # one factor (of a gap: one distance) for each specimen, and its scatter
     additive = seen.quantity == "gap"
     read = (lambda x: x) if additive else np.log
     offset = np.nanmean(read(seen.masked) - read(predicted(mean, seen.pressure)), axis=1)
     if n < 2:
         unknown.append("the interval of the next specimen is not known: there is one specimen")
-        return Prediction(value, band, none, tuple(unknown))
+        return Prediction(value, band, unknown_band, tuple(unknown))
     half = t.ppf(0.975, n - 1) * offset.std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
     ends = read(value) + half * np.array([[-1.0], [1.0]])
     return Prediction(value, band, ends if additive else np.exp(ends), tuple(unknown))

@@ -7,7 +7,7 @@ import numpy as np
 from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.branches import ALONG_LOADING, REFUSED
 from multiscale.upscaling.budget import estimate_grid_error
-from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.observations import Misfit
 from multiscale.upscaling.propagation import Uncertainty
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
@@ -96,7 +96,7 @@ def with_conductance(
     law = INTERFACE_LAW.assign(law, ratios).assign_attrs(
         conductance_branch="unloading" if unloads else "loading"
     )
-    branch = told_branches(law).get("unloading", "")
+    branch = branch_origins(law).get("unloading", "")
     if not flows or unloads or branch == ALONG_LOADING:
         return law
     advice = "the cells tell no such branch" if branch == REFUSED else "ask for unload in [micro]"

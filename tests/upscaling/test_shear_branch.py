@@ -172,10 +172,10 @@ def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(
 
 
 def test_friction_and_stiffness_ratio_are_said_with_their_bands(measured):
-    from multiscale.upscaling.branches import say_shear
+    from multiscale.upscaling.branches import describe_shear
 
     law, _ = measured
-    said = say_shear(law)
+    said = describe_shear(law)
     drawn = np.percentile(law["shear_friction_sample"], (2.5, 97.5))
     friction = next(line for line in said if "friction" in line)
     assert f"{float(law['shear_friction']):.3g}" in friction

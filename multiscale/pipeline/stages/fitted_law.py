@@ -50,7 +50,7 @@ from multiscale.upscaling import (
     write_pressure_overclosure,
 )
 from multiscale.upscaling.budget import known_error
-from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
@@ -133,7 +133,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "cross_validated_stiffness_error",
         "admissibility",
     )
-    told, branches = law.attrs, told_branches(law).items()
+    told, branches = law.attrs, branch_origins(law).items()
     count = int(told["n_realisations"])
     said = ", ".join(f"{branch} is {how}" for branch, how in branches)
     lines = [

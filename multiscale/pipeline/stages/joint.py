@@ -61,7 +61,7 @@ from multiscale.upscaling import (
     with_scales,
 )
 from multiscale.upscaling.budget import MACRO, Term, has_budget, known_terms
-from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
 
 __all__ = ["HEADS", "JOINT", "STIFFNESS", "budget_sections", "solve_joint"]
@@ -193,7 +193,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     if conducts:
         conducting = np.isin(names, list(CONDUCTANCES))[:, None] * np.ones(steps.size)
         sources.append(elastic_source(law, conducting))
-    if shear and told_branches(law).get("shear") == "measured":
+    if shear and branch_origins(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         rate = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
         errors = shear_errors(law, at)["stiffness_ratio"]
@@ -207,7 +207,7 @@ def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
     """Say what the tangential stiffness rests on; nothing if the law has none."""
     if ratio is None:
         return []
-    told = told_branches(law)["shear"]
+    told = branch_origins(law)["shear"]
     return [
         f"Before anything slips, the interface is {ratio:.3g} times as stiff along its face as "
         f"across it (shear branch of the law: {told}). The tangential stiffness has the interface "

@@ -31,7 +31,7 @@ from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, Dataset, with_cautions
 from multiscale.upscaling import over_steps, with_budget, with_intervals
-from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.fit import branch_origins
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -116,7 +116,7 @@ def _laws(
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
     made = changed_sliders(bodies, case, laws, few, asked.slabs)
     for number, law in enumerate(laws):
-        if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
+        if law is not None and branch_origins(law).get("unloading", "").startswith("measured"):
             bed = cast(Sliders, made[number])  # a law of cells is one
             ratio, exponent = (
                 float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent")

@@ -36,7 +36,7 @@ from multiscale.upscaling import (
     tangential_values,
     with_stated_error,
 )
-from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
 
 if TYPE_CHECKING:
@@ -259,7 +259,7 @@ class JointLaw(LawSource):
     ) -> Dataset:
         """Return the law with a tangential branch: given, else as measured, else by theory."""
         known = tangential_values(law)
-        if strict and told_branches(law).get("shear", "").startswith("assumed"):
+        if strict and branch_origins(law).get("shear", "").startswith("assumed"):
             known = {}
         if self.friction is None and "friction" not in known and "sliding_friction" in law:
             law = take_sliding_friction(law, pressure)
