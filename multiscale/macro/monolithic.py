@@ -65,6 +65,10 @@ GROWTH, ROUNDS = 1e4, 8
 without a smaller residual after which the iteration may go round in circles: the length of the step
 is then that of the least energy."""
 
+PARTS = 4
+"""Parts in which a load is brought up after Newton's method has stalled: each solution is the start
+for the next part. The state of the laws is that before the step throughout."""
+
 RIGID = 1e4
 """Largest stiffness of the bodies at a point, relative to the mean: supports may hold a point."""
 
@@ -235,10 +239,19 @@ class Assembled:
         here = balance.place(bodies.split(u), jump)
         balance.scale = float(norm(load)) or balance.size(here.gradient) or 1.0
         run = NewtonRun(limits, PATIENCE)
-        here, _ = find_equilibrium(balance, here, run)
-        u = bodies.join(here.value)
+        last, _ = find_equilibrium(balance, here, run)
+        if run.status is Status.STALLED:
+            # bring the load up in parts, from the load with which the start is in balance
+            target, begin, last = balance.load, balance.load + here.gradient, here
+            for share in np.linspace(0.0, 1.0, PARTS + 1)[1:]:
+                balance.load = begin + share * (target - begin)
+                run = NewtonRun(limits, PATIENCE)
+                last, _ = find_equilibrium(balance, balance.place(last.value, last.at), run)
+                if not run.converged:
+                    break
+        u = bodies.join(last.value)
         return InterfaceSolution(
-            u, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at
+            u, run.status, tuple(run.residuals), tuple(run.seconds), jump=last.at
         )
 
     @cached_property

@@ -146,12 +146,12 @@ def _die_without_number(one):
         case("joint_path", scene="slides away", law_over_block=1e6, friction=1.5, method="Schur"),
         case("joint_path", scene="opens", law_over_block=1e12, friction=0.2, method="Schur"),
         case("bolts", pull=2.0, law_over_block=1e12, method="whole"),
-        case(
-            "joint_path",
-            scene="does not match",
-            law_over_block=1e12,
-            friction=1.5,
-            method="whole",
+        *(
+            case("joint_path", scene="does not match", method="whole", **values)
+            for values in (
+                {"law_over_block": 1e12, "friction": 1.5},
+                {"law_over_block": 1e6, "friction": 0.2},  # a reversal that is brought up in parts
+            )
         ),
         case("rough_cell", slope=0.5, relative_pressure=1e-4, poissons_ratio=0.4999),
         pytest.param(
