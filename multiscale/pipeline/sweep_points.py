@@ -103,16 +103,19 @@ def _question(result: Dataset) -> str:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the range of each answer at the end of the points."""
+    """Report the range of each answer at the ends of points, with digits that its error leaves."""
     told = []
     for name, label in _drawn(result).items():
-        values = sweep_ends(result, name)["value"].values
+        ends = sweep_ends(result, name)
         scale, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("scale", "unit"))
-        known = scale * values[np.isfinite(values)]
+        values = scale * ends["value"].values
+        width = scale * ends["mean_law"].diff("limit").squeeze("limit").values
+        half_width = np.nan_to_num(0.5 * width)
+        known = np.flatnonzero(np.isfinite(values))
         if known.size:
-            beside = "" if unit == "1" else f" {unit}"
-            ends = dict.fromkeys((f"{known.min():.4g}", f"{known.max():.4g}"))
-            told.append(f"{label} {' to '.join(ends)}{beside}")
+            extremes = known[[values[known].argmin(), values[known].argmax()]]
+            limits = dict.fromkeys(round_by(values[k], half_width[k]) for k in extremes)
+            told.append(f"{label} {' to '.join(limits)}{'' if unit == '1' else f' {unit}'}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     points = f"{'all' if solved == count else f'the {solved} with a result of'} {count} points"
     yield f"At the end of {points}: {', '.join(told) or 'nothing known'}."

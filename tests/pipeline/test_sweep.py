@@ -13,7 +13,7 @@ from multiscale.errors import CaseError, FileError, MultiscaleError
 from multiscale.macro import solve_static
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.stages.joint import solve_joint
-from multiscale.pipeline.sweep_points import _places, tabulate_sweep
+from multiscale.pipeline.sweep_points import POINTS, _places, tabulate_sweep
 from multiscale.plotting import plot_sweep, sweep_ends
 from tests.support import TWO_BLOCKS, small_steel, write_law
 
@@ -113,6 +113,9 @@ def test_a_sweep_of_a_joint_that_slips_keeps_its_answers_and_says_which_slides(w
     sweep = load_sweep(write(JOINT))
     result = run_sweep(sweep, tmp_path / "out")
     alone = run(sweep.points[1], tmp_path / "alone").macro_result
+    band = result["joint_stiffness"] * xr.DataArray([0.9, 1.1], dims="limit")
+    (sentence,) = POINTS.answer(result.assign(joint_stiffness_mean_law=band))
+    assert "joint stiffness 9.5 MPa/µm" in sentence  # the digits that 10 % leave
     ends = {name: sweep_ends(result, name)["value"] for name in result["answer"].values}
     assert {"tangential_stiffness", "slipping_load", "cycle_energy"} <= set(ends)
     assert float(ends["cycle_energy"][1]) == float(alone["cycle_energy"][-1])
