@@ -4,12 +4,12 @@ import logging
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -42,7 +42,7 @@ INTERRUPTED = 130
 
 CaseArgument = Annotated[str, typer.Argument(help="A case file, or the name of a shipped case.")]
 JobsOption = Annotated[
-    int, typer.Option(min=0, help="Worker processes; 0 takes one for each core.")
+    int, typer.Option(min=0, help="Worker processes; 0 for the number of cores.")
 ]
 DaskOption = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler, for workers on other machines.")
@@ -58,6 +58,12 @@ VerboseOption = Annotated[
 QuietOption = Annotated[
     bool, typer.Option("-q", "--quiet", help="Print answers, cautions and errors, no progress.")
 ]
+
+
+def _out(help_text: str) -> Any:
+    """Return the option -o of a command."""
+    return typer.Option("-o", "--out", help=help_text)
+
 
 ANYWAY = "also what takes more than a day, or than the memory"
 AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
@@ -82,7 +88,7 @@ def _common(
 @app.command("run")
 def run_command(
     case: CaseArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("results"),
+    out: Annotated[Path, _out("Run folder.")] = Path("results"),
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     resume: Annotated[
@@ -115,14 +121,14 @@ def run_command(
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
     if resume and force:
         raise CaseError("--resume keeps what --force computes anew; give one of them")
-    parts = [part for part in (until, start, only) if part]
-    if len(parts) > 1:
+    selected = [stages for stages in (until, start, only) if stages]
+    if len(selected) > 1:
         raise CaseError("--until, --from and --only exclude each other")
     if law and not start:
-        raise CaseError("--law is of the joints of --from structure; give both")
+        raise CaseError("--law is the law of the joints of --from structure; give both")
     sweep = load_sweep(case)
-    for part in parts:
-        sweep = sweep.only_part(part, law)
+    for stages in selected:
+        sweep = sweep.only_part(stages, law)
     _carry_out(
         sweep,
         out,
@@ -152,7 +158,7 @@ def _carry_out(
     force: bool = False,
     keep: bool = False,
 ) -> None:
-    """Explain or run a sweep, or the one case that it has without parameters, into a folder."""
+    """Explain or run a sweep, or the single case of a sweep without parameters."""
     _refuse_both(verbose, quiet)
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import refuse_excess, requirements, run, run_sweep
@@ -162,9 +168,9 @@ def _carry_out(
 
     if quick:
         if any(point.accuracy for point in sweep.points):
-            typer.echo("--quick leaves out the target of [accuracy]", err=True)
-        for kept in dict.fromkeys(one.kept for one in stages_of(sweep.points[0].tables)):
-            _warn([kept] if kept else [])
+            _report("--quick leaves out the target of [accuracy]")
+        unchanged = dict.fromkeys(stage.kept for stage in stages_of(sweep.points[0].tables))
+        _warn([*filter(None, unchanged)])
         sweep = sweep.quick()
     if explain:
         prepare(sweep.points[0])
@@ -172,15 +178,15 @@ def _carry_out(
             typer.echo(f"{len(sweep.points)} points; the largest:")
         needs = max(map(requirements, sweep.points), key=lambda needs: needs.memory)
         typer.echo(needs.explain())
-    one = None if sweep.parameters else sweep.points[0]
+    case = None if sweep.parameters else sweep.points[0]
     if checked:
-        refuse_excess(sweep.points, [out] if one else sweep.folders(out), jobs=jobs)
+        refuse_excess(sweep.points, [out] if case else sweep.folders(out), jobs=jobs)
     if explain:
         return
     make_folder(out)
     with logging_to(out / "log.txt"), _working(out, jobs, dask, verbose, quiet) as (pool, progress):
-        if one:
-            run(one, out, executor=pool, progress=progress, force=force)
+        if case:
+            run(case, out, executor=pool, progress=progress, force=force)
         else:
             joined = run_sweep(
                 sweep,
@@ -198,9 +204,7 @@ def _carry_out(
 @app.command("micro")
 def micro_command(
     case: CaseArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Response to write.")] = Path(
-        "micro_response.nc"
-    ),
+    out: Annotated[Path, _out("Response to write.")] = Path("micro_response.nc"),
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     dask: DaskOption = None,
@@ -230,14 +234,12 @@ def fit_command(
         Path,
         typer.Argument(help="Response to fit; or a table .csv of measured stiffnesses or gaps."),
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Law to write.")] = Path(
-        "interface_law.nc"
-    ),
+    out: Annotated[Path, _out("Law to write.")] = Path("interface_law.nc"),
     family: Annotated[
         str,
         typer.Option(
             help="convex_decreasing (the default of a response), exponential or power; of a table "
-            "the best admissible one if not given."
+            "the best admissible family if not given."
         ),
     ] = "",
     shear: Annotated[
@@ -260,11 +262,13 @@ def fit_command(
     _check_dataset(out)
     if response.suffix.lower() == ".csv":
         if shear or sliding:
-            raise CaseError(f"{response}: a table takes no --shear and no --sliding")
-        _fit_table(response, out, family, [to_si(one, "Pa") for one in pressure or ()])
+            raise CaseError(
+                f"{response}: --shear and --sliding belong to a response, not to a table"
+            )
+        _fit_table(response, out, family, [to_si(text, "Pa") for text in pressure or ()])
         return
     if pressure:
-        raise CaseError(f"--pressure is of the law of a table .csv, got {response}")
+        raise CaseError(f"--pressure needs a table .csv, got {response}")
     law = fit_branches(
         open_response(response),
         shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
@@ -274,8 +278,7 @@ def fit_command(
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
     typer.echo(law.attrs["branches"])
-    for line in describe_shear(law):
-        typer.echo(line)
+    _print_lines(describe_shear(law))
 
 
 def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> None:
@@ -286,23 +289,25 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
     from multiscale.pipeline.showing import tabulate_prediction
     from multiscale.upscaling import best_family, fit_law, predict, quantity_of, read_observations
 
-    seen = read_observations(file, quantity_of(file))
-    chosen = family or best_family(seen)[0]
-    law = fit_law(seen, family=chosen)
+    observations = read_observations(file, quantity_of(file))
+    chosen = family or best_family(observations)[0]
+    law = fit_law(observations, family=chosen)
     save_law(law, out)
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    at = np.array(pressure or np.geomspace(low, high, 5))
-    found = predict(law, seen, at)
-    outside = [f"{1e-6 * p:.4g}" for p in at if not 0.999 * low <= p <= 1.001 * high]
+    p_shown = np.array(pressure or np.geomspace(low, high, 5))
+    predictions = predict(law, observations, p_shown)
+    outside = [f"{1e-6 * p:.4g}" for p in p_shown if not 0.999 * low <= p <= 1.001 * high]
     beyond = f"pressures of {', '.join(outside)} MPa lie outside the data; the law extrapolates"
-    _warn([*law.attrs["cautions"].splitlines(), *found.unknown, *([beyond] if outside else [])])
-    n, points = seen.n_realisations, seen.pressure.size
+    _warn(
+        [*law.attrs["cautions"].splitlines(), *predictions.unknown, *([beyond] if outside else [])]
+    )
+    n, points = observations.n_realisations, observations.pressure.size
     title = (
         f"{chosen}{'' if family else ' (the best family)'}: {n} specimen{'s' * (n > 1)} at "
         f"{points} pressures, error at unseen pressures "
         f"{100.0 * float(law.attrs['cross_validated_rms_error']):.2g} %"
     )
-    _print_table(title, *tabulate_prediction(seen.quantity, at, found))
+    _print_table(title, *tabulate_prediction(observations.quantity, p_shown, predictions))
     typer.echo(f"law: {out}")
 
 
@@ -316,7 +321,8 @@ def export_command(
         str, typer.Option(help="abaqus or calculix: write friction and stick stiffness for it.")
     ] = "",
     stick_pressure: Annotated[
-        str, typer.Option(help='Pressure whose stick stiffness is written, such as "20 MPa".')
+        str,
+        typer.Option(help='Pressure at which the stick stiffness is written, such as "20 MPa".'),
     ] = "",
     conductance: Annotated[
         str, typer.Option(help="abaqus or calculix: write the thermal conductance for it.")
@@ -376,9 +382,7 @@ def export_command(
 @app.command("macro")
 def macro_command(
     case: CaseArgument,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Result to write.")] = Path(
-        "macro_result.nc"
-    ),
+    out: Annotated[Path, _out("Result to write.")] = Path("macro_result.nc"),
     quick: Annotated[
         bool, typer.Option("--quick", help="At most 4 x 4 modules, or few elements and steps.")
     ] = False,
@@ -413,10 +417,8 @@ def macro_command(
         return
     _warn(result.attrs.get("cautions", "").splitlines())
     stage, *more = stages_of(settings.tables)
-    for line in stage.lines(result):
-        typer.echo(line)
-    for one in more:
-        typer.echo(f"{one.name}: {out.with_name(f'{out.stem}-{one.file}')}")
+    _print_lines(stage.lines(result))
+    _print_lines(f"{other.name}: {out.with_name(f'{out.stem}-{other.file}')}" for other in more)
     fields = out.parent / "fields" / f"{out.stem}.pvd"
     typer.echo(f"dataset: {out}" + (f"; for ParaView: {fields}" if stage.write_fields else ""))
     if failure := stage.failure(result):
@@ -446,17 +448,15 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 @app.command("inspect")
 def inspect_command(
     surface: Annotated[Path, typer.Argument(help="Topography file: a map or a line scan.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of dataset and page.")] = Path(
-        "inspection"
-    ),
+    out: Annotated[Path, _out("Folder of dataset and page.")] = Path("inspection"),
     channel: Annotated[str, typer.Option(help="Number, from 0, or name of a channel.")] = "",
     size: Annotated[
         str,
         typer.Option(
-            help='Edge lengths, such as "90 um x 130 um", if the file has none or others.'
+            help='Edge lengths, such as "90 um x 130 um", if they are missing or wrong in the file.'
         ),
     ] = "",
-    unit: Annotated[str, typer.Option(help="Unit of the file, such as um, if it has none.")] = "",
+    unit: Annotated[str, typer.Option(help="Unit of the file, such as um, if it is missing.")] = "",
     detrend_order: Annotated[
         int, typer.Option(min=0, max=2, help="0 mean, 1 plane, 2 curvature.")
     ] = 2,
@@ -467,31 +467,31 @@ def inspect_command(
 ) -> None:
     """Describe a measured surface, and propose cells with the same roughness."""
     edges = to_lengths(size) if size else None
-    one = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
+    metres = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
     from multiscale.io import try_to_write, write_bytes
     from multiscale.pipeline.inspection import INSPECTION, inspect_surface, inspection_lines
     from multiscale.report import write_inspection
 
     if case is not None:
         try_to_write(case)
-    told = inspect_surface(
+    inspection = inspect_surface(
         surface,
         channel=channel or None,
         size=edges,
-        unit=one,
+        unit=metres,
         detrend_order=detrend_order,
         spikes="remove" if remove_spikes else "keep",
     )
-    page = write_inspection(out, told)
-    if case is not None and told.attrs["proposal"]:  # before a pipe may close
-        write_bytes(case, told.attrs["proposal"].encode())
-    _warn(list(INSPECTION.cautions(told)))
-    for line in inspection_lines(told):
-        typer.echo(line)
+    page = write_inspection(out, inspection)
+    proposal = inspection.attrs["proposal"]
+    if case is not None and proposal:  # before a pipe may close
+        write_bytes(case, proposal.encode())
+    _warn(INSPECTION.cautions(inspection))
+    _print_lines(inspection_lines(inspection))
     typer.echo(f"page, figures and dataset: {page}")
-    if case is not None and not told.attrs["proposal"]:
-        raise CaseError(f"{surface}: no case is proposed, and {case} is not written")
     if case is not None:
+        if not proposal:
+            raise CaseError(f"{surface}: no case is proposed, and {case} is not written")
         typer.echo(f"case: {case}")
 
 
@@ -503,13 +503,13 @@ def damage_command(
             help="A case with a table rve, or a TIFF stack or folder with a binary image."
         ),
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("damage"),
+    out: Annotated[Path, _out("Run folder.")] = Path("damage"),
     youngs_modulus: Annotated[
         str, typer.Option(help='For an image: modulus of its solid, such as "71 GPa".')
     ] = "",
     poissons_ratio: Annotated[float, typer.Option(help="For an image: of its solid.")] = 0.3,
     voxel_size: Annotated[
-        str, typer.Option(help='Edge of a voxel, such as "5 um", if the image has none.')
+        str, typer.Option(help='Edge of a voxel, such as "5 um", if it is missing in the image.')
     ] = "",
     void_value: Annotated[float, typer.Option(help="Value of void voxels of the image.")] = 0.0,
     quick: QuickOption = False,
@@ -529,8 +529,8 @@ def damage_command(
         settings = case_of_image(path, youngs_modulus, poissons_ratio, voxel_size, void_value)
     else:
         settings = load_case(volume).only_rve()
-    one = Sweep(settings.title, (), (settings,), ((),))
-    _carry_out(one, out, quick=quick, jobs=jobs, explain=explain, verbose=verbose, quiet=quiet)
+    sweep = Sweep(settings.title, (), (settings,), ((),))
+    _carry_out(sweep, out, quick=quick, jobs=jobs, explain=explain, verbose=verbose, quiet=quiet)
 
 
 @app.command("bench")
@@ -539,12 +539,12 @@ def bench_command(
         list[str] | None,
         typer.Argument(help=f"Families: {', '.join(FAMILIES)}; all if not given."),
     ] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path("bench"),
+    out: Annotated[Path, _out("Folder to write to.")] = Path("bench"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer scenes and grids, one run of each.")
+        bool, typer.Option("--quick", help="Fewer scenes and grids, a single run of each.")
     ] = False,
 ) -> None:
-    """Measure error, run time and memory, beside other codes where they are installed."""
+    """Measure error, run time and memory, and compare with the other codes that are installed."""
     from multiscale.bench.summary import join_families, tabulate_cheapest
     from multiscale.io import try_to_write, write_dataset
     from multiscale.schema import WORK_PRECISION
@@ -559,9 +559,9 @@ def bench_command(
             failed.append(name)
             if not isinstance(error, MultiscaleError):
                 traceback.print_exc()
-            typer.echo(f"multiscale: the family {name} failed: {error}", err=True)
+            _report(f"multiscale: the family {name} failed: {error}")
             continue
-        joined = join_families(measured)  # what is finished stays if the next family is killed
+        joined = join_families(measured)  # finished families stay if the next is killed
         write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
     if measured:
         head, rows = tabulate_cheapest(joined)
@@ -569,12 +569,12 @@ def bench_command(
             _print_table("cheapest way to an error of at most", head, rows)
         typer.echo(f"all runs: {out / 'work_precision.nc'}")
     if failed:
-        said = f"{len(failed)} of {len(chosen)} families failed: {', '.join(failed)}"
-        raise ConvergenceError(said)
+        failures = f"{len(failed)} of {len(chosen)} families failed: {', '.join(failed)}"
+        raise ConvergenceError(failures)
 
 
 def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
-    """Measure a family, leave its dataset and figure, and print its runs."""
+    """Measure a family, write its dataset and figure, and print its runs."""
     from multiscale.bench import bench
     from multiscale.bench.summary import describe_load, tabulate_runs
     from multiscale.io import write_dataset
@@ -582,14 +582,14 @@ def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
     from multiscale.schema import WORK_PRECISION
 
     keep = partial(write_dataset, path=file, schema=WORK_PRECISION)  # if it is killed
-    found = bench(name, quick=quick, report=lambda line: typer.echo(line, err=True), keep=keep)
-    keep(found)
-    figure = draw_work_precision(found, file.with_suffix(".png"))
-    _warn(found.attrs["cautions"].splitlines())
-    _print_table(found.attrs["title"], *tabulate_runs(found))
-    typer.echo(f"load of the machine: {describe_load(found)}")
+    runs = bench(name, quick=quick, report=_report, keep=keep)
+    keep(runs)
+    figure = draw_work_precision(runs, file.with_suffix(".png"))
+    _warn(runs.attrs["cautions"].splitlines())
+    _print_table(runs.attrs["title"], *tabulate_runs(runs))
+    typer.echo(f"load of the machine: {describe_load(runs)}")
     typer.echo(f"dataset and figure: {file}, {figure}")
-    return found
+    return runs
 
 
 @app.command("stability")
@@ -600,9 +600,7 @@ def stability_command(
             help=f"Families of the table: {', '.join(STABILITY_FAMILIES)}; all if not given."
         ),
     ] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Dataset to write.")] = Path(
-        "stability.nc"
-    ),
+    out: Annotated[Path, _out("Dataset to write.")] = Path("stability.nc"),
     jobs: JobsOption = 0,
 ) -> None:
     """Run every stiff and extreme case: each converges, is refused, or fails."""
@@ -613,27 +611,26 @@ def stability_command(
     cases = read_cases()
     chosen = _choose(families, STABILITY_FAMILIES)
     _check_dataset(out)
-    found = check_stability(
+    outcomes = check_stability(
         [case for case in cases if case.family in chosen],
         jobs=jobs or cores(),
-        report=lambda line: typer.echo(line, err=True),
-        keep=lambda found: write_dataset(found, out, STABILITY),
+        report=_report,
+        keep=partial(write_dataset, path=out, schema=STABILITY),
     )
-    _print_table(found.attrs["title"], *tabulate_stability(found))
+    _print_table(outcomes.attrs["title"], *tabulate_stability(outcomes))
     typer.echo(f"dataset: {out}")
-    failed = int((found["outcome"] == 0).sum())
+    failed = int((outcomes["outcome"] == 0).sum())
     if failed:
-        raise ConvergenceError(f"{failed} of {found.sizes['case']} cases failed; {out} says how")
+        raise ConvergenceError(f"{failed} of {outcomes.sizes['case']} cases failed; see {out}")
 
 
 def _show_finished(out: Path, title: str, more: str = "") -> None:
-    """Write the report of a run, print its answers, and end with 1 where some are missing."""
+    """Write the report of a run and print its answers; a missing answer is an error."""
     from multiscale.report import show_run
 
     finished = show_run(out)
     _warn(finished.cautions)
-    for line in finished.lines():
-        typer.echo(line)
+    _print_lines(finished.lines())
     typer.echo(f"report, figures and datasets: {out}{more}")
     if finished.failure:
         raise ConvergenceError(f"{title}: {finished.failure}")
@@ -643,26 +640,25 @@ def _show_finished(out: Path, title: str, more: str = "") -> None:
 def _working(
     out: Path, jobs: int, dask: str | None, verbose: bool, quiet: bool
 ) -> Iterator[tuple["Executor | None", "ShowProgress"]]:
-    """Give workers and a display of progress, and say after Ctrl-C how to go on."""
+    """Yield workers and a display of progress; after Ctrl-C print how to continue."""
     try:
         with workers(jobs, dask) as executor, _shown(verbose, quiet) as progress:
             yield executor, progress
     except KeyboardInterrupt:
-        typer.echo(
-            f"multiscale: interrupted; finished parts are kept in {out}, and the same command "
-            f"goes on with the others",
-            err=True,
+        _report(
+            f"multiscale: interrupted; finished jobs are kept in {out}, and the same command "
+            f"goes on with the others"
         )
         raise typer.Exit(INTERRUPTED) from None
 
 
 def _refuse_both(verbose: bool, quiet: bool) -> None:
-    """Refuse habits that exclude each other before anything is made."""
+    """Refuse options that exclude each other, before any folder is made."""
     if quiet and verbose:
         raise typer.BadParameter("--quiet and --verbose exclude each other")
 
 
-LINES = 20  # of progress, for each kind of parts
+LINES = 20  # of progress, for each kind of job
 
 
 @contextmanager
@@ -672,7 +668,7 @@ def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
         logging.basicConfig(format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
         logging.getLogger("multiscale").setLevel(logging.INFO)
     if quiet or verbose:
-        yield lambda finished, total, parts: None
+        yield lambda finished, total, jobs: None
     elif sys.stderr.isatty():
         with _bars() as progress:
             yield progress
@@ -681,27 +677,27 @@ def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
 
 
 def _lines() -> "ShowProgress":
-    """Print a line for each part, or for each twentieth of many, with the time left."""
+    """Print a line for each job, or for each twentieth of many, with the time left."""
     begin: dict[str, tuple[int, float]] = {}
     shown: dict[str, int] = {}
 
-    def tell(finished: int, total: int, parts: str) -> None:
-        first, since = begin.setdefault(parts, (finished, perf_counter()))
-        if finished < total and shown.get(parts) == LINES * finished // total:
+    def show(finished: int, total: int, jobs: str) -> None:
+        first, since = begin.setdefault(jobs, (finished, perf_counter()))
+        if finished < total and shown.get(jobs) == LINES * finished // total:
             return
-        shown[parts] = LINES * finished // max(total, 1)
+        shown[jobs] = LINES * finished // max(total, 1)
         left = ""
         if first < finished < total:
             each = (perf_counter() - since) / (finished - first)
             left = f", about {readable_time(each * (total - finished))} left"
-        typer.echo(f"{finished} of {total} {parts}{left}", err=True)
+        _report(f"{finished} of {total} {jobs}{left}")
 
-    return tell
+    return show
 
 
 @contextmanager
 def _bars() -> Iterator["ShowProgress"]:
-    """Show a bar for each kind of parts, with the time left."""
+    """Show a bar for each kind of job, with the time left."""
     from rich.console import Console
     from rich.progress import Progress as Bars
     from rich.progress import TaskID
@@ -709,12 +705,12 @@ def _bars() -> Iterator["ShowProgress"]:
     tasks: dict[str, TaskID] = {}
     with Bars(console=Console(stderr=True)) as bars:
 
-        def tell(finished: int, total: int, parts: str) -> None:
-            if parts not in tasks:
-                tasks[parts] = bars.add_task(parts, total=total)
-            bars.update(tasks[parts], completed=finished, total=total)
+        def show(finished: int, total: int, jobs: str) -> None:
+            if jobs not in tasks:
+                tasks[jobs] = bars.add_task(jobs, total=total)
+            bars.update(tasks[jobs], completed=finished, total=total)
 
-        yield tell
+        yield show
 
 
 def _load_with(table: str, case: str) -> "Case":
@@ -727,9 +723,18 @@ def _load_with(table: str, case: str) -> "Case":
     raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")
 
 
-def _warn(cautions: Sequence[str]) -> None:
+def _report(line: str) -> None:
+    typer.echo(line, err=True)
+
+
+def _warn(cautions: Iterable[str]) -> None:
     for caution in cautions:
-        typer.echo(f"caution: {caution}", err=True)
+        _report(f"caution: {caution}")
+
+
+def _print_lines(lines: Iterable[str]) -> None:
+    for line in lines:
+        typer.echo(line)
 
 
 def _check_dataset(out: Path) -> None:
@@ -738,14 +743,14 @@ def _check_dataset(out: Path) -> None:
 
     if out.suffix != ".nc":
         raise CaseError(
-            f"-o {out}: the result is one dataset, whose file ends in .nc; write it to "
+            f"-o {out}: the result is a dataset in a file that ends in .nc; write it to "
             f"{out.name or 'result'}.nc, for instance"
         )
     try_to_write(out)
 
 
 def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
-    """Give the families asked for, all if none is."""
+    """Return the families that are asked for, or all."""
     for name in families or ():
         if name not in known:
             raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")
@@ -755,21 +760,20 @@ def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
 def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     from multiscale.pipeline.stage import format_table
 
-    for line in format_table(title, head, rows):
-        typer.echo(line)
+    _print_lines(format_table(title, head, rows))
 
 
 def main() -> None:
-    """Run the command line; a refused input is one sentence and exit status 1."""
-    warnings.formatwarning = lambda message, *_: f"caution: {message}\n"
+    """Run the command line; a refused input ends with its message and exit status 1."""
+    warnings.formatwarning = lambda warning, *_: f"caution: {warning}\n"
     try:
         app()
         return
     except MultiscaleError as error:
-        said = str(error)
+        message = str(error)
     except MemoryError as error:
-        said = f"not enough memory ({error}); use fewer points or jobs"
+        message = f"not enough memory ({error}); use fewer points or jobs"
     except OSError as error:  # of standard output, for instance
-        said = f"{error}; free some space or look at the permissions"
-    typer.echo(f"multiscale: {said}", err=True)
+        message = f"{error}; free some space or look at the permissions"
+    _report(f"multiscale: {message}")
     raise SystemExit(1)

@@ -67,7 +67,7 @@ def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
         interrupt(begun)
     assert ended.value.exit_code == 130
     assert isinstance(begun[0].exception(), BrokenProcessPool)  # nobody waits for the job
-    assert "interrupted; finished parts are kept in results" in capsys.readouterr().err
+    assert "interrupted; finished jobs are kept in results" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["run", "-h"], ["cases"]])
@@ -103,7 +103,7 @@ def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(sys, "argv", ["multiscale", "fit", str(file), *out, "--shear", "s.nc"])
     with pytest.raises(SystemExit, match="1"):
         cli.main()
-    assert "a table takes no --shear and no --sliding" in capsys.readouterr().err
+    assert "--shear and --sliding belong to a response" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_a_part_of_a_case_has_its_stages_only(command, case, option, stages, lef
     ("options", "sentence"),
     [
         (["--until", "law", "--only", "rve"], "--until, --from and --only exclude each other"),
-        (["--law", "law.nc"], "--law is of the joints of --from structure"),
+        (["--law", "law.nc"], "--law is the law of the joints"),
         (["--from", "structure"], "the structure has joints but no law"),  # its cells are left out
         (["--only", "rve"], "the case has no [rve]"),
     ],

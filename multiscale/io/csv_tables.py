@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Callable
-from math import inf, isfinite
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from multiscale.io.files import read_text
 __all__ = ["finite", "positive", "read_table"]
 
 SEPARATORS = (";", "\t", ",")
-"""The first one that the line of names has separates all entries."""
+"""The first mark that the line of names contains separates all entries."""
 
 
 def finite(cell: str) -> float:
@@ -24,7 +24,7 @@ def finite(cell: str) -> float:
 
 def positive(cell: str) -> float:
     """Read a finite number above zero."""
-    if not 0.0 < (number := float(cell)) < inf:
+    if not (number := finite(cell)) > 0.0:
         raise ValueError(cell)
     return number
 
@@ -64,7 +64,7 @@ def read_table(
     """
     text = read_text(path).splitlines()
     names = next((line for line in text if line.strip()), "")
-    separator = next((one for one in SEPARATORS if one in names), ",")
+    separator = next((mark for mark in SEPARATORS if mark in names), ",")
     lines = csv.reader(text, delimiter=separator)
     rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if row]
     if not rows:

@@ -64,7 +64,7 @@ def write_dataset(
 
     schema.check(dataset)
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    whole = dataset.assign_attrs(
+    complete = dataset.assign_attrs(
         Conventions="CF-1.11",
         schema=schema.name,
         schema_version=schema.version,
@@ -76,7 +76,7 @@ def write_dataset(
     content = BytesIO()
     # to_netcdf would import dask where it is installed, and ask a cluster for a lock on these bytes
     with h5netcdf.File(content, "w") as file:
-        whole.dump_to_store(xr.backends.H5NetCDFStore(file, lock=False))
+        complete.dump_to_store(xr.backends.H5NetCDFStore(file, lock=False))
     write_bytes(path, content.getvalue())
 
 
@@ -130,7 +130,7 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
 
 
 def _load(path: Path) -> "xr.Dataset | None":
-    """Load a file; None if it is damaged. Then h5py and xarray raise exceptions of many kinds."""
+    """Load a file; None if it is damaged, for which h5py and xarray raise many exceptions."""
     import h5netcdf
     import xarray as xr
 
@@ -164,7 +164,7 @@ def save_law(law: "xr.Dataset", path: str | PathLike[str]) -> None:
 
 
 def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
-    """Read what the stages of a run have left: one node for each dataset, named as its stage.
+    """Read the datasets of a run: a node for each dataset, named as its stage.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
     Returns
     -------
     DataTree
-        With the datasets that are there, such as ``micro_response``, ``shear_response``,
+        The available datasets, such as ``micro_response``, ``shear_response``,
         ``interface_law`` and ``macro_result`` of a case with cells that are sheared.
 
     Raises
@@ -184,17 +184,17 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
     import xarray as xr
 
     folder = Path(folder)
-    found = {
+    datasets = {
         f"/{name}": open_dataset(folder / f"{name}.nc", schema)
         for name, schema in SCHEMAS.items()
         if (folder / f"{name}.nc").exists()
     }
-    if not found:
+    if not datasets:
         raise SchemaError(
             f"{folder}: no results; a run leaves the dataset of each of its stages there, such as "
             f"{INTERFACE_LAW.name}.nc"
         )
-    return xr.DataTree.from_dict(found, name=folder.name)
+    return xr.DataTree.from_dict(datasets, name=folder.name)
 
 
 @contextmanager

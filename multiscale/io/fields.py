@@ -22,7 +22,7 @@ __all__ = [
 
 LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
 NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step
-ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}  # elements in meshio by their number of corners
+ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}  # in meshio, by the number of corners
 ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")  # of elements at every step
 CONSTANT_VARIABLES = ("element_body", "element_damage")  # of elements without steps
 LIFE_VARIABLES = ("damage", "cracked_share", "plastic_strain", "first_crack")  # of elements
@@ -30,7 +30,7 @@ POINT_VARIABLES = ("gap", "contact_state")  # of the points of joints at every s
 
 
 def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Path) -> None:
-    """Write one VTU file per step: the surface as quadrilaterals with pressure, Pa, and gap, m.
+    """Write a VTU file per step: the surface as quadrilaterals with pressure, Pa, and gap, m.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Pat
 
 
 def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> Path:
-    """Write one VTU file per step, and the collection that ParaView opens as a series.
+    """Write a VTU file per step, and the collection that ParaView opens as a series.
 
     The links are lines between the nodes of the unloaded structure, with tension and slack;
     the filter *Warp By Vector* with the displacement of the nodes moves them.
@@ -100,7 +100,7 @@ def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> 
 
 
 def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") -> Path:
-    """Write the elements of every step, and the points of joints beside them as a second part.
+    """Write the elements of every step, and the points of joints as a second part.
 
     The filter *Warp By Vector* with the displacement of the nodes moves the bodies. Points have
     gap, m, pressure and magnitude of the shear traction, Pa, ``contact_state`` (0 open, 1 sticks,
@@ -122,8 +122,7 @@ def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") ->
     import meshio
 
     _require(result, ("position", "displacement", "corners"), "elastic bodies")
-    corners = result["corners"].values
-    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
+    elements = _elements(result["corners"].values)
 
     def parts(step: int) -> dict[str, Any]:
         values = {key: [result[key].values[step]] for key in ELEMENT_VARIABLES if key in result}
@@ -160,8 +159,7 @@ def write_mode_fields(result: Dataset, folder: Path, *, name: str = "modes") -> 
     import meshio
 
     VIBRATION.check(result)
-    corners = result["corners"].values
-    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
+    elements = _elements(result["corners"].values)
     body = {"element_body": [result["element_body"].values]}
     meshes = (
         {"": meshio.Mesh(result["position"].values, elements, {"shape": shape}, body)}
@@ -171,7 +169,7 @@ def write_mode_fields(result: Dataset, folder: Path, *, name: str = "modes") -> 
 
 
 def write_life_fields(life: Dataset, folder: Path, *, name: str = "life") -> Path:
-    """Write the elements of a body with their damage and life, as one VTU file.
+    """Write the elements of a body with their damage and life, as a VTU file.
 
     Elements have the mean damage and plastic strain of their inclusions, the share of these that
     has cracked, the cycles to the first crack and the von Mises amplitude, Pa.
@@ -184,15 +182,14 @@ def write_life_fields(life: Dataset, folder: Path, *, name: str = "life") -> Pat
     """
     import meshio
 
-    corners = life["corners"].values.astype(int)
     values = {key: [life[key].values] for key in (*LIFE_VARIABLES, "equivalent_amplitude")}
-    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
+    elements = _elements(life["corners"].values.astype(int))
     mesh = meshio.Mesh(life["position"].values, elements, cell_data=values)
     return _write_series(folder, name, life["cycles"].values[-1:], [{"": mesh}])
 
 
 def write_grain_fields(result: Dataset, folder: Path, *, name: str = "grains") -> Path:
-    """Write one VTU file per frame, and the collection that ParaView opens as a series.
+    """Write a VTU file per frame, and the collection that ParaView opens as a series.
 
     A grain is a point with its radius, m, velocity, m/s, and, if grains turn, spin, rad/s. The
     filter *Glyph* shows it as a sphere scaled by twice the radius. A contact is a line with its
@@ -241,11 +238,15 @@ def _frame(result: Dataset, k: int) -> Any:
     )
 
 
+def _elements(corners: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    return [(ELEMENT_NAMES[corners.shape[1]], corners)]
+
+
 def _require(result: Dataset, names: tuple[str, ...], kind: str) -> None:
-    """Refuse a result that is not of the structures of a kind."""
+    """Refuse a result without the variables of a kind of structure."""
     MACRO_RESULT.check(result)
     if missing := [needed for needed in names if needed not in result]:
-        raise SchemaError(f"the result has no {', '.join(missing)}: it is no result of {kind}")
+        raise SchemaError(f"the result has no {', '.join(missing)}: it is not a result of {kind}")
 
 
 def _timesteps(result: Dataset) -> np.ndarray:
@@ -259,7 +260,7 @@ def _timesteps(result: Dataset) -> np.ndarray:
 def _write_series(
     folder: Path, name: str, times: np.ndarray, steps: Iterable[dict[str, Any]]
 ) -> Path:
-    """Write one VTU file for each step and part, the main part ``""``, and their collection."""
+    """Write a VTU file for each step and part (``""`` is the main part), and their collection."""
     entries = []
     for k, (at, meshes) in enumerate(zip(times, steps, strict=True)):
         for number, (part, mesh) in enumerate(meshes.items()):

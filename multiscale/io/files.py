@@ -11,13 +11,16 @@ from tempfile import mkstemp
 from multiscale.errors import CaseError, FileError, suggest
 
 __all__ = [
+    "check_file",
+    "first_line",
     "logging_to",
     "make_folder",
+    "missing_file",
     "read_bytes",
     "read_text",
     "remove",
     "replacing",
-    "say_missing",
+    "system_reason",
     "try_to_write",
     "write_bytes",
     "writing",
@@ -32,28 +35,32 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
     FileError
         If the disk is full or the folder cannot be written to.
     """
-    with replacing(path) as part:
-        part.write_bytes(content)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary name beside a file, and rename it if no error occurs; see `write_bytes`."""
+    """Yield a temporary name in the folder of a file, and rename it if no error occurs."""
     with writing(path):
-        descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        part = Path(name)
+        temporary = _temporary_file(path)
         try:
-            os.close(descriptor)
-            yield part
-            with part.open("rb+") as file:
+            yield temporary
+            with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
             mask = os.umask(0)  # a temporary file is private; set the mode of ordinary files
             os.umask(mask)
-            part.chmod(0o666 & ~mask)
-            part.replace(path)
+            temporary.chmod(0o666 & ~mask)
+            temporary.replace(path)
         except BaseException:
-            part.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             raise
+
+
+def _temporary_file(path: Path) -> Path:
+    descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    os.close(descriptor)
+    return Path(name)
 
 
 @contextmanager
@@ -65,20 +72,21 @@ def writing(path: Path) -> Iterator[None]:
         remedy = "choose another folder"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             remedy = "finished results stay, so free some space and run again"
-        raise FileError(
-            f"cannot write {path}: {(error.strerror or str(error)).lower()}; {remedy}"
-        ) from error
+        raise FileError(f"cannot write {path}: {system_reason(error)}; {remedy}") from error
+
+
+def system_reason(error: OSError) -> str:
+    """Return the reason of an error of the operating system."""
+    return (error.strerror or str(error)).lower()
 
 
 def try_to_write(path: Path) -> None:
-    """Make the folder of a file, and refuse a file that cannot be written, before a long run."""
+    """Create the folder of a file, and refuse a file that cannot be written, before a long run."""
     make_folder(path.parent)
     with writing(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        descriptor, name = mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        os.close(descriptor)
-        Path(name).unlink()
+        _temporary_file(path).unlink()
 
 
 def remove(path: Path) -> None:
@@ -88,7 +96,7 @@ def remove(path: Path) -> None:
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder and its parents, and return it."""
+    """Create a folder and its parents, and return it."""
     with writing(path):
         path.mkdir(parents=True, exist_ok=True)
     return path
@@ -114,7 +122,7 @@ def logging_to(path: Path) -> Iterator[None]:
 
 
 class _RunLog(logging.FileHandler):
-    """A log without errors of its own: other writers report a full disk."""
+    """A log that raises no errors: other writers report a full disk."""
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
         """Leave out the line that cannot be written."""
@@ -128,22 +136,35 @@ def read_bytes(path: Path) -> bytes:
     CaseError
         If the file is missing, cannot be read, or is a device or a pipe.
     """
-    if path.is_char_device() or path.is_fifo() or path.is_socket():
-        raise CaseError(f"{path}: is a device or a pipe; give a file")
+    check_file(path)
     try:
         return path.read_bytes()
-    except FileNotFoundError as error:
-        raise CaseError(say_missing(path)) from error
     except OSError as error:
-        raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+        raise CaseError(f"{path}: {system_reason(error)}") from error
 
 
-def say_missing(path: Path) -> str:
-    """Say that there is no such file, and whether its folder has one with a similar name."""
+def check_file(path: Path, kind: str = "file") -> None:
+    """Refuse a path that is missing, a folder, a device or a pipe; ``kind`` is the file needed."""
+    if path.is_dir():
+        raise CaseError(f"{path}: is a directory; give a {kind} in it")
+    if not path.exists():
+        raise CaseError(missing_file(path))
+    if not path.is_file():
+        raise CaseError(f"{path}: is a device or a pipe; give a {kind}")
+
+
+def missing_file(path: Path) -> str:
+    """Format the message about a missing file, with a similar name in its folder if any."""
     names: list[str] = []
     with suppress(OSError):
         names = [entry.name for entry in path.parent.iterdir()]
     return f"{path}: no such file; {suggest(path.name, names, 'check the name and the folder')}"
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an error of a library, or its class if it has no message."""
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0][:200].rstrip(".")
 
 
 def read_text(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Models of the mesh generator gmsh: empty models, its own scripts and meshes in its formats."""
+"""Models of the mesh generator gmsh: empty models, geometry scripts, and meshes in its formats."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ __all__ = ["gmsh_model", "mesh_geometry", "write_whole_mesh"]
 
 @contextmanager
 def gmsh_model(name: str) -> Iterator[Any]:
-    """Open an empty model of gmsh, and keep the signal handlers of the process."""
+    """Open an empty model of gmsh, without a change of the signal handlers of the process."""
     try:
         import gmsh
     except (ImportError, OSError) as error:
@@ -45,15 +45,15 @@ def gmsh_model(name: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _reasons(gmsh: Any, what: str) -> Iterator[None]:
+def _refusals(gmsh: Any, subject: str) -> Iterator[None]:
     """Report an error of gmsh with the first error of its log."""
     gmsh.logger.start()
     try:
         yield
     except Exception as error:  # gmsh raises bare Exceptions
         wrong = [line for line in gmsh.logger.get() if line.startswith("Error")]
-        told = (wrong or str(error).splitlines() or ["no reason given"])[0]
-        raise CaseError(f"gmsh refuses the {what} ({told})") from error
+        reason = (wrong or str(error).splitlines() or ["no reason given"])[0]
+        raise CaseError(f"gmsh refuses the {subject} ({reason})") from error
     finally:
         gmsh.logger.stop()
 
@@ -61,14 +61,14 @@ def _reasons(gmsh: Any, what: str) -> Iterator[None]:
 @contextmanager
 def _silent() -> Iterator[None]:
     """Drop prints of the libraries of gmsh: the reader of MED writes to the terminal on errors."""
-    kept = os.dup(2)
+    stderr = os.dup(2)
     try:
         with Path(os.devnull).open("w") as nowhere:
             os.dup2(nowhere.fileno(), 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(stderr, 2)
+        os.close(stderr)
 
 
 @lru_cache(maxsize=8)
@@ -78,7 +78,7 @@ def mesh_geometry(script: str, element_size: float) -> bytes:
         source, made = Path(folder) / "geometry.geo", Path(folder) / "geometry.msh"
         source.write_text(script, encoding="utf-8")
         try:
-            with _reasons(gmsh, "geometry"):
+            with _refusals(gmsh, "geometry"):
                 gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)  # the script may read it
                 gmsh.merge(str(source))
                 gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
@@ -92,7 +92,7 @@ def mesh_geometry(script: str, element_size: float) -> bytes:
 
 def write_whole_mesh(path: Path, made: Path) -> None:
     """Read a mesh by gmsh, and write all its elements in format 4.1 of gmsh."""
-    with gmsh_model("mesh") as gmsh, _reasons(gmsh, "mesh"):
+    with gmsh_model("mesh") as gmsh, _refusals(gmsh, "mesh"):
         with _silent():
             gmsh.merge(str(path))
         for dimension in range(4):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.io.files import first_line, missing_file
 
 __all__ = ["VoxelImage", "read_images"]
 
@@ -69,8 +70,8 @@ class VoxelImage:
     def floating(self) -> np.ndarray:
         """Whether a voxel is solid that floats in voids, shape (nx, ny, nz).
 
-        Such pieces meet the largest one by no face of a voxel, and at most one side of the box:
-        pieces between two sides may be held outside.
+        A floating piece has no common face of voxels with the largest piece and touches at most
+        one side of the box: pieces between two sides may be supported outside.
         """
         from scipy.ndimage import label
 
@@ -78,10 +79,10 @@ class VoxelImage:
         sides = np.zeros(number + 1, int)
         for axis, end in product(range(3), (0, -1)):
             sides[np.unique(np.take(pieces, end, axis))] += 1
-        held = sides > 1
-        held[np.argmax(np.bincount(pieces.ravel(), minlength=2)[1:]) + 1 if number else 0] = True
-        held[0] = True
-        floating: np.ndarray = ~held[pieces]
+        supported = sides > 1
+        largest = np.argmax(np.bincount(pieces.ravel(), minlength=2)[1:]) + 1 if number else 0
+        supported[0] = supported[largest] = True
+        floating: np.ndarray = ~supported[pieces]
         return floating
 
     def without_floating(self) -> "VoxelImage":
@@ -89,13 +90,13 @@ class VoxelImage:
         return VoxelImage(self.void | self.floating, self.size)
 
     def coarsened(self) -> "VoxelImage":
-        """Halve the resolution: a voxel is void if more than half of its eight parts are."""
+        """Halve the resolution: a voxel is void if more than half of its 8 voxels are."""
         shape = [n - n % 2 for n in self.void.shape]
         if min(shape) < 2:
             raise CaseError(f"an image of {self.void.shape} voxels cannot be coarsened")
         whole = self.void[: shape[0], : shape[1], : shape[2]]
-        parts = whole.reshape(shape[0] // 2, 2, shape[1] // 2, 2, shape[2] // 2, 2)
-        count = parts.sum(axis=(1, 3, 5))
+        fine = whole.reshape(shape[0] // 2, 2, shape[1] // 2, 2, shape[2] // 2, 2)
+        count = fine.sum(axis=(1, 3, 5))
         # every second undecided voxel is void, so that the porosity keeps its mean
         odd = np.indices(count.shape).sum(axis=0) % 2
         x, y, z = (n * h for n, h in zip(shape, self.spacing, strict=True))
@@ -126,11 +127,11 @@ class VoxelImage:
         return np.asarray(self.void[tuple(index)])
 
     def window(self, share: float, corner: Sequence[int]) -> "VoxelImage":
-        """Cut a part of a share of the edges at a corner, (0 or 1) x 3, of whole voxels."""
+        """Cut a box with a share of the edges out of a corner, (0 or 1) x 3, in whole voxels."""
         n = [max(1, round(share * k)) for k in self.void.shape]
-        start = [far * (k - part) for far, k, part in zip(corner, self.void.shape, n, strict=True)]
-        cut = tuple(slice(a, a + part) for a, part in zip(start, n, strict=True))
-        x, y, z = (part * h for part, h in zip(n, self.spacing, strict=True))
+        start = [far * (k - m) for far, k, m in zip(corner, self.void.shape, n, strict=True)]
+        cut = tuple(slice(a, a + m) for a, m in zip(start, n, strict=True))
+        x, y, z = (m * h for m, h in zip(n, self.spacing, strict=True))
         return VoxelImage(self.void[cut], (x, y, z))
 
 
@@ -147,7 +148,7 @@ def read_images(
     path : path
         File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names with
         numbers as numbers, are slices along z.
-    void_value : float, value of void voxels; the image must have at most one other value
+    void_value : float, value of void voxels; the image must have at most a second value
     voxel_size : float or sequence of float, optional
         Edge of cubic voxels, or edges along x, y and z, m. Read from the file if not given.
 
@@ -163,8 +164,8 @@ def read_images(
     """
     path = Path(path)
     if not path.exists():
-        raise CaseError(f"{path}: no such file or folder; check the name")
-    pages, found = _read_pages(path)
+        raise CaseError(missing_file(path))
+    pages, edges_in_file = _read_pages(path)
     if pages.ndim != 3:
         raise CaseError(
             f"{path}: holds an array of shape {pages.shape}; give a stack of grey images"
@@ -175,7 +176,7 @@ def read_images(
             f"{path}: not a binary image with void {void_value:g}: {values.size} values from "
             f"{values[0]:g} to {values[-1]:g}; threshold it first, or name the void_value"
         )
-    edges = voxel_size if voxel_size is not None else found
+    edges = voxel_size if voxel_size is not None else edges_in_file
     if edges is None:
         raise CaseError(
             f"{path}: the file does not give the size of its voxels along x, y and z; give "
@@ -209,26 +210,29 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
             slices = tifffile.natural_sorted(names)
             if not slices:
                 raise CaseError(f"{path}: the folder holds no .tif file; give the slices as TIFF")
-            return _stack(path, [Path(p) for p in slices], [tifffile.imread(p) for p in slices])
+            pages = [tifffile.imread(p) for p in slices]
+            return _stack(path, [Path(p) for p in slices], pages), None
         with tifffile.TiffFile(path) as file:
             return np.asarray(file.asarray()), _voxel_edges(file)
     except CaseError:
         raise
     except Exception as error:  # damaged files raise exceptions of any kind
-        line = (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
-        raise CaseError(f"{path}: cannot be read as images ({line}); export it again") from error
+        raise CaseError(
+            f"{path}: cannot be read as images ({first_line(error)}); export it again"
+        ) from error
 
 
-def _stack(path: Path, files: list[Path], pages: list[np.ndarray]) -> tuple[np.ndarray, None]:
-    """Stack slices of one shape and type, which do not give the size of their voxels."""
+def _stack(path: Path, files: list[Path], pages: list[np.ndarray]) -> np.ndarray:
+    """Stack slices of equal shape and type."""
     first = pages[0]
     for file, page in zip(files, pages, strict=True):
         if page.shape != first.shape or page.dtype != first.dtype:
             raise CaseError(
                 f"{path}: the slices are of two formats, {first.shape} of {first.dtype} in "
-                f"{files[0].name} and {page.shape} of {page.dtype} in {file.name}; give one of them"
+                f"{files[0].name} and {page.shape} of {page.dtype} in {file.name}; give slices of "
+                f"a single format"
             )
-    return np.stack(pages), None
+    return np.stack(pages)
 
 
 def _voxel_edges(file: Any) -> tuple[float, float, float] | None:

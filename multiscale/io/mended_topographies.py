@@ -1,4 +1,4 @@
-"""Sound topography files that their reader refuses, written anew in memory as it expects them."""
+"""Sound topography files that their reader refuses, rewritten in memory for the reader."""
 
 import re
 from collections.abc import Callable
@@ -23,7 +23,7 @@ MOST_MISSING = 0.9
 
 
 def mend(content: bytes) -> BytesIO | None:
-    """Write the content of a file anew, if it is of a kind that can be mended."""
+    """Rewrite the content of a file of a kind that can be mended; None for other kinds."""
     menders: dict[bytes, Callable[[bytes], BytesIO | None]] = {
         ZIP: _mend_x3p,
         TRUEMAP: _mend_truemap,
@@ -48,7 +48,9 @@ def _mend_x3p(content: bytes) -> BytesIO | None:
         revision.text = revision.text.replace("\N{EN DASH}", "-")
     with ZipFile(mended, "w") as new:
         if record is not None and (listed := record.find("DataList")) is not None:
-            heights = np.array([float(one.text or "nan") for one in listed.iter("Datum")], "<f8")
+            heights = np.array(
+                [float(datum.text or "nan") for datum in listed.iter("Datum")], "<f8"
+            )
             new.writestr("bindata/data.bin", heights.tobytes())
             record.remove(listed)
             link = ElementTree.SubElement(
@@ -75,20 +77,25 @@ def _mend_truemap(content: bytes) -> BytesIO:
 def _mend_zygo(content: bytes) -> BytesIO:
     """Write the heights of a Zygo file, at columns and rows of pixels, as a matrix."""
     pattern = rb"^(\d+)[ \t]+(\d+)[ \t]+(No Data|[-+.\deE]+)[ \t]*\r?$"
-    found = re.findall(pattern, content, re.MULTILINE)
-    column, row = (np.array([int(one[k]) for one in found]) for k in (0, 1))
+    columns, rows, entries = zip(*re.findall(pattern, content, re.MULTILINE), strict=True)
+    row, column = np.array(rows, dtype=int), np.array(columns, dtype=int)
     heights = np.full((row.max() + 1, column.max() + 1), np.nan)
-    heights[row, column] = [np.nan if one[2] == b"No Data" else float(one[2]) for one in found]
-    mended = BytesIO()
-    np.savetxt(mended, heights)
-    mended.seek(0)
-    return mended
+    heights[row, column] = [np.nan if entry == b"No Data" else float(entry) for entry in entries]
+    return _text(heights)
+
+
+def _text(matrix: np.ndarray, **options: str) -> BytesIO:
+    """Write a matrix as text into memory."""
+    text = BytesIO()
+    np.savetxt(text, matrix, **options)
+    text.seek(0)
+    return text
 
 
 def place_on_grid(points: np.ndarray) -> BytesIO | None:
     """Write points x, y, z, shape (n, 3), of a regular grid with all places, NaN where missing.
 
-    Nothing if they lie on none.
+    Returns None if the points do not lie on a regular grid.
     """
     places, steps = [], []
     for values in points[:, :2].T:
@@ -108,7 +115,4 @@ def place_on_grid(points: np.ndarray) -> BytesIO | None:
     heights[y, x] = points[:, 2]
     rows, columns = np.indices(shape)
     whole = np.column_stack([columns.ravel() * steps[0], rows.ravel() * steps[1], heights.ravel()])
-    filled = BytesIO()
-    np.savetxt(filled, whole, fmt="%.17g")
-    filled.seek(0)
-    return filled
+    return _text(whole, fmt="%.17g")

@@ -10,9 +10,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from multiscale.errors import CaseError, listed
+from multiscale.io.files import check_file, system_reason
 from multiscale.io.gmsh_model import write_whole_mesh
 from multiscale.io.mesh_deck import read_deck
-from multiscale.io.named_mesh import NamedMesh, named_mesh
+from multiscale.io.named_mesh import CORNERS, NamedMesh, named_mesh
 
 __all__ = ["MeshArrays", "open_mesh", "read_mesh"]
 
@@ -27,8 +28,6 @@ SHAPES = {
 
 FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
 """Bodies and their facets."""
-
-CORNERS = {"hexahedron": 8, "tetra": 4, "quad": 4, "triangle": 3, "line": 2}
 
 CURVED = ("hexahedron20", "hexahedron27", "tetra10")
 """Solids of second order."""
@@ -46,28 +45,15 @@ HEADS = {
 
 @dataclass(frozen=True)
 class MeshArrays:
-    """A mesh of one kind of element as plain arrays.
+    """A mesh of one kind of element as plain arrays, coordinates in the unit of the file."""
 
-    Attributes
-    ----------
-    kind : str, ``"triangle"``, ``"quad"``, ``"tetra"`` or ``"hexahedron"``
-    points : ndarray, shape (d, n), coordinates of the corners in the unit of the file
-    cells : ndarray of int, shape (elements, corners), corners in the order of VTK
-    boundaries : dict of str to ndarray of int, shape (facets, corners)
-        Corners of the facets of every named boundary.
-    volumes : dict of str to ndarray of int, shape (elements,), elements of every named set of them
-    node_sets : dict of str to ndarray of int, corners in every named set of nodes
-    middles : ndarray, shape (d, elements, nodes), optional
-        Coordinates of the nodes between the corners of elements of second order, in the order of
-        VTK: of edges, of faces and inside.
-    """
-
-    kind: str
-    points: np.ndarray
-    cells: np.ndarray
-    boundaries: dict[str, np.ndarray]
-    volumes: dict[str, np.ndarray] = field(default_factory=dict)
-    node_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    kind: str  # "triangle", "quad", "tetra" or "hexahedron"
+    points: np.ndarray  # (d, n), coordinates of the corners
+    cells: np.ndarray  # (elements, corners), corners in the order of VTK
+    boundaries: dict[str, np.ndarray]  # (facets, corners) of every named boundary
+    volumes: dict[str, np.ndarray] = field(default_factory=dict)  # elements of every named set
+    node_sets: dict[str, np.ndarray] = field(default_factory=dict)  # corners of every named set
+    # (d, elements, nodes) of elements of second order: nodes of edges, of faces and inside, as VTK
     middles: np.ndarray | None = None
 
 
@@ -84,35 +70,39 @@ def open_mesh(path: Path) -> NamedMesh:
     CaseError
         If the file is missing or cannot be read, or an element has a node that is not there.
     """
-    if not path.is_file():
-        raise CaseError(f"no mesh file {path}")
+    check_file(path, "mesh file")
     try:
         with path.open("rb") as file:
             head = file.read(64)
             file.seek(max(0, file.seek(0, 2) - 64))
             tail = file.read().rstrip()
     except OSError as error:
-        raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+        raise CaseError(f"{path}: {system_reason(error)}") from error
     if path.suffix.lower() == ".inp" or head.lstrip().startswith(b"*"):
         return read_deck(path)
     try:
-        mesh = _read_by_meshio(path)
+        mesh = _read_by_meshio_or_gmsh(path, head, tail)
     except CaseError as error:
-        if path.suffix == ".unv" and not tail.endswith(b"-1"):
-            raise CaseError(f"{path} cannot be read as a mesh: the file ends too early") from error
-        if not head.startswith(HEADS.get(path.suffix, ())):
-            raise CaseError(f"{path} cannot be read as a mesh: {error}") from error
-        try:
-            with TemporaryDirectory() as folder:
-                made = Path(folder) / "mesh.msh"
-                write_whole_mesh(path, made)
-                mesh = _read_by_meshio(made)
-        except CaseError as refusal:
-            raise CaseError(f"{path} cannot be read as a mesh: {refusal}") from refusal
+        raise CaseError(f"{path} cannot be read as a mesh: {error}") from error
     for kind, nodes in mesh.cells.items():
         if nodes.min() < 0 or nodes.max() >= len(mesh.points):
             raise CaseError(f"{path}: an element ({kind}) has a node that the file does not define")
     return mesh
+
+
+def _read_by_meshio_or_gmsh(path: Path, head: bytes, tail: bytes) -> NamedMesh:
+    """Read a file by meshio, or by gmsh if its first bytes, ``head``, are of a format of gmsh."""
+    try:
+        return _read_by_meshio(path)
+    except CaseError as error:
+        if path.suffix == ".unv" and not tail.endswith(b"-1"):
+            raise CaseError("the file ends too early") from error
+        if not head.startswith(HEADS.get(path.suffix, ())):
+            raise
+    with TemporaryDirectory() as folder:
+        converted = Path(folder) / "mesh.msh"
+        write_whole_mesh(path, converted)
+        return _read_by_meshio(converted)
 
 
 def _read_by_meshio(path: Path) -> NamedMesh:
@@ -146,11 +136,12 @@ def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArra
     ----------
     path : Path, see :func:`open_mesh`
     volume : str
-        Named group of elements that is read, or a kind of element, or a named face for the piece
-        of the mesh that has it; all elements of the largest dimension if not given.
+        Named group of elements that is read, or a kind of element, or a named face for the
+        connected component of the mesh with this face; all elements of the largest dimension if
+        not given.
     curved : bool
-        Whether the nodes between the corners of solids of second order are kept; they are dropped
-        otherwise, and edges are straight.
+        Whether to keep the nodes between the corners of solids of second order; without them edges
+        are straight.
 
     Returns
     -------
@@ -164,6 +155,7 @@ def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArra
         If the file cannot be read, has no elements of a body, two kinds of them, or no such volume.
     """
     mesh = open_mesh(path)
+    # elements of the body, and their corners without points that no element uses
     full, chosen = _select(mesh, path, volume)
     kind = SHAPES[full]
     cells = mesh.cells[full][chosen]
@@ -191,15 +183,15 @@ def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArra
         for facet, numbers in members.items():
             if SHAPES.get(facet) == FACETS[kind]:
                 corners = number[mesh.cells[facet][numbers, : CORNERS[FACETS[kind]]]]
-                own = corners[np.all(corners >= 0, axis=1)]
-                if len(own):
-                    boundaries.setdefault(name, []).append(own)
+                facets = corners[np.all(corners >= 0, axis=1)]
+                if len(facets):
+                    boundaries.setdefault(name, []).append(facets)
     nodes = {name: number[points] for name, points in mesh.node_sets.items()}
     return MeshArrays(
         kind,
         np.ascontiguousarray(points),
         renumbered.reshape(cells.shape),
-        {name: np.concatenate(parts) for name, parts in boundaries.items()},
+        {name: np.concatenate(facets) for name, facets in boundaries.items()},
         {}
         if volume
         else {name: kinds[full] for name, kinds in mesh.groups.items() if full in kinds},
@@ -221,34 +213,34 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
     by_kind: dict[str, dict[str, np.ndarray]] = {}
     for kind in bodies:
         by_kind.setdefault(SHAPES.get(kind, kind), {})[kind] = whole[kind]
-    found = {kind: whole[kind] for kind in bodies}
+    selected = {kind: whole[kind] for kind in bodies}
     if volume in {**by_kind, **named}:
-        found = (by_kind | named)[volume]
+        selected = (by_kind | named)[volume]
     elif volume:
-        found = _piece_with(mesh, bodies, volume)
-        if not found:
+        selected = _component_with(mesh, bodies, volume)
+        if not selected:
             faces = listed({*mesh.groups, *mesh.node_sets} - {*named})
             raise CaseError(
                 f"{path}: no volume {volume!r} is named; its volumes are {listed(named)}, its "
                 f"kinds of elements {listed(by_kind)}, and its faces {faces}"
             )
-    if len(found) != 1 or not found.keys() <= SHAPES.keys():
-        counts = ", ".join(f"{len(members)} {kind}" for kind, members in sorted(found.items()))
+    if len(selected) != 1 or not selected.keys() <= SHAPES.keys():
+        counts = ", ".join(f"{len(members)} {kind}" for kind, members in sorted(selected.items()))
         choices = {**by_kind, **named} if len(by_kind) > 1 else {}
         raise CaseError(
             f"{path}: a body needs elements of one kind out of {', '.join(FACETS)} or of their "
             f"second order, got {counts or listed(whole)}; "
             + (
-                f"give as volume one of {listed(choices)}, or a face of the piece that is meant"
+                f"give as volume one of {listed(choices)}, or a face of the wanted piece"
                 if choices
                 else "mesh the body again"
             )
         )
-    return next(iter(found.items()))
+    return next(iter(selected.items()))
 
 
-def _piece_with(mesh: NamedMesh, bodies: list[str], face: str) -> dict[str, np.ndarray]:
-    """Elements by kind of the piece of a mesh that hangs together and has a named face."""
+def _component_with(mesh: NamedMesh, bodies: list[str], face: str) -> dict[str, np.ndarray]:
+    """Elements by kind of the connected component of a mesh with a named face."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -260,9 +252,9 @@ def _piece_with(mesh: NamedMesh, bodies: list[str], face: str) -> dict[str, np.n
     ]
     links, n = np.concatenate(pairs, axis=1), len(mesh.points)
     graph = coo_array((np.ones(links.shape[1]), links), shape=(n, n))
-    piece = connected_components(graph, directed=False)[1]
-    found = {
-        kind: np.flatnonzero(np.isin(piece[mesh.cells[kind][:, 0]], piece[nodes]))
+    component = connected_components(graph, directed=False)[1]
+    elements = {
+        kind: np.flatnonzero(np.isin(component[mesh.cells[kind][:, 0]], component[nodes]))
         for kind in bodies
     }
-    return {kind: rows for kind, rows in found.items() if len(rows)}
+    return {kind: rows for kind, rows in elements.items() if len(rows)}

@@ -8,10 +8,16 @@ import numpy as np
 if TYPE_CHECKING:
     from meshio import Mesh
 
-__all__ = ["NamedMesh", "named_mesh"]
+__all__ = ["CORNERS", "NamedMesh", "named_mesh"]
+
+CORNERS = {
+    **{"line": 2, "triangle": 3, "quad": 4},
+    **{"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8},
+}
+"""Corners of the kinds of elements; the names of elements of second order begin with these."""
 
 NUMBERED = ("gmsh:physical", "netgen:index")
-"""Data of elements that number their group; the names are stored apart."""
+"""Data of elements with the number of their group; the names are stored separately."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +53,14 @@ def named_mesh(mesh: "Mesh") -> NamedMesh:
     count: dict[str, int] = {}
     groups: dict[str, dict[str, list[np.ndarray]]] = {}
     for k, block in enumerate(mesh.cells):
-        found = [(name, sets[k]) for name, sets in mesh.cell_sets.items() if ":" not in name]
+        chosen = [(name, sets[k]) for name, sets in mesh.cell_sets.items() if ":" not in name]
         if numbers is not None:  # groups of several dimensions may share a number
-            found += [
+            chosen += [
                 (name, np.flatnonzero(numbers[k] == tag))
                 for name, (tag, dimension) in mesh.field_data.items()
                 if dimension == block.dim
             ]
-        found += [
+        chosen += [
             (name, np.flatnonzero(data["cell_tags"][k] == number))
             for number, names in families.items()
             for name in names
@@ -62,18 +68,18 @@ def named_mesh(mesh: "Mesh") -> NamedMesh:
         ]
         first = count.get(block.type, 0)
         count[block.type] = first + len(block.data)
-        for name, chosen in found:
-            if chosen is not None and len(chosen):
+        for name, numbers_in_block in chosen:
+            if numbers_in_block is not None and len(numbers_in_block):
                 members = groups.setdefault(name.strip(), {}).setdefault(block.type, [])
-                members.append(first + np.asarray(chosen, dtype=int))
+                members.append(first + np.asarray(numbers_in_block, dtype=int))
     nodes = {name: np.asarray(points, dtype=int) for name, points in mesh.point_sets.items()}
     for number, names in getattr(mesh, "point_tags", {}).items():
-        chosen = np.flatnonzero(mesh.point_data["point_tags"] == number)
+        tagged = np.flatnonzero(mesh.point_data["point_tags"] == number)
         for name in names:
-            nodes[name.strip()] = np.append(nodes.get(name.strip(), chosen[:0]), chosen)
+            nodes[name.strip()] = np.append(nodes.get(name.strip(), tagged[:0]), tagged)
     cells = {kind: block for kind, block in mesh.cells_dict.items() if len(block)}
     joined = {
-        name: {kind: np.unique(np.concatenate(parts)) for kind, parts in kinds.items()}
+        name: {kind: np.unique(np.concatenate(members)) for kind, members in kinds.items()}
         for name, kinds in groups.items()
     }
     if numbers is not None and not mesh.cell_sets:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io.files import say_missing
+from multiscale.io.files import check_file, first_line
 from multiscale.io.mended_topographies import mend, place_on_grid
 from multiscale.units import readable
 
@@ -168,7 +168,7 @@ def read_surface(
         given.
     size : sequence of float, optional, edge lengths along x and y, m, by default from the file
     unit : float, optional
-        Length of one unit of heights (and positions) in the file, m, where the file gives none.
+        Length of a unit of heights (and positions), m, for a file without units.
 
     Returns
     -------
@@ -188,13 +188,13 @@ def read_surface(
     An incomplete file is not detected in formats without length or checksum, such as plain text
     cut between two rows. Text may have a byte order mark, semicolons or tabs, and decimal commas.
     """
-    found = open_topography(path, channel=channel, size=size, unit=unit)
-    if found.is_profile:
+    topography = open_topography(path, channel=channel, size=size, unit=unit)
+    if topography.is_profile:
         raise CaseError(
-            f"{path}: holds a line scan of {found.heights.size} points; give a map, or say by "
-            f"profile in the surface table of a case how the scan stands for one"
+            f"{path}: holds a line scan of {topography.heights.size} points; give a map, or set "
+            f"profile in the surface table of a case to make a map of the scan"
         )
-    return found.to_surface(detrend_order=detrend_order, fill_undefined=fill_undefined)
+    return topography.to_surface(detrend_order=detrend_order, fill_undefined=fill_undefined)
 
 
 def open_topography(
@@ -217,8 +217,11 @@ def open_topography(
         If the file is missing or cannot be read, has no such channel, unit or size.
     """
     path = Path(path)
-    _check_file(path)
+    check_file(path, "topography file")
+    if path.stat().st_size == 0:
+        raise CaseError(f"{path}: the file is empty; copy it again from the instrument")
     with _reading(path) as reader:
+        # topography in m, or in the unit of the caller for a file without units
         entry = _pick_channel(path, reader, channel)
         _check_metadata(path, entry, size, unit)
         given: dict[str, Any] = {} if entry.unit is not None else {"unit": "m"}
@@ -227,6 +230,7 @@ def open_topography(
         topography = entry.topography(**given)
         if entry.unit is not None:
             topography = topography.to_unit("m")
+        # heights and edges, m
         factor = 1.0 if unit is None else unit
         resolution = None
         with suppress(Exception):  # a tip radius that makes no sense
@@ -242,7 +246,7 @@ def open_topography(
         return Topography(
             path,
             reader.name(),
-            tuple(_say_channel(one) for one in reader.channels),
+            tuple(map(_describe_channel, reader.channels)),
             f"{entry.index} ({entry.name!r})",
             factor * heights,
             (factor_of_size * float(edges[0]), factor_of_size * float(edges[1])),
@@ -254,7 +258,7 @@ def open_topography(
 def _check_metadata(
     path: Path, entry: Any, size: Sequence[float] | None, unit: float | None
 ) -> None:
-    """Refuse a file whose size or unit is unknown, or told twice."""
+    """Refuse a file without size or unit, or with a unit that is also given by the caller."""
     if entry.dim not in (1, 2) or (entry.dim == 2 and entry.is_uniform is False):
         raise CaseError(f"{path}: holds scattered points; give a map on a regular grid")
     if entry.unit is not None and unit is not None:
@@ -306,18 +310,6 @@ def _fill(heights: np.ndarray, undefined: np.ndarray, size: tuple[float, float])
     return filled
 
 
-def _check_file(path: Path) -> None:
-    """Refuse a path that is not a file with content."""
-    if path.is_dir():
-        raise CaseError(f"{path}: is a directory; give one topography file in it")
-    if not path.exists():
-        raise CaseError(say_missing(path))
-    if not path.is_file():
-        raise CaseError(f"{path}: is a device or a pipe; give a topography file")
-    if path.stat().st_size == 0:
-        raise CaseError(f"{path}: the file is empty; copy it again from the instrument")
-
-
 @contextmanager
 def _reading(path: Path) -> Iterator[Any]:
     """Open a file with SurfaceTopography and report its errors in one sentence."""
@@ -344,7 +336,7 @@ def _reading(path: Path) -> Iterator[Any]:
                 if begin == NPY:
                     _check_array(path)
                 stream.seek(0)
-                source: Any = str(path) if begin == NPY else _as_text(_renamed(stream))
+                source: Any = str(path) if begin == NPY else _as_text(_with_newer_head(stream))
                 try:
                     opened = SurfaceTopography.open_topography(source)
                 except CannotDetectFileFormat:
@@ -366,12 +358,12 @@ def _reading(path: Path) -> Iterator[Any]:
         except Exception as error:  # damaged files raise exceptions of any kind
             raise CaseError(
                 f"{path}: cannot be read as a topography, probably because it is damaged or cut "
-                f"off ({_reason(error)}); copy it again or export it in another format"
+                f"off ({first_line(error)}); copy it again or export it in another format"
             ) from error
 
 
-def _renamed(stream: Any) -> Any:
-    """Give an SDF file with the older first line the line that SurfaceTopography knows."""
+def _with_newer_head(stream: Any) -> Any:
+    """Replace the older first line of an SDF file by the line that SurfaceTopography reads."""
     head = OLDER_SDF.get(stream.read(8))
     if head is None:
         stream.seek(0)
@@ -380,7 +372,7 @@ def _renamed(stream: Any) -> Any:
 
 
 def _open_otherwise(path: Path, source: Any) -> Any:
-    """Open a file of no known format: mended, with other separators, or for its reader's reason."""
+    """Open a file of an unknown format: mended, with other separators, or by its extension."""
     from SurfaceTopography import open_topography
     from SurfaceTopography.Exceptions import CannotDetectFileFormat
     from SurfaceTopography.IO import readers
@@ -391,26 +383,26 @@ def _open_otherwise(path: Path, source: Any) -> Any:
     if b"\0" not in content[:4096]:
         attempts.append(lambda: _with_blanks(BytesIO(content)))
     for attempt in attempts:
-        with suppress(Exception):  # of damaged files, whose reader says more
+        with suppress(Exception):  # of damaged files; the reader below gives a better reason
             if (mended := attempt()) is not None:
                 return open_topography(mended)
     for reader in readers:
         if path.suffix[1:].lower() in reader.file_extensions():
             try:
                 return open_topography(BytesIO(content), format=reader.format())
-            except UnicodeDecodeError:  # this is no text
+            except UnicodeDecodeError:  # the file is not text
                 continue
             except Exception as error:  # damaged files raise exceptions of any kind
                 raise CaseError(
                     f"{path}: no known topography format, and the reader of {reader.name()} "
-                    f"refuses it ({_reason(error)}); copy it again or export it from the "
+                    f"refuses it ({first_line(error)}); copy it again or export it from the "
                     f"instrument in another format"
                 ) from error
     raise CannotDetectFileFormat
 
 
 def _points_on_grid(path: Path, reader: Any) -> BytesIO | None:
-    """Write points x, y, z of which places are missing, which look like a matrix, on their grid."""
+    """Write points x, y, z with missing places, which look like a matrix, on their grid."""
     first = reader.channels[0]
     if reader.format() != "asc" or first.physical_sizes or first.nb_grid_pts[0] != 3:
         return None
@@ -418,20 +410,14 @@ def _points_on_grid(path: Path, reader: Any) -> BytesIO | None:
     on_grid = place_on_grid(np.ma.filled(points, np.nan).T)
     if on_grid is None:
         raise CaseError(
-            f"{path}: holds three columns, which are scattered points or no map; give a map on a "
-            f"regular grid"
+            f"{path}: holds three columns, which are scattered points or not a map; give a map "
+            f"on a regular grid"
         )
     return on_grid
 
 
-def _reason(error: Exception) -> str:
-    """First line of an error of a reader, or its kind."""
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    return lines[0][:200].rstrip(".")
-
-
 def _check_array(path: Path) -> None:
-    """Refuse NumPy arrays that are no map and no line scan of real numbers."""
+    """Refuse NumPy arrays that are neither a map nor a line scan of real numbers."""
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.ndim not in (1, 2) or array.dtype.kind not in "fiu":
         raise CaseError(
@@ -480,8 +466,8 @@ def _height_channels(reader: Any) -> dict[int, Any]:
     }
 
 
-def _say_channel(entry: Any) -> str:
-    """Describe a channel in a line."""
+def _describe_channel(entry: Any) -> str:
+    """Format number, name, kind, points and size of a channel."""
     points = " x ".join(map(str, entry.nb_grid_pts))
     unit = entry.unit[0] if isinstance(entry.unit, tuple) else entry.unit
     kind = entry.data_kind.value if not isinstance(entry.unit, tuple) else "other"
@@ -492,7 +478,7 @@ def _say_channel(entry: Any) -> str:
 
 
 def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:
-    """Find a channel by number or name among the channels of heights."""
+    """Return a channel of heights by number or name, the default channel if neither is given."""
     known = _height_channels(reader)
     if channel is None and known:
         default = reader.default_channel.index

@@ -102,7 +102,7 @@ def test_the_strain_energy_of_a_plate_is_half_the_work_of_its_load(tmp_path):
 
 
 def test_a_result_of_something_else_is_refused(result, tmp_path):
-    with pytest.raises(SchemaError, match="has no corners: it is no result of elastic bodies"):
+    with pytest.raises(SchemaError, match="has no corners: it is not a result of elastic bodies"):
         write_body_fields(result.drop_vars("corners"), tmp_path)
     other = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(E, 0.0)] * 2, [NORMAL])
     with pytest.raises(CaseError, match="has 72 nodes and the bodies 36"):

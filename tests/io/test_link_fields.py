@@ -52,7 +52,7 @@ def test_load_factors_that_fall_are_numbered(tmp_path):
 
 def test_a_result_without_links_is_refused(result, tmp_path):
     with pytest.raises(
-        SchemaError, match="the result has no ends: it is no result of nodes and links"
+        SchemaError, match="the result has no ends: it is not a result of nodes and links"
     ):
         write_link_fields(result.drop_vars("ends"), tmp_path)
     with pytest.raises(SchemaError, match="dimensions"):

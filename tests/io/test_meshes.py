@@ -116,7 +116,9 @@ def test_labels_of_the_faces_of_a_cube_point_outwards(tmp_path, label, normal):
         pytest.param(("7, 8", "7, 99"), "element 1 has node 99, which", id="unknown node"),
         pytest.param(("7, 8", "7"), "element 1 has 7 nodes, and C3D8R has 8", id="too few"),
         pytest.param(("7, 8", "7, 8, 3"), "has 9 nodes, and C3D8R has 8", id="too many"),
-        pytest.param(("30, 0.5", "30, x"), "line 13 of .NODE is no node: .*'x'", id="no number"),
+        pytest.param(
+            ("30, 0.5", "30, x"), "line 13 of .NODE does not define a node: .*'x'", id="no number"
+        ),
         pytest.param(("30, 0.5", "8, 0.5"), "gives node 8 a second place", id="several parts"),
         pytest.param(("Tip, S1", "Tip, S5"), "face 'S5' of a tetra.* S1 to S4", id="face"),
         pytest.param(("Tip, S1", "Top, S1"), "names 'Top', and no line above", id="unknown set"),

@@ -200,7 +200,7 @@ def test_missing_file_is_refused_with_the_nearest_name(tmp_path, heights):
 
 
 def test_directory_is_refused(tmp_path):
-    with pytest.raises(CaseError, match="is a directory; give one topography file"):
+    with pytest.raises(CaseError, match="is a directory; give a topography file"):
         read_surface(tmp_path)
 
 

@@ -143,7 +143,7 @@ def test_a_folder_that_cannot_be_written_to_is_a_sentence_before_anything_is_com
 )
 @pytest.mark.parametrize("name", ["name", "name.txt", ".nc/"])
 def test_a_dataset_goes_to_a_file_whose_name_says_so(command, arguments, name):
-    refused(command(*arguments, "-o", name), "the result is one dataset, whose file ends in .nc")
+    refused(command(*arguments, "-o", name), "the result is a dataset in a file that ends in .nc")
     assert not Path(name).exists()
 
 

@@ -229,7 +229,7 @@ def test_a_mesh_of_gmsh_is_pressed_between_plates(tmp_path):
 
 
 def test_files_that_hold_no_body_are_refused(tmp_path):
-    with pytest.raises(CaseError, match="no mesh file"):
+    with pytest.raises(CaseError, match="no such file"):
         load_mesh(tmp_path / "absent.msh")
     (tmp_path / "text.msh").write_text("not a mesh")
     with pytest.raises(CaseError, match="cannot be read as a mesh"):
