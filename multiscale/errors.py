@@ -35,7 +35,7 @@ class ConvergenceError(MultiscaleError):
 
 
 def suggest(name: str, known: Iterable[str], otherwise: str) -> str:
-    """Ask for the known name that is nearest to a wrong one, or say something else."""
+    """Suggest the known name nearest to a wrong name; ``otherwise`` if there is none."""
     close = get_close_matches(name, list(known), n=1)
     return f"did you mean {close[0]!r}?" if close else otherwise
 

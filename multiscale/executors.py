@@ -52,24 +52,24 @@ def run_jobs(
 ) -> None:
     """Call a function once for each job, and process the results in the order of completion.
 
-    Jobs, a key and arguments each, are taken one by one, so that any number of them needs little
-    memory, and the next one is submitted when any one is finished: a slow worker delays no other.
-    ``finish(key, result)`` is called in this process. With an executor of ``concurrent.futures``,
-    dask (``Client.get_executor()``) or mpi4py the function must be importable by name; workers call
-    it with one thread for kernels, because they share the machine, unless ``OMP_NUM_THREADS`` is
-    set for them. A pool must spawn its processes: threads of kernels do not survive a fork. Without
-    an executor, jobs run one after another with all threads.
+    Jobs, a key and arguments each, are drawn only when they are submitted, so that any number of
+    jobs needs little memory, and each finished job makes room for the next: a slow worker does not
+    delay the others. ``finish(key, result)`` is called in this process. With an executor of
+    ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py the function must be
+    importable by name; workers call it with one thread for kernels, because they share the machine,
+    unless their ``OMP_NUM_THREADS`` is set. A pool must spawn its processes: threads of kernels do
+    not survive a fork. Without an executor, jobs run one after another with all threads.
     """
     if executor is None:
         for key, arguments in jobs:
             finish(key, function(*arguments))
         return
-    waiting, done = iter(jobs), 0
+    pending, done = iter(jobs), 0
     in_flight: dict[Future[Result], Key] = {}
     ended: SimpleQueue[Future[Result]] = SimpleQueue()
     try:
         while True:
-            for key, arguments in islice(waiting, IN_FLIGHT - len(in_flight)):
+            for key, arguments in islice(pending, IN_FLIGHT - len(in_flight)):
                 future = executor.submit(call_on_one_thread, _Job(function, arguments))
                 in_flight[future] = key
                 future.add_done_callback(ended.put)
@@ -122,7 +122,7 @@ def _refuse(reason: str) -> NoReturn:
 
 
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function with one thread for kernels, in a process that shares its machine.
+    """Call a function with a single thread for kernels, in a process that shares its machine.
 
     A worker with ``OMP_NUM_THREADS`` set keeps its number of threads.
     """
@@ -163,7 +163,7 @@ def process_pool(jobs: int) -> Iterator["ProcessPoolExecutor"]:
         try:
             yield executor
         except (KeyboardInterrupt, GeneratorExit):
-            for worker in set(active_children()) - others:  # whose jobs nobody waits for
+            for worker in set(active_children()) - others:  # their results are not needed
                 worker.terminate()
             raise
 
@@ -194,7 +194,7 @@ def _dask_workers(address: str) -> Iterator[Executor]:
 
 @contextmanager
 def _leaving_the_lost(client: Any) -> Iterator[None]:
-    """Cancel all jobs when no worker is left for long; before the first one comes, wait for it."""
+    """Cancel all jobs after ``LOST`` seconds without a worker, counted from the last worker."""
     from threading import Event, Thread
 
     from distributed import Future
@@ -228,7 +228,7 @@ def cores() -> int:
 
 
 def usable_memory() -> float:
-    """Return the bytes of this machine that a solve may take; infinite where they are not known."""
+    """Return the memory of this machine that a solve may take, byte; infinite if unknown."""
     if not hasattr(os, "sysconf"):  # Windows
         return inf
     return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -253,7 +253,7 @@ def run_ranges(work: Callable[..., Any], items: int, *arguments: Any, least: int
 
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
-    """Make the pool of a process; a forked process inherits no threads."""
+    """Create the pool of a process; a forked process inherits no threads."""
     return ThreadPoolExecutor(cores(), "kernels")
 
 
@@ -276,7 +276,7 @@ def threads(count: int) -> Iterator[None]:
 
 
 def _begin_worker() -> None:
-    """Give this worker one thread, leave Ctrl-C to its parent, and end it with its parent."""
+    """Set one thread for this worker, leave Ctrl-C to its parent, and end it with its parent."""
     import signal
     from multiprocessing import parent_process
     from threading import Thread

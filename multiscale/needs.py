@@ -1,4 +1,4 @@
-"""Needs of a scene in words: parts that are built or left out, and why."""
+"""Needs of a scene in words: features that are built or left out, and why."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ def _readable_memory(size: int) -> str:
 
 @dataclass(frozen=True)
 class Choice:
-    """Whether a part is built, and why; areas with several parts name them in a ``StrEnum``."""
+    """Whether a feature is built, and why; areas with several name them in a ``StrEnum``."""
 
     part: str
     why: str
@@ -29,7 +29,7 @@ class Choice:
 
 
 def choose(part: str, built: bool, why: str, why_not: str) -> Choice:
-    """Return the choice of a part with the reason that applies."""
+    """Return the choice of a feature with the reason that applies."""
     return Choice(part, why if built else why_not, built)
 
 
@@ -54,7 +54,7 @@ class Needs:
 
     unknowns_per_contact: int = 1  # 3 with friction
     kinematics: str = ""  # such as "small strain, the mesh follows the surface"
-    choices: tuple[Choice, ...] = ()  # parts that are built, and parts that only other scenes build
+    choices: tuple[Choice, ...] = ()  # features that are built, and features of other scenes
     state_variables: tuple[str, ...] = ()  # history kept at each point; none for an elastic scene
     fields: tuple[str, ...] = ()  # local fields kept in the result
     libraries: tuple[str, ...] = ()  # heavy libraries that are imported
@@ -64,16 +64,16 @@ class Needs:
 
     @property
     def built(self) -> dict[str, str]:
-        """Reason of each part that is built."""
+        """Reason of each feature that is built."""
         return {choice.part: choice.why for choice in self.choices if choice.built}
 
     @property
     def omitted(self) -> dict[str, str]:
-        """Reason of each part that is left out."""
+        """Reason of each feature that is left out."""
         return {choice.part: choice.why for choice in self.choices if not choice.built}
 
     def explain(self) -> str:
-        """Return the needs as text, one line each."""
+        """Return the needs as text, with a line for each."""
         rows = [
             ("assumes", self.kinematics),
             ("unknowns per contact", str(self.unknowns_per_contact)),
@@ -89,15 +89,15 @@ class Needs:
         return "\n".join(f"{name:{width}}  {value}" for name, value in rows)
 
 
-def join_needs(parts: Iterable[Needs]) -> Needs:
+def join_needs(stages: Iterable[Needs]) -> Needs:
     """Join the needs of stages that run one after another: the largest memory counts."""
-    parts = list(parts)
+    stages = list(stages)
     return Needs(
-        unknowns_per_contact=max(part.unknowns_per_contact for part in parts),
-        kinematics="; ".join(part.kinematics for part in parts if part.kinematics),
-        choices=tuple(choice for part in parts for choice in part.choices),
-        state_variables=tuple(name for part in parts for name in part.state_variables),
-        fields=tuple(name for part in parts for name in part.fields),
-        libraries=tuple(sorted({name for part in parts for name in part.libraries})),
-        memory=max(part.memory for part in parts),
+        unknowns_per_contact=max(stage.unknowns_per_contact for stage in stages),
+        kinematics="; ".join(stage.kinematics for stage in stages if stage.kinematics),
+        choices=tuple(choice for stage in stages for choice in stage.choices),
+        state_variables=tuple(name for stage in stages for name in stage.state_variables),
+        fields=tuple(name for stage in stages for name in stage.fields),
+        libraries=tuple(sorted({name for stage in stages for name in stage.libraries})),
+        memory=max(stage.memory for stage in stages),
     )

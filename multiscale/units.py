@@ -37,10 +37,10 @@ _QUANTITY = re.compile(
 )
 
 
-# what most quantities have, read and written without pint, which takes half a second to load
+# units of most quantities, read and written without pint, which takes half a second to load
 _PREFIXES = {"": 0, "G": 9, "M": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "n": -9}
 _PREFIXED = ("m", "Pa", "N")
-_NOTHING = 1e-13  # in these units: what rounding leaves
+_NOTHING = 1e-13  # in these units: round-off
 
 _BETWEEN_LENGTHS = re.compile(r"\s*(?:[x×*;]|\bby\b|,(?=\s)|(?<=[^\W\d])(?:,|\s))\s*(?=[-+.\d])")
 
@@ -68,27 +68,27 @@ def to_si(text: object, unit: str) -> float:
         shown = f"{text:g}" if isinstance(text, float) else text
         raise CaseError(f'{text!r} has no unit; write it as text, such as "{shown} {unit}"')
     else:
-        parts = _QUANTITY.fullmatch(text)
-        if parts is None:
+        quantity = _QUANTITY.fullmatch(text)
+        if quantity is None:
             if "," in text:
                 raise CaseError(f"{text!r} has a comma; write its number with a decimal point")
             raise CaseError(
                 f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
             )
-        if unit != "1" and not parts["unit"]:
+        if unit != "1" and not quantity["unit"]:
             raise CaseError(f'{text!r} has no unit; write a number and a unit, such as "1 {unit}"')
         try:
-            number = _convert(parts["number"], parts["unit"], unit)
+            number = _convert(quantity["number"], quantity["unit"], unit)
         except Exception as error:  # pint raises exceptions of many kinds
             import pint
 
             form = f'write a quantity such as "1 {unit}"'
-            said = {
+            reason = {
                 pint.DimensionalityError: f"cannot be converted to {unit}; {form}",
                 pint.UndefinedUnitError: f"has an unknown unit; capitals count, as in "
                 f'"1 MPa" and "1 mPa"; {form}',
             }.get(type(error), f"is not a quantity; {form}")
-            raise CaseError(f"{text!r} {said}") from error
+            raise CaseError(f"{text!r} {reason}") from error
     if not isfinite(number):
         raise CaseError(f"{text!r} is not finite; give a number")
     return number
@@ -102,16 +102,17 @@ def to_lengths(text: str) -> tuple[float, ...]:
     >>> to_lengths("90 um x 130 um"), to_lengths("90 x 130 um"), to_lengths("(1.5mm, 1mm)")
     ((9e-05, 0.00013), (9e-05, 0.00013), (0.0015, 0.001))
     """
-    parts = _BETWEEN_LENGTHS.split(text.strip(" ()[]"))
-    last = _QUANTITY.fullmatch(parts[-1])
-    if last is None or len(parts) > 2:
+    lengths = _BETWEEN_LENGTHS.split(text.strip(" ()[]"))
+    last = _QUANTITY.fullmatch(lengths[-1])
+    if last is None or len(lengths) > 2:
         raise CaseError(
-            f'{text!r} is no size; write two lengths such as "90 um x 130 um", of a line scan one, '
-            f"with decimal points"
+            f'{text!r} is not a size; write two lengths such as "90 um x 130 um", or the length of '
+            f"a line scan, with decimal points"
         )
     bare = re.compile(r"[-+.\de]+", re.IGNORECASE)
     return tuple(
-        to_si(f"{one} {last['unit'] or ''}" if bare.fullmatch(one) else one, "m") for one in parts
+        to_si(f"{length} {last['unit'] or ''}" if bare.fullmatch(length) else length, "m")
+        for length in lengths
     )
 
 
@@ -135,14 +136,7 @@ def _convert(number: str, given: str, unit: str) -> float:
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit in which values are shown.
-
-    Attributes
-    ----------
-    name : str
-    scale : float, by which a value in the SI unit is multiplied
-    zero : float, what is then added
-    """
+    """A unit in which values are shown: ``scale`` times the SI value, plus ``zero``."""
 
     name: str
     scale: float
@@ -169,13 +163,13 @@ def stiffness_unit(values: Iterable[float]) -> Unit:
 
 
 def length_unit(values: Iterable[float]) -> Unit:
-    """Choose the largest unit of lengths, m, in which none that is known is below one."""
+    """Choose the largest unit of lengths, m, in which no finite length is below 1."""
     return _largest(values, LENGTH_UNITS, 1.0)
 
 
 def _largest_length(values: Iterable[float]) -> Unit:
-    """Choose the largest unit of lengths in which the largest of them is not below one."""
-    return length_unit([max((abs(one) for one in values if isfinite(one)), default=0.0)])
+    """Choose the largest unit in which the largest of some lengths, m, is not below 1."""
+    return length_unit([max((abs(value) for value in values if isfinite(value)), default=0.0)])
 
 
 SHOWN = {
@@ -188,7 +182,7 @@ SHOWN = {
         **{"kW/(m² K)": 1e-3, "S/mm²": 1e-6},
     }.items()
 } | {"°C": Unit("°C", 1.0, -ZERO_CELSIUS)}
-"""Units in which variables are shown, by their names; each is of one SI unit."""
+"""Units in which variables are shown, by their names; the SI unit of a name is fixed."""
 
 FAMILIES = {
     "stiffness": stiffness_unit,
@@ -205,7 +199,7 @@ def shown_unit(name: str, values: Iterable[float] = ()) -> Unit:
 
 def _largest(values: Iterable[float], units: tuple[Unit, ...], least: float) -> Unit:
     """Return the first of the units in which the smallest value is at least ``least``."""
-    smallest = min((abs(one) for one in values if isfinite(one) and one != 0.0), default=inf)
+    smallest = min((abs(x) for x in values if isfinite(x) and x != 0.0), default=inf)
     fitting = (unit for unit in units if smallest * unit.scale >= least)
     return next(fitting, units[-1])
 
@@ -218,28 +212,28 @@ def readable(value: object) -> str:
     >>> readable("2000000.0 Pa"), readable("4e-07 m"), readable("0.01 m/s"), readable("flat")
     ('2 MPa', '400 nm', '10 mm/s', 'flat')
     """
-    parts = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
-    if parts is None or parts["unit"] is None or parts["unit"].startswith("%"):
+    quantity = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    if quantity is None or quantity["unit"] is None or quantity["unit"].startswith("%"):
         return str(value)
     for unit in _PREFIXED:
-        if (power := _power(parts["unit"], unit)) is not None:
-            number = float(parts["number"]) * 10.0**power
+        if (power := _power(quantity["unit"], unit)) is not None:
+            number = float(quantity["number"]) * 10.0**power
             number = number if abs(number) > _NOTHING else 0.0
             fits = 3 * floor(log10(abs(number)) / 3.0) if number and isfinite(number) else 0
             prefix = next(
-                (one for one, ten in _PREFIXES.items() if ten == fits and one != "u"), None
+                (name for name, ten in _PREFIXES.items() if ten == fits and name != "u"), None
             )
             if prefix is not None:
                 return f"{number / 10.0**fits:.6g} {prefix}{unit}"
     try:
-        quantity = _registry()(f"{value}").to_compact()
+        compact = _registry()(f"{value}").to_compact()
     except Exception:  # a text that resembles a quantity
         return str(value)
-    return f"{quantity.magnitude:.6g} {quantity.units:~P}"
+    return f"{compact.magnitude:.6g} {compact.units:~P}"
 
 
 def html_table(title: str, rows: Mapping[str, object]) -> str:
-    """Return names and values as a table for notebooks; quantities as :func:`readable` ones."""
+    """Return names and values as a table for notebooks, with :func:`readable` quantities."""
     cells = "".join(
         f"<tr><th>{escape(name)}</th><td>{escape(readable(value))}</td></tr>"
         for name, value in rows.items()

@@ -1,7 +1,7 @@
 r"""Static condensation of sparse matrices, and compliance onto faces.
 
-Several bodies may stand side by side in a block-diagonal matrix. They are factorised at once, and
-their columns share right-hand sides, since the columns of different bodies do not meet.
+A block-diagonal matrix may contain several bodies. They are factorised at once, and their columns
+share right-hand sides, since the columns of different bodies are independent.
 """
 
 from collections.abc import Callable
@@ -21,24 +21,20 @@ COLUMNS = 64  # right-hand sides that are solved together
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Unknowns of some bodies side by side, inside them and kept, body after body.
+    """Eliminated and retained unknowns of the bodies of a block-diagonal matrix."""
 
-    ``edge_start``, shape (bodies + 1,), is the first unknown of every body in ``edge``, and its
-    size.
-    """
-
-    inside: np.ndarray
-    edge: np.ndarray
-    edge_start: np.ndarray
+    inside: np.ndarray  # eliminated unknowns, body after body
+    edge: np.ndarray  # retained unknowns, body after body
+    edge_start: np.ndarray  # (bodies + 1,), first place of every body in edge, and its size
 
     @property
     def column(self) -> np.ndarray:
-        """Number of every kept unknown in its body."""
+        """Number of every retained unknown in its body."""
         return np.asarray(np.arange(self.edge.size) - self.edge_start[self.owner])
 
     @property
     def owner(self) -> np.ndarray:
-        """Body of every kept unknown."""
+        """Body of every retained unknown."""
         return np.repeat(np.arange(self.edge_start.size - 1), np.diff(self.edge_start))
 
 
@@ -50,25 +46,21 @@ def split(start: np.ndarray, shared: np.ndarray) -> Split:
 
 @dataclass(frozen=True, eq=False)
 class CondensedStiffness:
-    """Schur complements :math:`S = K_{bb} - K_{bi} K_{ii}^{-1} K_{ib}`, i inside and b kept.
-
-    ``blocks`` are :math:`S` of every body, N/m, ``solve`` is the inverse of :math:`K_{ii}` of all,
-    and ``out`` and ``back`` are :math:`K_{bi}` and :math:`K_{ib}`, N/m.
-    """
+    """Schur complements :math:`S = K_{bb} - K_{bi} K_{ii}^{-1} K_{ib}`, i inside, b retained."""
 
     split: Split
-    blocks: list[np.ndarray]
-    solve: Solve
-    out: csr_array
-    back: csr_array
+    blocks: list[np.ndarray]  # S of every body, N/m
+    solve: Solve  # applies the inverse of K_ii of all bodies
+    out: csr_array  # K_bi, N/m
+    back: csr_array  # K_ib, N/m
 
     def reduce(self, force: np.ndarray) -> np.ndarray:
-        """Force on the kept unknowns that a force on all amounts to, N."""
+        """Force on the retained unknowns that is equivalent to a force on all unknowns, N."""
         inner = self.solve(force[self.split.inside])
         return np.asarray(force[self.split.edge] - self.out @ inner)
 
     def expand(self, force: np.ndarray, edge: np.ndarray) -> np.ndarray:
-        """Displacement of all unknowns from the displacement of the kept ones, m."""
+        """Displacement of all unknowns from the displacement of the retained unknowns, m."""
         u = np.empty(force.size)
         u[self.split.edge] = edge
         u[self.split.inside] = self.solve(force[self.split.inside] - self.back @ edge)
@@ -76,23 +68,25 @@ class CondensedStiffness:
 
 
 def condense(
-    matrix: csr_array, parts: Split, factorise: Callable[[csr_array], Solve]
+    matrix: csr_array, unknowns: Split, factorise: Callable[[csr_array], Solve]
 ) -> CondensedStiffness:
     """Condense a block-diagonal matrix."""
-    rows, edge_rows = matrix[parts.inside], matrix[parts.edge]
-    back, out = csr_array(rows[:, parts.edge]), csr_array(edge_rows[:, parts.inside])
-    kept = csr_array(edge_rows[:, parts.edge])
-    solve = factorise(csr_array(rows[:, parts.inside]))
-    inner = _inverse_between(solve, out, back, parts.edge_start)
-    bounds = pairwise(parts.edge_start)
-    blocks = [kept[a:b, a:b].toarray() - block for (a, b), block in zip(bounds, inner, strict=True)]
-    return CondensedStiffness(parts, blocks, solve, out, back)
+    rows, edge_rows = matrix[unknowns.inside], matrix[unknowns.edge]
+    back, out = csr_array(rows[:, unknowns.edge]), csr_array(edge_rows[:, unknowns.inside])
+    retained = csr_array(edge_rows[:, unknowns.edge])
+    solve = factorise(csr_array(rows[:, unknowns.inside]))
+    inner = _inverse_between(solve, out, back, unknowns.edge_start)
+    bounds = pairwise(unknowns.edge_start)
+    blocks = [
+        retained[a:b, a:b].toarray() - block for (a, b), block in zip(bounds, inner, strict=True)
+    ]
+    return CondensedStiffness(unknowns, blocks, solve, out, back)
 
 
 def condense_body(
-    stiffness: csr_array, kept: np.ndarray, *, name: str = "the stiffness of the body"
+    stiffness: csr_array, retained: np.ndarray, *, name: str = "the stiffness of the body"
 ) -> CondensedStiffness:
-    """Condense the symmetric stiffness of one body onto some unknowns.
+    """Condense the symmetric stiffness of a body onto the retained unknowns.
 
     Examples
     --------
@@ -101,9 +95,9 @@ def condense_body(
     array([[ 0.5, -0.5],
            [-0.5,  0.5]])
     """
-    inside = np.setdiff1d(np.arange(stiffness.shape[0]), kept)
-    parts = Split(inside, kept, np.array([0, kept.size]))
-    condensed = condense(csr_array(stiffness), parts, partial(factorise, name=name))
+    inside = np.setdiff1d(np.arange(stiffness.shape[0]), retained)
+    unknowns = Split(inside, retained, np.array([0, retained.size]))
+    condensed = condense(csr_array(stiffness), unknowns, partial(factorise, name=name))
     return replace(condensed, blocks=[_symmetric(block) for block in condensed.blocks])
 
 
@@ -118,7 +112,7 @@ def compliances(
 def _inverse_between(
     solve: Solve, rows: csr_array, columns: csr_array, start: np.ndarray
 ) -> list[np.ndarray]:
-    """Compute ``rows @ inverse @ columns`` of every body, some right-hand sides at a time."""
+    """Compute ``rows @ inverse @ columns`` of every body, in batches of right-hand sides."""
     sizes = np.diff(start)
     width = int(sizes.max(initial=0))
     entries = columns.tocoo()
@@ -127,8 +121,8 @@ def _inverse_between(
     merged = csc_array((entries.data, (entries.coords[0], place)), shape=shape)
     product = np.empty((rows.shape[0], width))
     for first in range(0, width, COLUMNS):
-        part = slice(first, first + COLUMNS)
-        product[:, part] = rows @ solve(merged[:, part].toarray())
+        batch = slice(first, first + COLUMNS)
+        product[:, batch] = rows @ solve(merged[:, batch].toarray())
     return [product[a:b, : b - a] for a, b in pairwise(start)]
 
 

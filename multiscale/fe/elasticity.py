@@ -36,8 +36,7 @@ def assemble_elasticity(
 ) -> csr_array:
     r"""Assemble isotropic elasticity from Lamé's parameters.
 
-    The block of components i and j is put together from scalar forms, much faster than a vector
-    form:
+    The block of components i and j is assembled from scalar forms, much faster than a vector form:
 
     .. math::
         K_{ij} = \int \lambda\, \partial_i v\, \partial_j u + \mu\, \partial_j v\, \partial_i u
@@ -113,7 +112,7 @@ def mode_stiffness(
     middle = np.full((3, 1), 0.5)
     J = np.asarray(basis.mapping.DF(middle))[..., 0].transpose(2, 0, 1)
     ratio = np.abs(basis.mapping.detDF(middle) / basis.mapping.detDF(basis.X))  # j_0 / j
-    slope = np.eye(3) * (1.0 - 2.0 * basis.X.T)[:, :, None]  # but for a factor of every mode
+    slope = np.eye(3) * (1.0 - 2.0 * basis.X.T)[:, :, None]  # up to a factor of every mode
     P = np.einsum("eq,qmr,erj->eqmj", ratio, slope, np.linalg.inv(J))  # (3)
 
     def integrate(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -126,7 +125,7 @@ def mode_stiffness(
 
 
 def _interleave(blocks: Sequence[Sequence[Any]]) -> csr_array:
-    """Put the blocks of components i and j at the rows d a + i and columns d b + j."""
+    """Assemble the blocks of components i and j into the rows d a + i and columns d b + j."""
     d = len(blocks)
 
     def place(i: int, j: int) -> csr_array:

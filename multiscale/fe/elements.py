@@ -68,7 +68,7 @@ def prepare_elements(mesh: "Mesh") -> Elements:
 
     order = 3 if isinstance(mesh, (MeshQuad, MeshHex)) else 1
     if isinstance(mesh, MeshHex):
-        order = 2  # scikit-fem counts so on hexahedra: two points a direction
+        order = 2  # two points per direction, as scikit-fem counts on hexahedra
     return elements_of_basis(Basis(mesh, mesh.elem(), intorder=order), mean_volume=True)
 
 
@@ -100,7 +100,7 @@ def element_response(
 ) -> "tuple[np.ndarray, csr_array, np.ndarray, float]":
     """Compute internal force, tangent, new state and smallest volume ratio of a body.
 
-    Maybe without the resistance of the law to a change of volume.
+    With ``shape_only`` the response of the law to a change of volume is left out.
     """
     from scipy.sparse import csr_array
 

@@ -54,9 +54,9 @@ __all__ = [
 ]
 
 COINCIDENT = 1e-6
-"""Distance of nodes that are one point of an interface, relative to the size of a face."""
+"""Distance up to which nodes coincide, relative to the size of a face."""
 
-STRAIGHT = 1e-6  # cosine below one up to which a plane is normal to an axis of the coordinates
+STRAIGHT = 1e-6  # 1 - cosine between the normal of a plane and an axis up to which they align
 ROUNDING = 1e-12  # integrals below this share of the largest are rounding
 SLIVER = 1e-9  # corners with a smaller share of the area of the largest are left out
 
@@ -80,7 +80,7 @@ class OrientedFace:
 
 
 def face_of(mesh: "Mesh", boundary: str) -> OrientedFace:
-    """Orient the facets of a boundary outwards; refuses one that the mesh does not name."""
+    """Orient the facets of a named boundary outwards."""
     check_boundary(mesh, boundary)
     index = np.asarray(mesh.boundaries[boundary])
     corners = mesh.facets[:, index].T
@@ -122,7 +122,7 @@ def facet_normals(x: np.ndarray) -> np.ndarray:
 def nodal_normals(face: OrientedFace, x: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Average the facets around each node, moved to x, to unit normals, shape (n, d).
 
-    Components that are not free, on a plane of symmetry, are left out of them.
+    Components that are fixed, on a plane of symmetry, are set to zero.
     """
     normal = np.zeros_like(x)
     facet = facet_normals(x[face.facets])
@@ -148,20 +148,20 @@ def tangent_frames(normal: np.ndarray) -> np.ndarray:
 
 
 def plane_frame(face: OrientedFace, boundary: str) -> np.ndarray:
-    """Frame of a plane face of side 2, whose normal looks out of side 1, shape (d, d)."""
+    """Frame of a plane face of side 2, with the outward normal of side 1, shape (d, d)."""
     normals = -face.normals / np.linalg.norm(face.normals, axis=1, keepdims=True)
     if np.ptp(normals, axis=0).max() > COINCIDENT:
         raise CaseError(
-            f"the boundary {boundary!r} of a joint must be plane; name each plane part by itself"
+            f"the boundary {boundary!r} of a joint must be plane; name each plane face separately"
         )
     normal = normals.mean(axis=0)
     return np.asarray(tangent_frames(normal[None] / np.linalg.norm(normal))[0])
 
 
 def plane_axes(place: np.ndarray) -> np.ndarray:
-    """Find the normal of the plane of points, shape (n, 3), and two axes in it, as rows (3, 3).
+    """Return the normal of the plane of points, shape (n, 3), and two axes in it, as rows (3, 3).
 
-    They are the axes of the coordinates, unless the plane is oblique to all of them.
+    These are coordinate axes, unless the plane is oblique to all coordinate axes.
     """
     away = place - place.mean(axis=0)
     normal = np.linalg.eigh(away.T @ away)[1][:, 0]
@@ -175,7 +175,7 @@ def plane_axes(place: np.ndarray) -> np.ndarray:
     return np.stack([normal, along, np.cross(normal, along)])
 
 
-# --- points of one face ----------------------------------------------------------------------
+# --- points of a face ------------------------------------------------------------------------
 
 
 def face_operator(
@@ -230,7 +230,7 @@ def face_points(
 def corner_integrals(
     basis: "CellBasis", boundary: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    r"""Entries of D in (1) over every facet of one face: facet, corner, node and integral, m²."""
+    r"""Entries of D in (1) over every facet of a face: facet, corner, node and integral, m²."""
     from skfem import FacetBasis
 
     check_boundary(basis.mesh, boundary)
@@ -250,9 +250,9 @@ def corner_integrals(
 def match_faces(
     bases: tuple["CellBasis", "CellBasis"], boundaries: tuple[str, str]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Nodes of side 1 at the nodes of side 2, which rise, and facets of side 1 at its facets.
+    """Nodes and facets of side 1 that coincide with the sorted nodes and the facets of side 2.
 
-    None if nodes or facets do not lie at the same places, or the elements are of another kind.
+    Returns None if nodes or facets do not coincide, or the elements are of different kinds.
     """
     from scipy.spatial import cKDTree
 
@@ -317,7 +317,7 @@ def mortar_rows(
 
 
 def mean_rows(D: "csr_array", M: "csr_array") -> "tuple[csr_array, csr_array, np.ndarray]":
-    """Mean values of both sides about the corners of side 1 with an area, and these areas, m²."""
+    """Mean values of both sides around the corners of side 1 with an area, and these areas, m²."""
     from scipy.sparse import csr_array, diags_array
 
     area = D.sum(axis=1)

@@ -30,8 +30,8 @@ def integrate_pairs(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of facets, with corners (facets, corners, d), that overlap, and their D and M, m².
 
-    Normals are as long as the areas of the facets. The blocks have a row for every corner of side
-    1, and so many nodes of each side as columns.
+    The length of a normal is the area of its facet. The blocks have a row for every corner of side
+    1, and a column for each of the ``numbers`` of nodes of a facet of either side.
     """
     if x[0].shape[2] == 2:
         return _integrate_segments(*x, *normals, reach)
@@ -141,7 +141,7 @@ def _clip_pairs(flat1, flat2, size1, size2, points, weights):  # type: ignore[no
 
 @compiled
 def _raise_order(N, trial):  # type: ignore[no-untyped-def]
-    """Shape functions of the nodes of a facet from those of its corners, at one point."""
+    """Shape functions of the nodes of a facet from the shape functions of its corners."""
     corners, nodes = len(N), len(trial)
     if nodes == corners:
         for a in range(corners):
@@ -169,19 +169,19 @@ def _raise_order(N, trial):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _clip(polygon, window, kept, new):  # type: ignore[no-untyped-def]
-    """Write the part of a polygon inside a convex counter-clockwise window to ``kept``.
+def _clip(polygon, window, clipped, new):  # type: ignore[no-untyped-def]
+    """Clip a polygon by a convex counter-clockwise window, and write it to ``clipped``.
 
     Returns its number of corners, by the method of Sutherland and Hodgman.
     """
     n = len(polygon)
     for k in range(n):  # a slice would have the compiler write its error message
-        kept[k, 0], kept[k, 1] = polygon[k, 0], polygon[k, 1]
+        clipped[k, 0], clipped[k, 1] = polygon[k, 0], polygon[k, 1]
     for edge in range(len(window)):
         a, b = window[edge], window[(edge + 1) % len(window)]
         m = 0
         for k in range(n):
-            p, q = kept[k], kept[(k + 1) % n]
+            p, q = clipped[k], clipped[(k + 1) % n]
             side_p, side_q = _cross(a, b, p), _cross(a, b, q)
             if side_p >= 0.0:
                 new[m, 0], new[m, 1] = p[0], p[1]
@@ -193,7 +193,7 @@ def _clip(polygon, window, kept, new):  # type: ignore[no-untyped-def]
                 m += 1
         n = m
         for k in range(n):
-            kept[k, 0], kept[k, 1] = new[k, 0], new[k, 1]
+            clipped[k, 0], clipped[k, 1] = new[k, 0], new[k, 1]
     return n
 
 
@@ -222,7 +222,7 @@ def _shape(corners, y, N):  # type: ignore[no-untyped-def]
         N[2] = 1.0 - N[0] - N[1]
         return
     r, s = 0.0, 0.0
-    for _ in range(20):  # Newton; exact after one step on a parallelogram
+    for _ in range(20):  # Newton; exact after a single step on a parallelogram
         N[0], N[1] = 0.25 * (1 - r) * (1 - s), 0.25 * (1 + r) * (1 - s)
         N[2], N[3] = 0.25 * (1 + r) * (1 + s), 0.25 * (1 - r) * (1 + s)
         ex = N[0] * corners[0, 0] + N[1] * corners[1, 0] + N[2] * corners[2, 0]

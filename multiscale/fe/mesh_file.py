@@ -46,13 +46,13 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool 
     Parameters
     ----------
     path : Path, a mesh of gmsh, Salome, Abaqus, CalculiX, or any other that meshio or gmsh reads
-    scale : float, length of one unit of the file, m: ``1e-3`` for a file in millimetres
+    scale : float, length of a unit of the file, m: ``1e-3`` for a file in millimetres
     volume : str
         Named group of elements that is the body, ``"tetra"`` or ``"hexahedron"`` of a file with
-        both, or a named face for the piece that has it, of a file with several pieces that do not
-        touch; all elements if not given. Facets of other elements are left out of the boundaries.
+        both, or a named face of one of several disconnected pieces; all elements if not given.
+        Facets of other elements are left out of the boundaries.
     curved : bool
-        Whether the nodes between the corners of elements of second order are kept: hexahedra of 20
+        Whether to keep the nodes between the corners of elements of second order; hexahedra of 20
         nodes get nodes in the middle of their faces. Edges are straight otherwise.
 
     Returns
@@ -99,7 +99,7 @@ FACES = ((0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (
 
 
 def _bend(mesh: "Mesh", cells: np.ndarray, middles: np.ndarray) -> "Mesh":
-    """Put nodes in the middle of edges, of faces and of elements where a file has them."""
+    """Set the nodes in the middle of edges, faces and elements to their places in the file."""
     from skfem import MeshHex2, MeshTet2
     from skfem.assembly import Dofs
 
@@ -137,7 +137,7 @@ def _serendipity(corners: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _check_elements(mesh: "Mesh", path: Path) -> None:
-    """Refuse elements with a Jacobian of two signs, or on the same side of a facet as another."""
+    """Refuse elements with a Jacobian of both signs, or neighbours on the same side of a facet."""
     place = mesh.p[:, mesh.t]  # (d, corners, elements)
     jacobian = np.asarray(mesh.mapping().detDF(mesh.elem().refdom.p))  # (elements, corners)
     size = np.ptp(place, axis=1).max(axis=0) ** mesh.dim()

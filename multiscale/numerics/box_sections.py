@@ -3,7 +3,7 @@ r"""Exact areas of plane sections of boxes and of images of voxels.
 The area of the section of a box of volume V with the plane :math:`n \cdot x = d` is V times the
 density at d of the sum of three independent uniform variables whose ranges are the extents of the
 edges along n. With the extents :math:`a \ge b \ge c` and the distribution F of the sum of the two
-shorter ones,
+variables with the ranges b and c,
 
 .. math:: A(t) = \frac{V}{a}\,\big(F(t) - F(t - a)\big),    \tag{1}
 
@@ -37,10 +37,10 @@ def void_section(
     step = normal * spacing
     low = -0.5 * float(np.abs(normal) @ size)
     a, b, c = np.sort(np.abs(step))[::-1]
-    found = np.empty(len(order))
+    area = np.empty(len(order))
     planes = np.asarray(distance, dtype=float)[order] - low
-    found[order] = _void_section(void, step, planes, a, b, c)
-    return np.prod(spacing) * found
+    area[order] = _void_section(void, step, planes, a, b, c)
+    return np.prod(spacing) * area
 
 
 @compiled

@@ -15,10 +15,10 @@ _compiling = RLock()
 
 
 def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
-    """Return a kernel that runs beside other threads, with the options of ``numba.njit``.
+    """Return a kernel that runs in parallel with other threads; options as of ``numba.njit``.
 
-    It is kept in the cache of numba, if a folder for that can be written to. Numba does not lock
-    this cache: here one of the processes that need a kernel compiles it, while the others wait.
+    The kernel is stored in the cache of numba, if its folder can be written to. A lock on this
+    cache, which numba lacks, makes a single process compile a kernel, while the others wait.
     """
     if function is None:
         return partial(compiled, **options)

@@ -1,4 +1,4 @@
-"""Linear systems that are factorised once and solved often, or of one pattern again and again."""
+"""Factorisation of linear systems with many right-hand sides, or with matrices of a pattern."""
 
 import warnings
 import weakref
@@ -45,9 +45,9 @@ Factorise = Callable[[np.ndarray, bool], Solve]
 POSITIVE_DEFINITE = 2  # kind of matrix, as PARDISO counts them
 
 SETTINGS = {1: 1, 2: 3, 24: 1, 37: -80}
-"""Of PARDISO (iparm, from 1): these and not its defaults; nested dissection on all threads, \
-factors of two levels, rows gathered into blocks if they differ in less than a fifth. The \
-defaults would also refine every solution, which takes four times as long."""
+"""Settings of PARDISO (iparm, from 1) instead of its defaults: nested dissection on all \
+threads, factors of two levels, rows gathered into blocks if they differ in less than a fifth. \
+The defaults would also refine every solution, which takes four times as long."""
 
 NOT_DEFINITE = "the tangent stiffness is not positive definite"
 
@@ -55,9 +55,9 @@ NOT_DEFINITE = "the tangent stiffness is not positive definite"
 def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> Solve:
     r"""Factorise a square matrix and return the function that solves with it.
 
-    A sparse matrix goes to PARDISO if pypardiso is installed and to SuperLU otherwise, a dense one
-    to LAPACK. With :math:`D = \mathrm{diag}(|K_{ii}|^{-1/2})` and a random vector :math:`r` of
-    signs, the condition number is estimated by
+    Sparse matrices are factorised by PARDISO if pypardiso is installed and by SuperLU otherwise,
+    dense matrices by LAPACK. With :math:`D = \mathrm{diag}(|K_{ii}|^{-1/2})` and a random vector
+    :math:`r` of signs, the condition number is estimated by
 
     .. math:: \|D K D\|_\infty \, \|(D K D)^{-1} r\|_\infty,    \tag{1}
 
@@ -82,8 +82,8 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
         sound = False
     if not sound:
         raise MultiscaleError(
-            f"{name} is singular: unknown {_loose_unknown(matrix)} can move without force; "
-            f"check the supports and that every part is held"
+            f"{name} is singular: unknown {_unconstrained_unknown(matrix)} can move without force; "
+            f"check the supports and that every body is fixed"
         )
     return solve
 
@@ -160,8 +160,8 @@ def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
 def _has_symmetric_pattern(matrix: csc_array) -> bool:
     """Whether nearly every entry has a mirrored entry."""
     entries = (np.ones(matrix.nnz, dtype=np.int8), matrix.indices, matrix.indptr)
-    ones = csc_array(entries, shape=matrix.shape)
-    return bool((ones != ones.T).nnz <= LARGEST_ASYMMETRY * matrix.nnz)
+    pattern = csc_array(entries, shape=matrix.shape)
+    return bool((pattern != pattern.T).nnz <= LARGEST_ASYMMETRY * matrix.nnz)
 
 
 def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:
@@ -195,20 +195,21 @@ def _softest_motion(matrix: csr_array | np.ndarray, solve: Solve) -> tuple[float
 
 
 def _diagonal_scale(matrix: csr_array | np.ndarray) -> np.ndarray:
-    """Scale of every unknown that makes the diagonal one."""
+    """Scale of every unknown that makes the diagonal equal to 1."""
     diagonal = np.abs(matrix.diagonal())
     return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
 
 
-def _loose_unknown(matrix: csr_array | np.ndarray) -> int:
-    """Find the unknown that moves most in a singular matrix, by a soft spring on each of them."""
+def _unconstrained_unknown(matrix: csr_array | np.ndarray) -> int:
+    """Return the unknown that moves most in a singular matrix with soft springs on all unknowns."""
     diagonal = np.abs(matrix.diagonal())
     if not diagonal.all():
         return int(np.argmin(diagonal))
     spring = 1e-12 * diagonal
-    fixed = matrix + (diags_array(spring) if issparse(matrix) else np.diag(spring))
+    sparse = issparse(matrix)
+    supported = csr_array(matrix + diags_array(spring)) if sparse else matrix + np.diag(spring)
     try:
-        motion = _softest_motion(fixed, _factors(csr_array(fixed) if issparse(fixed) else fixed))[1]
+        motion = _softest_motion(supported, _factors(supported))[1]
     except RuntimeError:
         return int(np.argmin(diagonal))
     return int(np.argmax(np.nan_to_num(motion)))
@@ -232,7 +233,7 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
 
 
 def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
-    """Factors by PARDISO, which stores one factorisation."""
+    """Factors by PARDISO, which stores a single factorisation."""
     for number, value in SETTINGS.items():
         solver.set_iparm(number, value)
     n = start.size - 1

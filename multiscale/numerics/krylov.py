@@ -73,9 +73,10 @@ def minimal_residual(
 class Anderson:
     """Combine the last iterates to the least residual, with a restart.
 
-    ``memory`` iterates before the last one count, ``relaxation`` is the share of an image in the
-    next iterate, and ``products`` returns inner products of the columns of two arrays (n, k) and
-    (n, m). H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735, doi:10.1137/10078356X.
+    ``memory`` iterates are combined with the last iterate, ``relaxation`` is the share of an image
+    in the next iterate, and ``products`` returns inner products of the columns of two arrays (n, k)
+    and (n, m). H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735,
+    doi:10.1137/10078356X.
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class Anderson:
     def next(
         self, x: np.ndarray, image: np.ndarray, residual: np.ndarray, size: float
     ) -> np.ndarray:
-        """Return the next iterate from the last one, its image and their distance."""
+        """Return the next iterate from the last iterate, its image and their distance."""
         # a much larger residual: restart with a damped step
         if self.points and size > WORSE * self.best:
             self.forget()

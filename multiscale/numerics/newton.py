@@ -1,4 +1,4 @@
-"""Parts of Newton's methods: stopping and record, line search, and steps along a path.
+"""Components of Newton's methods: stopping and record, line search, and steps along a path.
 
 Other algorithms have loops of another form: active sets, conjugate gradients, LATIN, friction
 (:class:`multiscale.nonsmooth.friction_problem.Progress` keeps the best iterate), and many small
@@ -31,7 +31,7 @@ SUFFICIENT = 0.1  # share of the first slope that may be left after a full step
 BRACKET = 0.05  # width, relative to its end, at which a bracket of the minimum is narrow enough
 
 MAX_EVALUATIONS = 2200
-"""Enough to double or halve from one end of the floating-point numbers to the other."""
+"""Doublings or halvings that cross the whole range of the floating-point numbers."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class NewtonRun:
     """
 
     limits: Limits
-    patience: float = np.inf  # iterations without a smaller residual after which it gives up
+    patience: float = np.inf  # iterations without a smaller residual after which the run stops
     status: Status = Status.MAX_ITERATIONS
     residuals: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
@@ -144,39 +144,39 @@ def march(
     way: tuple[float, float],
     cuts: int,
 ) -> list[PathPart[State]]:
-    """Follow a path between two places, in a single step or in halves of it, cut some times."""
+    """Follow a path between two places in a single step, which is halved up to ``cuts`` times."""
     state, (reached, target) = start, way
     length = target - reached
     smallest = abs(length) * 0.5**cuts
-    parts: list[PathPart[State]] = []
+    attempts: list[PathPart[State]] = []
     while True:
         # a last step may be longer by a half, so that no sliver remains
         aim = target if abs(target - reached) <= 1.5 * abs(length) else reached + length
         try:
-            part = PathPart(aim, *attempt(state, aim))
+            step = PathPart(aim, *attempt(state, aim))
         except ConvergenceError:
-            if abs(length) <= smallest or not parts:
+            if abs(length) <= smallest or not attempts:
                 raise
             length *= 0.5
             continue
-        parts.append(part)
-        if part.solution.converged:
-            state, reached = part.state, aim
+        attempts.append(step)
+        if step.solution.converged:
+            state, reached = step.state, aim
             if aim == target:
-                return parts
+                return attempts
         elif abs(length) > smallest:
             length *= 0.5
         else:
-            return parts
+            return attempts
 
 
 def join_solutions(solutions: Sequence[Solution], trail: Sequence[str] = ()) -> Solution:
     """Return the last of successive solutions with the residuals and times of all."""
     seconds: list[float] = []
-    for part in solutions:
+    for solution in solutions:
         done = seconds[-1] if seconds else 0.0
-        seconds += [done + second for second in part.seconds]
-    residuals = [residual for part in solutions for residual in part.residuals]
+        seconds += [done + second for second in solution.seconds]
+    residuals = [residual for solution in solutions for residual in solution.residuals]
     return replace(
         solutions[-1], residuals=tuple(residuals), seconds=tuple(seconds), trail=tuple(trail)
     )

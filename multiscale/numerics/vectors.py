@@ -1,4 +1,4 @@
-"""Long vectors in one pass through the memory, on all threads, with the same sums on any number."""
+"""Kernels that read long vectors once; sums do not depend on the number of threads."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,13 +10,13 @@ from multiscale.numerics.compiled import compiled
 
 __all__ = ["LEAST", "advance", "dot", "turn"]
 
-PARTS = 64  # of a vector, with sums that are added in their order
-LEAST = 2**18  # numbers for a thread
+BLOCKS = 64  # blocks of a vector, with sums that are added in their order
+LEAST = 2**18  # least numbers per thread
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> float:
-    """Scalar product of two arrays of one shape and any precision."""
-    return _sum_parts(_dot, a.size, a.ravel(), b.ravel())
+    """Scalar product of two arrays of equal shape and any precision."""
+    return _sum_blocks(_dot, a.size, a.ravel(), b.ravel())
 
 
 def turn(factor: float, p: np.ndarray, z: np.ndarray) -> None:
@@ -26,25 +26,25 @@ def turn(factor: float, p: np.ndarray, z: np.ndarray) -> None:
 
 def advance(factor: float, p: np.ndarray, u: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
     """Add factor p to u, take factor q from r and return the square of r."""
-    return _sum_parts(_advance, p.size, factor, p, u, q, r)
+    return _sum_blocks(_advance, p.size, factor, p, u, q, r)
 
 
-def _sum_parts(kernel: Callable[..., None], size: int, *arguments: Any) -> float:
-    """Sum over the parts of vectors what a kernel writes for each of them."""
-    sums = np.empty(PARTS)
-    run_ranges(kernel, PARTS, *arguments, sums, least=-(-LEAST * PARTS // max(size, 1)))
+def _sum_blocks(kernel: Callable[..., None], size: int, *arguments: Any) -> float:
+    """Add up the sums that a kernel writes for each block of vectors."""
+    sums = np.empty(BLOCKS)
+    run_ranges(kernel, BLOCKS, *arguments, sums, least=-(-LEAST * BLOCKS // max(size, 1)))
     return float(sums.sum())
 
 
 @compiled(fastmath=True)
 def _dot(begin, end, a, b, sums):  # type: ignore[no-untyped-def]
     n = a.size
-    for part in range(begin, end):
-        mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
-        x, y, total = a[mine], b[mine], 0.0
+    for block in range(begin, end):
+        entries = slice(block * n // BLOCKS, (block + 1) * n // BLOCKS)
+        x, y, total = a[entries], b[entries], 0.0
         for i in range(x.size):
             total += np.float64(x[i]) * y[i]
-        sums[part] = total
+        sums[block] = total
 
 
 @compiled(fastmath=True)
@@ -57,12 +57,12 @@ def _turn(begin, end, factor, p, z):  # type: ignore[no-untyped-def]
 @compiled(fastmath=True)
 def _advance(begin, end, factor, p, u, q, r, sums):  # type: ignore[no-untyped-def]
     n = p.size
-    for part in range(begin, end):
-        mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
-        along, moved, change, rest, total = p[mine], u[mine], q[mine], r[mine], 0.0
+    for block in range(begin, end):
+        entries = slice(block * n // BLOCKS, (block + 1) * n // BLOCKS)
+        along, moved, change, rest, total = p[entries], u[entries], q[entries], r[entries], 0.0
         for i in range(along.size):
             moved[i] += factor * along[i]
             left = rest[i] - factor * change[i]
             rest[i] = left
             total += left * left
-        sums[part] = total
+        sums[block] = total
