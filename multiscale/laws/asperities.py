@@ -71,13 +71,13 @@ class Asperities:
         z, n = np.asarray(self.height, dtype=float), np.asarray(self.density, dtype=float)
         if z.ndim != 1 or z.shape != n.shape or not np.all(np.isfinite(z)):
             raise CaseError(
-                f"height (m) and density (1/m^2) of asperities must be finite lists of one length, "
-                f"got shapes {z.shape} and {n.shape}"
+                f"height (m) and density (1/m^2) of asperities must be finite lists of equal "
+                f"length, got shapes {z.shape} and {n.shape}"
             )
         if not (np.all(np.isfinite(n)) and np.all(n >= 0.0) and np.any(n > 0.0)):
             raise CaseError(
-                f"the densities of asperities must not be negative (1/m^2), and one of them "
-                f"positive, got {n.min(initial=0.0):g} to {n.max(initial=0.0):g}; give the density"
+                f"the densities of asperities must not be negative (1/m^2), nor all "
+                f"zero, got {n.min(initial=0.0):g} to {n.max(initial=0.0):g}; give the density"
             )
         check_parameters(self, radius="m", youngs_modulus="Pa")
         if not 0.0 <= self.poissons_ratio <= 0.5:
@@ -114,7 +114,7 @@ class Asperities:
 
     @property
     def _yield_slope(self) -> float:
-        """Root of half the approach at yield over the radius of one of the spheres."""
+        """Root of half the approach at yield over the radius of a sphere."""
         C = 1.295 * np.exp(0.736 * self.poissons_ratio)
         return float(np.pi * C * self.yield_stress / (4.0 * self.contact_modulus))
 
@@ -143,7 +143,7 @@ class Asperities:
         from scipy.optimize import brentq
 
         dy, R = self.yield_approach, self.radius
-        if not 10.0 * dy < R:  # elastic up to approaches at which it is no sphere
+        if not 10.0 * dy < R:  # elastic up to approaches beyond the model of a sphere
             return CubicSpline([0.0, 1.0], [1.0, 1.0]), np.inf, np.inf
         first = brentq(lambda d: float(self._flattening(d)) - 1.0, 1e-3 * dy, 10.0 * dy)
         grid = np.linspace(np.log(first), np.log(R), NODES)
@@ -178,7 +178,7 @@ def class_densities(
     z, w = np.asarray(height, dtype=float), np.asarray(weight, dtype=float)
     if z.ndim != 1 or z.shape != w.shape or z.size < 2 or not np.all(np.diff(z) > 0.0):
         raise CaseError(
-            f"heights of asperities must rise and have one weight each, two or more, got "
+            f"two or more heights of asperities must rise and have a weight each, got "
             f"{z.size} heights and {w.size} weights"
         )
     if not (np.all(w >= 0.0) and np.any(w > 0.0) and np.all(np.isfinite(w))):
@@ -216,11 +216,11 @@ class AsperityLaw(SliderBed):
 
     .. math:: p = \sum_i N_i, \qquad N_i = n_i F(z_i - g),    \tag{1}
 
-    with the force F of :class:`Asperities`, whose memory is the smallest gap so far. Each class has
-    one tangential spring, as stiff as :math:`\kappa` times the normal stiffness of the class on its
-    unloading curve, :math:`w_i = n_i\, 2 E^* \sqrt{R_i e_i}`, and a slider with the limit
+    with the force F of :class:`Asperities`, which depends on the smallest gap so far. Each class
+    has a tangential spring, as stiff as :math:`\kappa` times the normal stiffness of the class on
+    its unloading curve, :math:`w_i = n_i\, 2 E^* \sqrt{R_i e_i}`, and a slider with the limit
     :math:`\mu N_i` [2]_. Its step is (b) to (d) of :class:`Sliders`, with the mean stiffness of
-    the step for m, so that no path gains energy; the force is a vector, where [2]_ has one slider
+    the step for m, so that no path gains energy; the force is a vector, where [2]_ has a slider
     for each direction.
 
     The state is the largest approach of the highest asperities, m, zero before the first loading,
@@ -264,7 +264,7 @@ class AsperityLaw(SliderBed):
         return replace(self, friction=0.0)
 
     def shaken_down(self) -> "AsperityLaw":
-        """Return the law whose asperities stay on their curves of unloading, for small motions."""
+        """Return the law on the unloading curves of the asperities, for small motions."""
         return replace(self, yields=False)
 
     def _press(self, jump: np.ndarray, history: np.ndarray) -> tuple[Response, np.ndarray]:
@@ -282,16 +282,16 @@ class AsperityLaw(SliderBed):
         """Load, stiffness and derivatives of the classes, shape (4, classes, points)."""
         from multiscale.laws.slabs import asperity_loads
 
-        part = self.asperities
+        spheres = self.asperities
         return np.asarray(
             asperity_loads(
                 np.ascontiguousarray(jump + self.gap, dtype=float).reshape(-1),
                 np.ascontiguousarray(history[0], dtype=float).reshape(-1),
                 self.yields,
-                part.height,
-                part.density,
-                *part.table,
-                float(4.0 / 3.0 * part.contact_modulus * np.sqrt(part.radius)),  # N m^-3/2
+                spheres.height,
+                spheres.density,
+                *spheres.table,
+                float(4.0 / 3.0 * spheres.contact_modulus * np.sqrt(spheres.radius)),  # N m^-3/2
             )
         )
 
@@ -314,7 +314,7 @@ class AsperityLaw(SliderBed):
             step = jump - f / (k - loads[2])
             jump = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         raise ConvergenceError(
-            f"the resolvent of AsperityLaw found no normal jump (relative residual "
+            f"no normal jump solves the resolvent of AsperityLaw (relative residual "
             f"{float(np.max(np.abs(f) / scale)):.1e}); check that the source is finite (Pa)"
         )
 

@@ -201,7 +201,7 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
 
 @dataclass(frozen=True)
 class SteadySliding(InterfaceLaw):
-    r"""Interface law of steady sliding with one velocity of all points.
+    r"""Interface law of steady sliding with the same velocity at all points.
 
     Parameters
     ----------
@@ -309,22 +309,22 @@ class RigidContact(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump that satisfies (1) and t + k [u] = source; see :func:`limit_traction`."""
+        """Solve (1) and t + k [u] = source for the jump; see :func:`limit_traction`."""
         k = np.broadcast_to(stiffness, source.shape)
         if not np.all(k > 0.0):
             raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
         pressure = np.maximum(0.0, -source[0] - k[0] * self.gap)
-        held = source[1:] - k[1:] * state  # traction that prevents slip
+        sticking = source[1:] - k[1:] * state  # traction that prevents slip
         limit = self.friction_limit(pressure)
-        traction = limit_traction(held / k[1:], 1.0 / k[1:], limit)
-        slides = np.sqrt(np.sum(held**2, axis=0)) > limit
-        slip = np.where(slides, (held - traction) / k[1:], 0.0)
+        traction = limit_traction(sticking / k[1:], 1.0 / k[1:], limit)
+        slides = np.sqrt(np.sum(sticking**2, axis=0)) > limit
+        slip = np.where(slides, (sticking - traction) / k[1:], 0.0)
         normal = np.where(pressure > 0.0, -self.gap, source[0] / k[0])
         return np.stack([normal, *(state + slip)])
 
 
 def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    r"""Find the tangential traction on a search direction, no larger than a limit.
+    r"""Return the tangential traction on a search direction, no larger than a limit.
 
     With the least :math:`\sigma \ge 0` that satisfies the limit,
 

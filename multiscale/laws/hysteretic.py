@@ -96,7 +96,7 @@ class HystereticLaw(GapLaw):
         return (np.maximum(recovered, 0.0) if self.flows else recovered) / length, peak, length
 
     def shaken_down(self) -> "HystereticLaw":
-        """Return the law that stays on (1), elastic where nothing has pressed yet."""
+        """Return the law that stays on (1), elastic where the interface has not been loaded."""
         return replace(self, flows=False)
 
     def branch(self, peak_pressure: np.ndarray) -> PowerLaw:
@@ -128,7 +128,7 @@ class HystereticLaw(GapLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
+        """Return the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
         if not self.flows:
             return super().resolvent(source, stiffness, state)
         # the root lies on the loading branch if its pressure there is the largest so far

@@ -54,7 +54,7 @@ class Sliding:
     Attributes
     ----------
     slipping : ndarray, shape (...)
-        Share of the pressure carried by slipping parts in the step, 0 to 1.
+        Share of the pressure carried by slipping contacts in the step, 0 to 1.
     dissipated : ndarray, shape (...)
         Work of the tangential traction at the end of the step minus the change of the stored
         energy, J/m²: never negative, and the dissipation by slip to first order in the step.
@@ -100,7 +100,7 @@ class InterfaceLaw(ABC):
         """Return traction, tangent and new state for a jump of shape (d, ...), m."""
 
     def _repr_html_(self) -> str:
-        rows = {part.name: getattr(self, part.name) for part in fields(self)}  # type: ignore[arg-type]
+        rows = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         with np.printoptions(precision=4, threshold=6):
             return html_table(type(self).__name__, rows)
 
@@ -129,7 +129,7 @@ class InterfaceLaw(ABC):
         return self
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
-        """Return the state for tangential jumps that count from the last committed one.
+        """Return the state for tangential jumps relative to the last committed jump.
 
         The traction depends only on their changes, which rounding loses in long slips on stiff
         laws.
@@ -137,22 +137,21 @@ class InterfaceLaw(ABC):
         return state
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
-        """Return slip and energy of the step from a state to a jump; all slips without friction."""
+        """Return slip and energy of the step from a state to a jump; full slip without friction."""
         none = np.zeros(jump.shape[1:])
         return Sliding(none + 1.0, none, none, self.respond(jump, state).state)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Share of the pressure of contacts that slip as a shear reaches a jump, from a state.
 
-        The shear has not been larger, and the pressure has been the same. Without friction all
-        slips.
+        Valid for a first shear at constant pressure. Without friction the share is 1.
         """
         return np.ones(jump.shape[1:])
 
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        r"""Find the jump that lies on the law and on a search direction.
+        r"""Return the jump that lies on the law and on a search direction.
 
         .. math:: t([\![u]\!]) + k\, [\![u]\!] = b    \tag{1}
 
@@ -186,7 +185,7 @@ class GapLaw(InterfaceLaw):
     """Law of the gap only, with or without memory; a bed of sliders can be laid on it."""
 
     unloading_ratio: float | None = None
-    """Stiffness at the start of unloading over the stiffness of loading; none if elastic."""
+    """Stiffness at the start of unloading over the stiffness of loading; None if elastic."""
 
     @property
     @abstractmethod
@@ -232,7 +231,9 @@ class NormalLaw(GapLaw):
 
         if pressure is None:
             if not 0.0 < self.pressure_range[0] < self.pressure_range[1] < np.inf:
-                raise CaseError("the law has no data whose pressures are plotted; give pressures")
+                raise CaseError(
+                    "the law has no data with a range of pressures to plot; give pressures"
+                )
             pressure = np.geomspace(*self.pressure_range, 200)
         ax = ax or plt.gca()
         ax.plot(1e6 * self.gap_at(np.asarray(pressure)), 1e-6 * np.asarray(pressure))
@@ -303,7 +304,7 @@ def newton_from_the_left(
             break
         jump[0] += np.where(open_points, step, 0.0)
     raise ConvergenceError(
-        f"the resolvent of {type(law).__name__} found no jump on the search direction (last "
+        f"no jump on the search direction solves the resolvent of {type(law).__name__} (last "
         f"relative residual {residual:.1e}); the law must be decreasing and convex in the gap"
     )
 
@@ -319,6 +320,6 @@ def check_parameters(law: object, lowest: float | None = None, **units: str) -> 
             raise CaseError(f"{name} must {asked} finite ({unit}), got {float(wrong.flat[0]):g}")
 
 
-def forwarded(part: str, name: str) -> Any:
-    """Return a property that is an attribute of a part of its object."""
-    return property(attrgetter(f"{part}.{name}"))
+def forwarded(field: str, name: str) -> Any:
+    """Return a property that is an attribute of a field of its object."""
+    return property(attrgetter(f"{field}.{name}"))

@@ -134,8 +134,8 @@ class Beam(LinkLaw):
     def mode_stiffness(self, length: np.ndarray) -> np.ndarray:
         """Return the stiffness of the six modes (1) of beams of some lengths, m, shape (6, ...).
 
-        Elongation (N/m), twist, symmetric and antisymmetric bending about the second local axis,
-        and both about the third one (N m).
+        Elongation (N/m), twist, symmetric and antisymmetric bending about the second and about the
+        third local axis (N m).
         """
         L = np.asarray(length, dtype=float)
         shear = 12.0 / L**2

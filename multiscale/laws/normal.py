@@ -130,7 +130,7 @@ class Tabulated(NormalLaw):
     .. math:: p(g) = \sum_{i=0}^{n-1} (K_i - K_{i-1})\, \langle g_i - g\rangle_+, \qquad
         K_i = \frac{p_{i+1} - p_i}{g_i - g_{i+1}}, \quad K_{-1} = 0.    \tag{1}
 
-    No chord may be softer than the chord before it, so that the law is convex; the last one
+    No chord may be softer than the chord before it, so that the law is convex; the last chord
     continues beyond the table, as in other finite-element codes.
     """
 
@@ -173,7 +173,7 @@ class Tabulated(NormalLaw):
     def _stiffness(self) -> np.ndarray:
         """Stiffness K_i of every chord, Pa/m."""
         K = -np.diff(self.table_pressure) / np.diff(self.table_gap)
-        return np.maximum.accumulate(K)  # round-off of equal chords is no softening
+        return np.maximum.accumulate(K)  # the round-off of equal chords is not softening
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1) on the chord of each gap; the unit is Pa."""
@@ -220,10 +220,10 @@ class ConvexDecreasing(NormalLaw):
         \sum_{k>j} c_k\, (s_k - s_j) \ge 0 \quad (j = 1 \dots n-1), \qquad
         \sum_k c_k \ge 0,    \tag{2}
 
-    the last one below the first knot. Coefficients :math:`c_k \ge 0` satisfy (2) but represent only
-    laws with convex :math:`p^{1/3}`: no power law with an exponent below 3, no Greenwood-Williamson
-    law at small gap, no first contact of a wave. Between two knots (1) is expanded about the right
-    knot,
+    the last condition below the first knot. Coefficients :math:`c_k \ge 0` satisfy (2) but
+    represent only laws with convex :math:`p^{1/3}`: no power law with an exponent below 3, no
+    Greenwood-Williamson law at small gap, no first contact of a sinusoidal profile. Between two
+    knots (1) is expanded about the right knot,
 
     .. math::
         p = \sum_{i=0}^3 a_{ij} (s_j - g)^i, \qquad
@@ -249,14 +249,14 @@ class ConvexDecreasing(NormalLaw):
         s, c = np.asarray(self.knot, dtype=float), np.asarray(self.coefficient, dtype=float)
         if s.ndim != 1 or s.shape != c.shape or s.size == 0:
             raise CaseError(
-                f"knot and coefficient must be lists of one length, got shapes {s.shape} "
+                f"knot and coefficient must be lists of equal length, got shapes {s.shape} "
                 f"and {c.shape}"
             )
         if not (np.all(np.isfinite(s)) and np.all(np.isfinite(c))):
             raise CaseError("knot (m) and coefficient (Pa m^-3) must be finite")
         if not np.all(np.diff(s) > 0.0):
             raise CaseError("the knots of a convex decreasing law must increase (m)")
-        ramp = np.maximum(0.0, s - s[:, None])  # (2), one row per j
+        ramp = np.maximum(0.0, s - s[:, None])  # (2), a row per j
         curvature = np.append(ramp @ c, np.sum(c))
         size = np.append(ramp @ np.abs(c), np.sum(np.abs(c)))
         if not np.all(curvature >= -1e-9 * size):  # relative to the terms that cancel
@@ -294,7 +294,7 @@ class ConvexDecreasing(NormalLaw):
             raise ValueError("a pressure must be finite and not negative (Pa)")
         s, c = self.knot, self.coefficient
         at_knot = self._at_knots
-        # in the last interval (1) has one term; elsewhere start at the next knot left of the root
+        # in the last interval (1) has a single term; elsewhere start at the knot left of the root
         last = target <= (at_knot[-2] if s.size > 1 else np.inf)
         left = np.searchsorted(-at_knot, -target, side="right") - 1
         gap = np.where(last, s[-1] - np.cbrt(target / c[-1]), s[np.maximum(left, 0)])
@@ -330,7 +330,7 @@ class ConvexDecreasing(NormalLaw):
     def _expansions(self) -> np.ndarray:
         """:math:`a_{ij}` of (3) in row i, and zeros beyond the last knot, shape (4, terms + 1)."""
         s, c = self.knot, self.coefficient
-        beyond = np.maximum(0.0, s - s[:, None])  # one row per j
+        beyond = np.maximum(0.0, s - s[:, None])  # a row per j
         terms = [beyond**3, 3.0 * beyond**2, 3.0 * beyond, s >= s[:, None]]
         return np.stack([np.append(term @ c, 0.0) for term in terms])
 

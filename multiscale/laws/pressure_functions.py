@@ -13,7 +13,7 @@ __all__ = ["AreaLaw", "ErrorFunctionArea", "PowerStiffness", "StiffnessLaw"]
 
 @dataclass(frozen=True)
 class AreaLaw:
-    r"""Contact fraction interpolated between given pressures, monotone, from zero to at most one.
+    r"""Contact fraction interpolated between given pressures, monotone, from 0 to at most 1.
 
     Parameters
     ----------
@@ -32,7 +32,8 @@ class AreaLaw:
         A(p) = 1 - (1 - A_n)\, \exp\Big(-\frac{A'_n\,(p - p_n)}{1 - A_n}\Big)
         \quad (p > p_n),    \tag{1}
 
-    where :math:`p_1` is the first knot with contact, :math:`p_0` the last one without, or zero, and
+    where :math:`p_1` is the first knot with contact, :math:`p_0` the last knot without, or zero,
+    and
     :math:`A'_n` the slope at the last knot.
 
     References
@@ -98,7 +99,7 @@ class AreaLaw:
 
 @dataclass(frozen=True)
 class ErrorFunctionArea:
-    r"""Contact fraction of the diffusion theory of contact, with one parameter.
+    r"""Contact fraction of the diffusion theory of contact, with a single parameter.
 
     Parameters
     ----------

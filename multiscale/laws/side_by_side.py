@@ -1,4 +1,4 @@
-"""Several interfaces as a single law over the points of all, and the step of their state."""
+"""Several interfaces as a single law over all their points, and the step of their state."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +45,7 @@ class SideBySide(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump of every law at its points."""
+        """Return the jump of every law at its points."""
         k = np.broadcast_to(stiffness, source.shape)
         apart = self.opened(np.zeros_like(source))
         moved = source + k * apart  # t(j) + k j = b + k s for the opened jump j
@@ -61,7 +61,7 @@ class SideBySide(InterfaceLaw):
         return self._each(self.n_state, lambda law, at: law.at_rest(jump[:, at]))
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
-        """Return the state for tangential jumps from the last one."""
+        """Return the state for tangential jumps relative to the last jump."""
         return self._each(self.n_state, lambda law, at: law.from_here(state[: law.n_state, at]))
 
     def unsheared(self, state: np.ndarray) -> np.ndarray:
@@ -96,15 +96,15 @@ class SideBySide(InterfaceLaw):
         """Evaluate every law at its points, shape (rows, points)."""
         values = np.zeros((rows, self.points[-1].stop if self.points else 0))
         for law, at in zip(self.laws, self.points, strict=True):
-            part = np.atleast_2d(evaluate(law, at))
-            values[: len(part), at] = part
+            result = np.atleast_2d(evaluate(law, at))
+            values[: len(result), at] = result
         return values
 
 
 def lay_side_by_side(
     laws: Iterable[InterfaceLaw], counts: Iterable[int], spacing: np.ndarray
 ) -> SideBySide:
-    """Join interfaces with numbers of points; neighbours of one law are evaluated together."""
+    """Join interfaces with numbers of points; neighbours with the same law become one block."""
     joined, points, start = [], [], 0
     pairs = zip(laws, counts, strict=True)
     for _, group in groupby(pairs, key=lambda pair: id(pair[0])):
@@ -123,7 +123,7 @@ def advance_state(
     gain, most = -account.dissipated.min(initial=0.0), account.stored.max(initial=0.0)
     if gain > GAIN * most:
         raise ConvergenceError(
-            f"a step wins {gain:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
+            f"a step gains {gain:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
             f"most: {type(law).__name__} is wrong, as is every answer of the path; report the case"
         )
     return account.state, account

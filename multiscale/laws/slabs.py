@@ -2,7 +2,7 @@
 
 ``edges``, shape (3, slabs), holds gap, pressure and stiffness at the upper edge of every slab on
 the elastic curve. ``start`` and ``end`` of a step, shape (5, 1, points), hold gap, pressure and
-stiffness of every point on this curve, and the scales of force and length. Of springs that have no
+stiffness of every point on this curve, and the scales of force and length. For springs without a
 common curve, such as asperities, they hold load and stiffness of every spring and the derivatives
 of both by the gap, shape (4, springs, points); there are no edges, and the slope is not used.
 """
@@ -22,7 +22,7 @@ ROUNDING_CHANGE = 1e-5
 """Change of the gap, relative to pressure over stiffness, below which the change of the load of a
 slab is rounding."""
 
-LEAST = 20_000  # entries of states for a thread
+LEAST = 20_000  # least entries of states per thread
 
 MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
 """Iteration and halving limits of Newton's method, and its residual relative to all forces."""
@@ -81,7 +81,7 @@ def respond_slabs(
 
 
 def _least(state: np.ndarray) -> int:
-    """Points for a thread."""
+    """Least number of points per thread."""
     return -(-LEAST // len(state))
 
 
@@ -97,26 +97,27 @@ def _respond(  # type: ignore[no-untyped-def]
         y = jump[2, c] - state[3 * slabs + 2, c]
         tx = ty = d_xn = d_yn = d_xx = d_xy = d_yy = stored = left = load = slipping = 0.0
         for i in range(slabs):
+            # force A and stiffness l of the committed state, load and stiffness of the slab
             a, b, l0 = state[i, c], state[slabs + i, c], state[2 * slabs + i, c]
             stored += (a * a + b * b) / l0 if l0 > 0.0 else 0.0
-            N, w, keep, m, part = _step(i, c, start, end, l0, edges)
+            N, w, keep, m, m_by_w = _step(i, c, start, end, l0, edges)
             if w == 0.0:  # open
                 new[i, c] = new[slabs + i, c] = new[2 * slabs + i, c] = 0.0
                 continue
+            # derivatives of load, stiffness and m by the gap
             if edges.shape[1] == 0:
                 dN, dw = end[2, i, c], end[3, i, c]
-                dm = part * dw
+                dm = m_by_w * dw
             else:
-                held = i == 0 or end[0, 0, c] >= edges[0, i - 1]
-                dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
+                inside = i == 0 or end[0, 0, c] >= edges[0, i - 1]
+                dw = w * slope[2, c] + (slope[0, c] if inside else 0.0)
                 dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
                 fall = (start[0, 0, c] - end[0, 0, c]) * end[4, 0, c]
-                dm = part * dw if part > 0.0 else (dN + m) / fall
+                dm = m_by_w * dw if m_by_w > 0.0 else (dN + m) / fall
             lost = dw / l0 if l0 > w else 0.0
-            fx, fy = (
-                lost * a + dm * x,
-                lost * b + dm * y,
-            )  # derivative of the trial force by the gap
+            # derivative of the trial force by the gap
+            fx, fy = lost * a + dm * x, lost * b + dm * y
+            # trial force, and its projection onto the friction limit
             a, b = keep * a, keep * b
             before = a * a + b * b
             moment = 2.0 * (a * x + b * y) + m * (x * x + y * y)
@@ -169,8 +170,7 @@ def resolve(
     """Return the tangential jump on the law and on a search direction, and the failed points.
 
     The minimum of the convex function with gradient (c) + k x is found by Newton's method with
-    halved steps. If all forces have one direction it is piecewise quadratic and the last step is
-    exact.
+    halved steps. If all forces are parallel it is piecewise quadratic and the last step is exact.
     """
     points = source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)

@@ -22,7 +22,7 @@ STICKING_SLIP = 1e-3
 """Slip in a step up to which a slab counts as sticking, relative to its elastic displacement at
 the friction limit."""
 
-LEAST = 1e-9  # least pressure of sticking contacts, relative to the whole, where all would slip
+LEAST = 1e-9  # least pressure of sticking contacts relative to the pressure, where all would slip
 CURVE_SAMPLES = 2000  # number of pressures at which the elastic curve is sampled to find the edges
 DIFFERENCE_STEP = 1e-5  # step of central differences by the gap, relative to the decay length
 LAST_EDGE = 1e300  # gap of the last edge, m: the last slab is unbounded
@@ -31,7 +31,7 @@ LAST_EDGE = 1e300  # gap of the last edge, m: the last slab is unbounded
 class SliderBed(InterfaceLaw):
     """Law of the gap below a bed of tangential springs, each with a Coulomb slider.
 
-    The state is the history of the normal part; force, two components, and stiffness of every
+    The state is the history of the normal law; force, two components, and stiffness of every
     spring over the stiffness ratio; and the last jump.
     """
 
@@ -134,7 +134,7 @@ class SliderBed(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Solve the normal row, which friction does not change, then the tangential ones.
+        """Solve the normal row, which is independent of friction, then the tangential rows.
 
         Sliders and direction are the gradient of a strictly convex function of the tangential jump.
         """
@@ -157,7 +157,7 @@ class SliderBed(InterfaceLaw):
         )
         if np.any(failed):
             raise ConvergenceError(
-                f"the resolvent of {type(self).__name__} found no tangential jump at "
+                f"no tangential jump solves the resolvent of {type(self).__name__} at "
                 f"{np.sum(failed)} of {failed.size} points; check that the source is finite (Pa)"
             )
         jump[1:] = tangential.reshape(2, *jump.shape[1:])
@@ -262,7 +262,7 @@ class Sliders(SliderBed):
                 f"{low:g} and {high:g}; give pressures=(low, high) that the joint will carry"
             )
         if self.slabs < 1:
-            raise CaseError(f"a bed of sliders needs one slab or more, got {self.slabs}")
+            raise CaseError(f"a bed of sliders needs at least one slab, got {self.slabs}")
 
     @property
     def _layout(self) -> tuple[int, int, float]:
@@ -275,7 +275,7 @@ class Sliders(SliderBed):
 
     def shaken_down(self) -> "Sliders":
         """Return the bed on the curve of unloading; see :class:`InterfaceLaw`."""
-        return replace(self, normal=self.normal.shaken_down())  # type: ignore[arg-type]  # of one kind
+        return replace(self, normal=self.normal.shaken_down())  # type: ignore[arg-type]  # same kind
 
     def _press(self, jump: np.ndarray, history: np.ndarray) -> tuple[Response, np.ndarray]:
         response = self.normal.respond(jump, history)
@@ -296,12 +296,12 @@ class Sliders(SliderBed):
             return super().slipping_load(jump, state)
         shear = np.linalg.norm(self.respond(jump, state).traction[1:], axis=0).reshape(-1)
         gap, p, _, force, _ = self._springs(jump[0], state[: self.normal.n_state])
-        held = np.maximum(
+        carried = np.maximum(
             p - shear / (self.friction * np.where(force > 0.0, force, 1.0)), LEAST * p
         )
-        closed = held > 0.0
-        edge = self._curve.gap_at(np.where(closed, held, 1.0))
-        stuck = held + self._curve.stiffness(edge) * np.maximum(edge - gap, 0.0)
+        closed = carried > 0.0
+        edge = self._curve.gap_at(np.where(closed, carried, 1.0))
+        stuck = carried + self._curve.stiffness(edge) * np.maximum(edge - gap, 0.0)
         share = 1.0 - stuck / np.where(closed, p, 1.0)
         return np.asarray(np.where(closed, np.maximum(share, 0.0), 1.0).reshape(jump.shape[1:]))
 

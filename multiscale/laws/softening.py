@@ -30,7 +30,7 @@ class Softening:
     def __post_init__(self) -> None:
         w, s = np.array(self.opening, float), np.array(self.stress, float)
         if w.shape != s.shape or w.ndim != 1 or w.size < 2:
-            raise CaseError(f"a crack has one stress for each opening, got {w.shape} and {s.shape}")
+            raise CaseError(f"a crack has a stress for each opening, got {w.shape} and {s.shape}")
         if w[0] != 0.0 or np.any(w[1:] <= w[:-1]):
             raise CaseError(f"the openings of a crack must rise from 0 (m), got {self.opening}")
         if s[-1] != 0.0 or np.any(s[1:] >= s[:-1]):
@@ -51,7 +51,7 @@ class Softening:
     def teeth(
         self, youngs_modulus: float, width: float, count: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        r"""Cut the law of an element into a sequence of elastic ones.
+        r"""Approximate the law of an element by a sequence of elastic laws.
 
         Parameters
         ----------
@@ -74,8 +74,8 @@ class Softening:
         .. math:: \frac{h}{2E}\, \sigma_k \sigma_{k+1} (1/r_{k+1} - 1/r_k)
             = \tfrac12 (\sigma_k w_{k+1} - \sigma_{k+1} w_k),    \tag{1}
 
-        also where the strain falls because the band is wide. Points have equal parts of the energy,
-        and the last one has a thousandth of the strength.
+        also where the strain falls because the band is wide. The points divide the energy equally,
+        and the stress of the last point is a thousandth of the strength.
 
         References
         ----------

@@ -66,7 +66,7 @@ class Verdict:
     error: float  # natural-map error relative to the norm of the data, the larger of (1)
     penetration: float  # largest approach left at a contact, relative to the norm of the data
     cone_violation: float  # largest distance of an impulse from its cone over the largest impulse
-    tolerance: float  # bound that each of them has to keep
+    tolerance: float  # upper bound of each of the three numbers
 
     @property
     def accepted(self) -> bool:
@@ -75,7 +75,7 @@ class Verdict:
 
     @property
     def residual(self) -> float:
-        """The worst of the three numbers, NaN if one is."""
+        """The largest of the three numbers, NaN if any of them is NaN."""
         return float(np.max((self.error, self.penetration, self.cone_violation)))
 
 
@@ -153,14 +153,14 @@ def unit_step(mobility: float) -> float:
 
 
 def _power_of_two(value: float) -> float:
-    """Largest power of two that is not above a value; one for zero and for ordinary numbers."""
+    """Largest power of two that is not above a value; 1 for zero and for ordinary numbers."""
     if value == 0.0 or 1.0 / ORDINARY < value < ORDINARY:
         return 1.0
     return float(np.ldexp(1.0, np.frexp(value)[1] - 1))
 
 
 def closing_norm(velocity: np.ndarray) -> float:
-    """Norm of q over the contacts that would close, m/s; over all of them if none would."""
+    """Norm of q over the closing contacts, m/s; over all contacts if none closes."""
     closing = velocity[velocity[:, 0] < 0.0]
     return float(norm(closing)) or float(norm(velocity)) or 1.0
 

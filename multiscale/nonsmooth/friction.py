@@ -1,4 +1,4 @@
-r"""Coulomb friction: one function for all methods; the verifier decides on the status."""
+r"""Coulomb friction: a single function for all methods; the verifier decides on the status."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,10 +31,10 @@ __all__ = ["FRICTION_METHODS", "solve_friction"]
 SAFETY = 0.5  # share of the tolerance that the methods aim at, so that the verifier agrees
 
 FIRST_LANCZOS_STEPS = 20
-"""Lanczos steps of the first look at a problem, which find only plain cases."""
+"""Lanczos steps before a problem is solved, which detect only clear cases."""
 
 INDEFINITE = (
-    "delassus is indefinite: after scaling its diagonal to one it has the eigenvalue {value:.2e}, "
+    "delassus is indefinite: after scaling its diagonal to 1 it has the eigenvalue {value:.2e}, "
     "and contact {worst} carries {share:.0%} of its vector; check the masses there, W = H^T M^-1 H "
     "has no negative eigenvalue"
 )
@@ -66,7 +66,7 @@ FRICTION_METHODS: dict[str, Callable[..., np.ndarray]] = {
     "newton": partial(semismooth_newton, regularisation=1e-4),
     "interior_point": _interior_point,
 }
-"""Methods that can be asked for by name; ``"auto"`` uses all of them."""
+"""Methods by name; ``"auto"`` uses all of them."""
 
 
 def solve_friction(
@@ -97,11 +97,11 @@ def solve_friction(
     method : str
         ``"auto"``: bursts of Gauss-Seidel sweeps, a few Newton steps, and the interior point that
         treats the normal direction separately, finished by Newton's method, each for as long as it
-        reduces the error; or the only method, one of ``FRICTION_METHODS``.
+        reduces the error; or a single method of ``FRICTION_METHODS``.
     tolerance : float, bound on the numbers of :func:`verify_friction`; dimensionless
     start : ndarray, shape (d * contacts,), optional
         First :math:`r`, N s; zero if not given. Interior points start from their centre.
-    max_iterations : int, optional, iteration limit of each method; a default of each if not given
+    max_iterations : int, optional, iteration limit of each method; its default if not given
     callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
@@ -191,7 +191,7 @@ def solve_friction(
 def _run_schedule(
     problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 5000
 ) -> None:
-    """Take cheap methods first, then robust ones; ``max_iterations`` limits each of them."""
+    """Run cheap methods first, then robust methods, each limited by ``max_iterations``."""
     # bursts of sweeps while each reduces the error by GAIN
     progress.trail.append("gauss_seidel")
     for burst in range(max(1, max_iterations // BURST)):
@@ -224,7 +224,7 @@ def _run_schedule(
 def _checked(
     delassus: csr_array | np.ndarray, velocity: np.ndarray, friction: np.ndarray
 ) -> tuple[csr_array, np.ndarray, np.ndarray]:
-    """Return the data as arrays, or refuse them in one sentence."""
+    """Return the data as arrays, or refuse them."""
     W = csr_array(delassus) if issparse(delassus) else np.asarray(delassus, dtype=float)
     q = np.asarray(velocity, dtype=float)
     mu = np.asarray(friction, dtype=float)
@@ -234,7 +234,7 @@ def _checked(
         raise CaseError(f"velocity must have shape ({W.shape[0]},) like delassus, got {q.shape}")
     if mu.ndim != 1 or q.size not in (2 * mu.size, 3 * mu.size):
         raise CaseError(
-            f"friction must have one entry for every 2 or 3 of the {q.size} velocities, "
+            f"friction must have an entry for every 2 or 3 of the {q.size} velocities, "
             f"got shape {mu.shape}"
         )
     for name, entries in (("delassus", W.data if issparse(W) else W), ("velocity", q)):
@@ -249,7 +249,7 @@ def _checked(
 
 
 def _refuse_indefinite(problem: ScaledFriction, steps: int) -> None:
-    """Refuse a W whose symmetric part has a clearly negative eigenvalue."""
+    """Refuse a W if its symmetric part has a clearly negative eigenvalue."""
     matrix = bsr_array((problem.blocks, problem.columns, problem.starts))
     half = 0.5 * matrix
     turned = half.T.tobsr()

@@ -1,4 +1,4 @@
-r"""Primal-dual interior point for Coulomb friction, with the normal apart from the cone.
+r"""Primal-dual interior point for Coulomb friction, with a separate normal direction.
 
 The cone is :math:`\{x : \|x_T\| \le x_0\}` at every contact; arrays have the shape (contacts, 3)
 with its axis in column 0.
@@ -75,7 +75,7 @@ def mean_product(point: Point) -> float:
 
 def _moved(point: Point, change: Point, step: float) -> Point:
     """Point a step ahead."""
-    z, y, g = (part + step * by for part, by in zip(point, change, strict=True))
+    z, y, g = (old + step * by for old, by in zip(point, change, strict=True))
     return z, y, g
 
 

@@ -1,4 +1,4 @@
-r"""Sweeps and Newton's method for friction problems, with the kernels of one contact.
+r"""Sweeps and Newton's method for friction problems, with the kernels of a single contact.
 
 Gauss-Seidel solves each contact exactly in turn, with the impulses of the others; the semismooth
 Newton method solves the equations of Alart and Curnier, regularised for singular W.
@@ -13,7 +13,7 @@ __all__ = ["gauss_seidel", "linearise", "semismooth_newton", "solve_one_contact"
 
 BURST = 20  # sweeps between two measurements of the error
 SMALLEST, LARGEST = 1e-14, 1.0  # range of the regularisation, relative to the diagonal of W
-PATIENCE = 10  # steps without progress after which the iteration gives up
+PATIENCE = 10  # steps without progress after which the iteration ends
 
 
 def gauss_seidel(
@@ -42,7 +42,7 @@ def gauss_seidel(
 
 @compiled
 def sweep(blocks, columns, starts, diagonal, velocity, friction, reaction, sweeps):  # type: ignore[no-untyped-def]
-    """Solve the contacts one after another, ``sweeps`` times, in place."""
+    """Solve the contacts in turn, ``sweeps`` times, in place."""
     for _ in range(sweeps):
         for i in range(friction.size):
             # velocity without the impulse of contact i
@@ -60,7 +60,7 @@ def sweep(blocks, columns, starts, diagonal, velocity, friction, reaction, sweep
 
 @compiled
 def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
-    r"""Solve the friction problem of one contact.
+    r"""Solve the friction problem of a single contact.
 
     Open if :math:`q_N \ge 0`; stuck if :math:`r = -W^{-1} q` lies in the cone. Otherwise the
     contact slides with :math:`u_T = -\alpha r_T`, :math:`\alpha > 0`, and :math:`u_N = 0` leaves
@@ -76,8 +76,8 @@ def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
 
     .. math:: \alpha_1 = \|b\| \frac{W_{NN} + \mu \|W_{NT}\|}{-\mu q_N},    \tag{2}
 
-    so that a bracketed Newton iteration always finds one; :math:`g` is nearly linear, as in
-    trust-region methods.
+    so that a bracketed Newton iteration always converges to a root; :math:`g` is nearly linear,
+    as in trust-region methods.
     """
     if q0 >= 0.0:
         return 0.0, 0.0, 0.0

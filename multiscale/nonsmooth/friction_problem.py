@@ -33,8 +33,8 @@ class ScaledFriction:
     blocks: np.ndarray  # (n, 3, 3), of W row by row; every row has its diagonal block
     columns: np.ndarray  # (n,), contact that each block belongs to, ascending in a row
     starts: np.ndarray  # (contacts + 1,), first block of every row
-    diagonal: np.ndarray  # (contacts,), which block is the diagonal one
-    velocity: np.ndarray  # (contacts, 3), q, norm one
+    diagonal: np.ndarray  # (contacts,), number of the diagonal block of every row
+    velocity: np.ndarray  # (contacts, 3), q, scaled to the norm 1
     friction: np.ndarray  # (contacts,), mu > 0
     reaction_unit: np.ndarray  # (contacts, 3), of impulses, N s
     velocity_unit: np.ndarray  # (contacts, 3), of velocities, m/s
@@ -74,8 +74,8 @@ def scale_friction(
         \hat\mu = \mu D_N / D_T,    \tag{1}
 
     :math:`D_N = W_{NN}^{-1/2}` and :math:`D_T` from the mean of the tangential diagonal. Components
-    that cannot carry a force (:math:`\mu = 0`, or the third one of a plane problem) are cut off
-    from the rest: they stay zero, and every method sees a contact with friction.
+    that cannot carry a force (:math:`\mu = 0`, or the third component of a plane problem) are
+    decoupled: they stay zero, and every method sees a contact with friction.
     """
     contacts = friction.size
     dim = velocity.size // contacts
@@ -100,12 +100,13 @@ def scale_friction(
     size = np.abs(mobility[:, :dim])
     mean = size.mean(axis=1)
     normal, tangent = (
-        np.where(part > 1e-12 * mean, part, mean) for part in (size[:, 0], size[:, 1:].mean(axis=1))
+        np.where(mobile > 1e-12 * mean, mobile, mean)
+        for mobile in (size[:, 0], size[:, 1:].mean(axis=1))
     )
     both = np.column_stack([normal, tangent, tangent])
     unit = 1.0 / np.sqrt(np.where(both > 0.0, both, size.max(initial=0.0) or 1.0))  # D
 
-    # D W D; components without a force have only a one on the diagonal
+    # D W D; components without a force have a unit diagonal only
     carries = np.ones((contacts, 3), dtype=bool)
     carries[:, 1:] = (friction > 0.0)[:, None]
     carries[:, dim:] = False

@@ -1,4 +1,4 @@
-"""Linear complementarity problems: one function for all methods."""
+"""Linear complementarity problems: a single function for all methods."""
 
 from collections.abc import Callable, Iterator
 from time import perf_counter
@@ -32,7 +32,7 @@ LCP_METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] 
 """Methods that can be asked for by name; ``"auto"`` uses all of them."""
 
 INDEFINITE = (
-    "matrix is symmetric but indefinite: its smallest eigenvalue, with the diagonal scaled to one, "
+    "matrix is symmetric but indefinite: its smallest eigenvalue, with the diagonal scaled to 1, "
     "is {value:.3g}, and constraint {worst} carries {share:.0%} of its vector; check the sign of "
     "that row, or use method='pivoting', which needs no definiteness"
 )
@@ -43,7 +43,7 @@ NEGATIVE = 1e-6
 LARGEST_PIVOTING = 1000  # number of constraints up to which ``auto`` tries pivoting
 
 PATIENCE = 100
-"""Iterates without a residual cut to a half after which a method asked for by name gives up."""
+"""Iterates without a halved residual after which a method that the caller names ends."""
 
 
 @np.errstate(all="ignore")  # overflow makes the residual infinite
@@ -75,7 +75,7 @@ def solve_lcp(
         falls. ``"newton_min"``, ``"interior_point"`` and ``"pivoting"`` take only this method.
     start : ndarray, shape (n,), optional, first z, in the unit of z; zero if not given
     max_iterations : int
-        Limit on the number of residuals: one per factorisation, or per n / 20 pivots.
+        Limit on the number of residuals, computed per factorisation or per n / 20 pivots.
     tolerance : float, bound on the error of :func:`verify_lcp`, dimensionless
     callback : callable, optional, called as ``callback(iteration, residual)``
 
@@ -152,7 +152,7 @@ def _stages(problem: ScaledLCP, method: str) -> list[tuple[str, int]]:
 def _iterates(
     problem: ScaledLCP, start: np.ndarray, stages: list[tuple[str, int]], residuals: list[float]
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield method and iterate; the caller appends its residual, which decides on the next one."""
+    """Yield method and iterate; the caller appends its residual, which selects the next method."""
     yield stages[0][0], start
     best, smallest = start, residuals[-1]
     for method, window in stages:

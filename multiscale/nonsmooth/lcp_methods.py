@@ -17,10 +17,10 @@ __all__ = ["iterate_interior_point", "iterate_newton_min", "iterate_pivoting", "
 SHIFT = 1e-13  # added to the unit diagonal of an active block, so that redundant constraints share
 REFINEMENTS = 1  # corrections of the active unknowns after the first
 ROUNDING = 1e-14  # negative part of an unknown or slack that does not count as a violation
-FULL_STEPS = 8  # full steps without fewer violations before constraints are exchanged one at a time
+FULL_STEPS = 8  # full steps without fewer violations before constraints are exchanged singly
 
 SETTLED = 1e-3
-"""Part of the constraints that may change sides in a step if the active set is to be tried."""
+"""Share of the constraints that may change sides in a step if the active set is to be tried."""
 
 NEXT_TRIAL = 1e-2  # factor by which the gap must fall from one trial of the active set to the next
 POLISH_STEPS = 3  # active sets in one trial
@@ -32,7 +32,7 @@ CORRECTIONS = 2  # corrections of the centrality per factorisation, each for one
 LONGEST = 1e10  # length of a step without a limit
 
 SMALLEST_PIVOT = 1e-10
-"""Entry of an entering column, relative to its largest one, that counts as zero."""
+"""Entry of an entering column, relative to its largest entry, that counts as zero."""
 
 TIE = 1e-12  # relative difference up to which two entries of the ratio test count as equal
 FAR = 1e12  # distance along a ray at which its last point lies
@@ -41,7 +41,7 @@ FAR = 1e12  # distance along a ray at which its last point lies
 def iterate_newton_min(
     problem: ScaledLCP, start: np.ndarray, active: np.ndarray | None = None
 ) -> Iterator[np.ndarray]:
-    r"""Yield one x per active set: Newton's method on :math:`\min(x, A x + b)`.
+    r"""Yield an x per active set: Newton's method on :math:`\min(x, A x + b)`.
 
     On the active set :math:`\mathcal A` the slack is zero, elsewhere x is:
 
@@ -51,9 +51,9 @@ def iterate_newton_min(
 
     As long as the number of violated signs falls, all of them change the set at once (Newton's
     method [1]_). When it does not fall for eight steps, or a set comes back, only the last violated
-    constraint changes [2]_, until the number falls below the least one met: for a P-matrix this
-    ends at the solution. The iterates are without their negative parts; where the block is singular
-    the start gives what it does not determine, and the first active set if not given.
+    constraint changes [2]_, until the number falls below the least number so far: for a P-matrix
+    this ends at the solution. Negative entries of the iterates are set to zero; the start supplies
+    the unknowns that a singular block does not determine, and the first active set if not given.
 
     .. [1] M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
        doi:10.1137/S1052623401383558.
@@ -192,8 +192,8 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
 
     with :math:`e = 1`, and ends where :math:`x_0 = 0` or on a second ray [1]_. Ties of the ratio
     test are broken by the rows of the inverse basis, so that no basis can come back [2]_. It ends
-    at a solution for P-matrices, positive semidefinite and copositive ones, whenever there is an
-    admissible x. Yields x after every n / 20 pivots, then the solution, solved afresh from its
+    at a solution for P-matrices, positive semidefinite and copositive matrices, whenever there is
+    an admissible x. Yields x after every n / 20 pivots, then the solution, solved afresh from its
     active set, or a point far out on the second ray. The start is not used; work and memory grow as
     n³ and n².
 
@@ -213,7 +213,8 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
     tableau[:, 2 * n] = -1.0
     tableau[:, 2 * n + 1] = problem.vector
     basis = np.arange(n)
-    leaving = n - 1 - int(np.argmin(problem.vector[::-1]))  # the last of equal ones: lexicographic
+    # lexicographic rule: the last of equal entries
+    leaving = n - 1 - int(np.argmin(problem.vector[::-1]))
     entering = _exchange(tableau, basis, leaving, 2 * n)
 
     while entering >= 0 and 2 * n in basis:
@@ -229,7 +230,7 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
 
 
 def _point(values: np.ndarray, basis: np.ndarray, n: int) -> np.ndarray:
-    """Put the values of the basic variables into x, without rounding below zero."""
+    """Return x from the values of the basic variables, without rounding below zero."""
     x = np.zeros(n)
     chosen = (basis >= n) & (basis < 2 * n)
     x[basis[chosen] - n] = np.maximum(values[chosen], 0.0)
@@ -267,16 +268,17 @@ def _leaving_row(tableau, basis, entering):  # type: ignore[no-untyped-def]
             continue
         for step in range(-1, n):  # the right-hand side first, then the inverse basis
             column = step if step >= 0 else 2 * n + 1
-            mine = tableau[i, column] / tableau[i, entering]
+            ratio = tableau[i, column] / tableau[i, entering]
             other = tableau[best, column] / tableau[best, entering]
-            if abs(mine - other) <= TIE * (abs(mine) + abs(other)):
-                if step < 0 and basis[i] == 2 * n:  # a tie with the artificial one ends the path
+            if abs(ratio - other) <= TIE * (abs(ratio) + abs(other)):
+                # a tie with the artificial variable ends the path
+                if step < 0 and basis[i] == 2 * n:
                     best = i
                     break
                 if step < 0 and basis[best] == 2 * n:
                     break
                 continue
-            if mine < other:
+            if ratio < other:
                 best = i
             break
     return best

@@ -101,8 +101,8 @@ def verify_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.nda
 
     Notes
     -----
-    With :math:`d_i = |M_{ii}|^{-1/2}`, the pairs :math:`z_i / d_i` and :math:`d_i w_i` have one
-    unit, and the error is
+    With :math:`d_i = |M_{ii}|^{-1/2}`, the pairs :math:`z_i / d_i` and :math:`d_i w_i` have the
+    same unit, and the error is
 
     .. math::
         \max_i \frac{|\min(z_i / d_i,\, d_i w_i)| - \rho_i}{s_i}, \qquad
@@ -110,7 +110,7 @@ def verify_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.nda
         \delta = \max_i d_i \max(0, -q_i).    \tag{1}
 
     :math:`\delta` is the error of :math:`z = 0`, so that a large gap elsewhere does not count
-    as data. :math:`s_i` is :math:`r_i`, so that a row is judged by its own terms however large
+    as data. :math:`s_i` is :math:`r_i`, so that a row is judged by its terms however large
     another load is, but not below :math:`10^{-6} \delta` and not above :math:`\delta`, so that
     a solution that runs away cannot pass. Where the terms of a row cancel, as with mass ratios
     and contrasts of 1e8, no computer can do better than :math:`\rho_i`: 32 units of rounding of
@@ -130,7 +130,7 @@ def verify_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.nda
 def lcp_verifier(
     matrix: csr_array | np.ndarray, vector: np.ndarray
 ) -> Callable[[np.ndarray], float]:
-    """Prepare :func:`verify_lcp` for many values of one problem."""
+    """Prepare :func:`verify_lcp` for many values of a problem."""
     matrix, vector = _checked(matrix, vector)
     scale, absolute = _unit_diagonal(matrix), abs(matrix)
 
@@ -159,12 +159,12 @@ def _checked(
     shape = np.shape(matrix)
     if len(shape) != 2 or shape[0] != shape[1]:
         raise CaseError(
-            f"matrix must be square, got shape {shape}; give one row and one column per constraint"
+            f"matrix must be square, got shape {shape}; give a row and a column per constraint"
         )
     if vector.shape != shape[:1]:
         raise CaseError(
             f"vector must have shape ({shape[0]},) to match the matrix, got {vector.shape}; give "
-            f"one entry per constraint"
+            f"an entry per constraint"
         )
     matrix = csr_array(matrix, dtype=float) if issparse(matrix) else np.asarray(matrix, float)
     if not np.all(np.isfinite(matrix.data if issparse(matrix) else matrix)):
@@ -190,9 +190,9 @@ def _data_size(vector: np.ndarray) -> float:
 
 
 def _unit_diagonal(matrix: csr_array | np.ndarray) -> np.ndarray:
-    """Scale d of every unknown that makes the diagonal one.
+    """Scale d of every unknown that makes the diagonal equal to 1.
 
-    With a zero on the diagonal its largest coupling is made one; empty rows take the median of all.
+    With a zero on the diagonal its largest coupling becomes 1; empty rows take the median of all.
     """
     diagonal = np.abs(matrix.diagonal())
     with np.errstate(divide="ignore"):
@@ -205,7 +205,7 @@ def _unit_diagonal(matrix: csr_array | np.ndarray) -> np.ndarray:
         missing = np.flatnonzero(scale == 0.0)
         reach = (coupling[missing] @ diags_array(scale)).max(axis=1).toarray().ravel()
         if not reach.any():
-            # no unknown with a scale reaches the missing ones
+            # no unknown with a scale is coupled to the missing unknowns
             largest = coupling[missing][:, missing].max()
             known = scale[scale > 0.0]
             usual = float(np.median(known)) if known.size else 1.0

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 LARGEST_EXPONENT = 300
-"""Power of ten of the unknowns beyond which parts of 1e-8 of them have no digits or overflow."""
+"""Power of ten of the unknowns beyond which fractions of 1e-8 of them lose digits or overflow."""
 
 FIRST_LOOK, THOROUGH = 40, 200
 """Lanczos steps before a problem is solved, and after no method has solved it."""
@@ -72,7 +72,8 @@ def refuse_indefinite(
     values, vectors = lanczos(apply, size, steps)
     if values[0] >= -max(atol, rtol * abs(values[-1])):
         return
-    values, vectors = lanczos(apply, size, THOROUGH)  # the few steps of a first look name others
+    # more steps, because the first few may name another row
+    values, vectors = lanczos(apply, size, THOROUGH)
     shares = np.sum(vectors[:, 0].reshape(-1, width) ** 2, axis=1)
     worst = int(np.argmax(shares))
     raise CaseError(sentence.format(value=values[0], worst=worst, share=shares[worst]))
@@ -178,8 +179,13 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
         return None
     response = replace(problem, velocity=np.zeros_like(problem.velocity))
     for rubs, status, impulses, remedy in (
-        (False, Status.INFEASIBLE, "normal impulses", "let a body between them give"),
-        (True, Status.JAMMED, "impulses with friction", "let a body give, or lower the friction"),
+        (False, Status.INFEASIBLE, "normal impulses", "make a body between them deformable"),
+        (
+            True,
+            Status.JAMMED,
+            "impulses with friction",
+            "make a body deformable, or lower the friction",
+        ),
     ):
         y = _least_work(problem, rubs)
         g = response.respond(y)
@@ -239,7 +245,7 @@ def solve_conic(
 
     .. math:: \min_x \tfrac12 x^T P x + q^T x, \qquad b - A x \in \{0\} \times R_+ \times K,
 
-    P given by its upper triangle; the first ``zero`` rows are equations, the next ``positive`` ones
+    P given by its upper triangle; the first ``zero`` rows are equations, the next ``positive`` rows
     inequalities, and the rest ``friction`` second-order cones of three rows each.
     """
     import clarabel

@@ -205,7 +205,7 @@ class Repelling(InterfaceLaw):
 
 
 def test_resolvent_says_when_it_finds_nothing():
-    with pytest.raises(ConvergenceError, match="resolvent of Repelling found no jump"):
+    with pytest.raises(ConvergenceError, match="solves the resolvent of Repelling"):
         Repelling().resolvent(np.ones((2, 3)), 1.0, np.empty((0, 3)))
 
 

@@ -23,7 +23,9 @@ def test_a_surface_is_drawn_with_x_along_the_first_axis():
 
 def test_a_law_is_drawn_over_the_pressures_of_its_data_or_over_given_ones():
     law = Exponential(pressure_scale=1e9, decay_length=1e-7)
-    with pytest.raises(CaseError, match="no data whose pressures are plotted; give pressures"):
+    with pytest.raises(
+        CaseError, match="no data with a range of pressures to plot; give pressures"
+    ):
         law.plot()
     (line,) = law.plot(np.array([1e6, 1e8]), ax=Figure().subplots()).lines
     gap, pressure = line.get_data()

@@ -42,7 +42,7 @@ class BulkResponse:
 class BulkLaw(ABC):
     r"""Maps a deformation gradient to a stress, pointwise.
 
-    The stress has a part of the change of shape and a part of the change of volume,
+    The stress is the sum of the response to the change of shape and to the change of volume,
 
     .. math:: P = P_s(F, \text{state}) + U'(J)\, \partial J / \partial F,    \tag{1}
 
@@ -56,9 +56,9 @@ class BulkLaw(ABC):
     finite_strain : bool
         Whether :math:`J = \det F`. Otherwise the law is linear, :math:`J = \mathrm{tr} F - 2`.
     flows : bool
-        Whether the shape changes for good at constant volume: elements then take the change of
-        volume from its mean, and increments are short.
-    rate_dependent : bool, whether the stress depends on the time that a strain takes
+        Whether the shape changes permanently at constant volume: elements then take the change
+        of volume from its mean, and increments are short.
+    rate_dependent : bool, whether the stress depends on the strain rate
     """
 
     n_state: int = 0
@@ -68,7 +68,7 @@ class BulkLaw(ABC):
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of the variables kept at every point; none for an elastic law."""
+        """Names of the internal variables of every point; empty for an elastic law."""
         return ()
 
     @abstractmethod

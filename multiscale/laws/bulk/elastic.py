@@ -74,7 +74,7 @@ class GradedElastic:
     Parameters
     ----------
     youngs_modulus, poissons_ratio : float or ndarray
-        Pa and 1: one number, one of each layer from the base up or one of each element.
+        Pa and 1: a number, a value per layer from the base up, or a value per element.
     """
 
     youngs_modulus: float | np.ndarray

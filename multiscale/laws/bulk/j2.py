@@ -66,7 +66,7 @@ class J2(IsotropicLaw):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise CaseError(
                     f"{name} must not be negative ({unit}), because a metal that softens localises "
-                    f"in bands of one element; got {getattr(self, name):g}"
+                    f"in bands one element wide; got {getattr(self, name):g}"
                 )
         if not self._saturation() >= self.yield_stress:
             raise CaseError(
@@ -76,7 +76,7 @@ class J2(IsotropicLaw):
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of the variables kept at every point."""
+        """Names of the internal variables of every point."""
         return "plastic metric C_p^-1", "accumulated plastic strain"
 
     @property

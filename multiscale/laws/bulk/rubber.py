@@ -74,7 +74,7 @@ class Prony(IsotropicLaw):
     Notes
     -----
     The second Piola-Kirchhoff stress :math:`S = \mu (I - C^{-1})` of the neo-Hookean solid, without
-    its volume part, relaxes:
+    its volumetric part, relaxes:
 
     .. math::
         S_s(t) = \int_0^t \Big(1 - \sum_i g_i \big(1 - e^{-(t-s)/\tau_i}\big)\Big)
@@ -105,7 +105,7 @@ class Prony(IsotropicLaw):
         super().__post_init__()
         if len(self.weights) != len(self.times) or not self.weights:
             raise CaseError(
-                f"give one weight for each relaxation time, got {len(self.weights)} weights and "
+                f"give a weight for each relaxation time, got {len(self.weights)} weights and "
                 f"{len(self.times)} times"
             )
         if not (min(self.weights) > 0.0 and sum(self.weights) < 1.0):
@@ -125,7 +125,7 @@ class Prony(IsotropicLaw):
 
     @property
     def history(self) -> tuple[str, ...]:
-        """Names of the variables kept at every point."""
+        """Names of the internal variables of every point."""
         return "elastic stress", *(f"stress of the branch of {time:g} s" for time in self.times)
 
     @property

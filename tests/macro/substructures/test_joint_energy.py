@@ -56,7 +56,7 @@ def test_one_spring_wins_energy_where_the_pressure_falls_and_that_is_told():
     law, jumps = OneSpring(), shear_at_a_high_pressure_and_back_at_a_low_one()
     state, _ = advance_state(law, jumps[0], np.zeros((5, 1)))
     state, _ = advance_state(law, jumps[1], state)
-    with pytest.raises(ConvergenceError, match=r"a step wins 0\.064 J/m2 at a point of a joint"):
+    with pytest.raises(ConvergenceError, match=r"a step gains 0\.064 J/m2 at a point of a joint"):
         advance_state(law, jumps[2], state)
 
 
