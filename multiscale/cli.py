@@ -48,7 +48,7 @@ DaskOption = Annotated[
     str | None, typer.Option(help="Address of a dask scheduler, for workers on other machines.")
 ]
 ExplainOption = Annotated[
-    bool, typer.Option("--explain", help="Print what the case needs, and stop.")
+    bool, typer.Option("--explain", help="Print the needs of the case, and stop.")
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
 LawOption = Annotated[Path | None, typer.Option("--law", help="Interface law of rough joints.")]

@@ -1,4 +1,4 @@
-"""Errors that a user can correct; a message is one sentence: problem, place, value, remedy."""
+"""Errors that a user can correct; a message is a sentence: problem, place, value, remedy."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches

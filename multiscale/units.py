@@ -95,7 +95,7 @@ def to_si(text: object, unit: str) -> float:
 
 
 def to_lengths(text: str) -> tuple[float, ...]:
-    """Convert one or two edge lengths to m.
+    """Convert an edge length, or two, to m.
 
     Examples
     --------

@@ -41,12 +41,12 @@ KINDS: dict[Callable[[str], Any], str] = {
 def read_table(
     path: Path, kind_of: Callable[[str], Callable[[str], Any]] = lambda name: finite
 ) -> dict[str, list[Any]]:
-    """Read a CSV file whose first line names the columns.
+    """Read a CSV file with the names of the columns in its first line.
 
     Parameters
     ----------
     path : Path
-        File whose values are separated by commas, semicolons or tabs; numbers may have decimal
+        File with values separated by commas, semicolons or tabs; numbers may have decimal
         commas where commas do not separate.
     kind_of : callable, optional
         From the name of a column to the kind of its entries: :func:`finite`, the default,

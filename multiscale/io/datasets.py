@@ -36,7 +36,7 @@ __all__ = [
 logger = logging.getLogger(__name__)
 
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
-"""Libraries whose version can change a number."""
+"""Libraries with influence of their version on results."""
 
 
 def write_dataset(

@@ -141,13 +141,13 @@ def read_images(
     void_value: float = 0.0,
     voxel_size: float | Sequence[float] | None = None,
 ) -> VoxelImage:
-    """Read a stack of images: one TIFF file with many pages, or a folder of TIFF slices.
+    """Read a stack of images: a TIFF file with many pages, or a folder of TIFF slices.
 
     Parameters
     ----------
     path : path
-        File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names with
-        numbers as numbers, are slices along z.
+        File, or folder with ``.tif`` or ``.tiff`` files as slices along z, in the order of their
+        names with numbers as numbers.
     void_value : float, value of void voxels; the image must have at most a second value
     voxel_size : float or sequence of float, optional
         Edge of cubic voxels, or edges along x, y and z, m. Read from the file if not given.

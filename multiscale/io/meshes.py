@@ -45,7 +45,7 @@ HEADS = {
 
 @dataclass(frozen=True)
 class MeshArrays:
-    """A mesh of one kind of element as plain arrays, coordinates in the unit of the file."""
+    """A mesh of a single kind of element as plain arrays, coordinates in the unit of the file."""
 
     kind: str  # "triangle", "quad", "tetra" or "hexahedron"
     points: np.ndarray  # (d, n), coordinates of the corners
@@ -127,7 +127,7 @@ def _read_by_meshio(path: Path) -> NamedMesh:
 
 
 def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArrays:
-    """Read a body of one kind of element with its named boundaries.
+    """Read a body of a single kind of element with its named boundaries.
 
     In gmsh a physical group of lines or surfaces names a boundary, and in a deck a surface or a set
     of elements. The solid needs a physical group if gmsh saves only these.

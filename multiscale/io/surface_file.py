@@ -36,7 +36,7 @@ OLDER_SDF = {b"aBCR-1.0": b"aISO-1.0", b"bBCR-1.0": b"bISO-1.0"}
 
 @dataclass(frozen=True, eq=False)
 class Topography:
-    """One channel of a topography file, as it was measured.
+    """A channel of a topography file, as it was measured.
 
     Attributes
     ----------
@@ -204,7 +204,7 @@ def open_topography(
     size: Sequence[float] | None = None,
     unit: float | None = None,
 ) -> Topography:
-    """Read one channel of a topography file as it was measured, map or line scan.
+    """Read a channel of a topography file as it was measured, map or line scan.
 
     Parameters
     ----------
@@ -312,7 +312,7 @@ def _fill(heights: np.ndarray, undefined: np.ndarray, size: tuple[float, float])
 
 @contextmanager
 def _reading(path: Path) -> Iterator[Any]:
-    """Open a file with SurfaceTopography and report its errors in one sentence."""
+    """Open a file with SurfaceTopography and report its errors as a ``CaseError``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:

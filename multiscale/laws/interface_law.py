@@ -204,7 +204,7 @@ class GapLaw(InterfaceLaw):
 
 
 class NormalLaw(GapLaw):
-    r"""Frictionless law whose pressure is a positive, decreasing, convex function of the gap.
+    r"""Frictionless law with a positive, decreasing, convex pressure over the gap.
 
     A subclass is a dataclass with the fields ``gap``, initial gap :math:`g_0`, m, and, if it is
     fitted, ``pressure_range``, pressures of the data, Pa, outside of which it extrapolates. It

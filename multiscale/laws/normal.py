@@ -16,7 +16,7 @@ CONCAVE = 1e-9
 
 @dataclass(frozen=True)
 class Exponential(NormalLaw):
-    r"""Frictionless law whose pressure decays exponentially with the gap.
+    r"""Frictionless law with a pressure that decays exponentially with the gap.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Exponential(NormalLaw):
     -----
     .. math:: p(g) = p_c\, e^{-g/u_0}.    \tag{1}
 
-    Its stiffness :math:`K = p / u_0` is that of self-affine surfaces at intermediate pressure.
+    The stiffness :math:`K = p / u_0` agrees with self-affine surfaces at intermediate pressure.
 
     References
     ----------
@@ -67,7 +67,7 @@ class Exponential(NormalLaw):
 
 @dataclass(frozen=True)
 class PowerLaw(NormalLaw):
-    r"""Frictionless law whose pressure is a power of the approach.
+    r"""Frictionless law with a pressure that is a power of the approach.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ class Tabulated(NormalLaw):
 
 @dataclass(frozen=True)
 class ConvexDecreasing(NormalLaw):
-    r"""Frictionless law whose pressure is a convex, decreasing cubic spline of the gap.
+    r"""Frictionless law with a convex, decreasing cubic spline of the gap as pressure.
 
     Parameters
     ----------

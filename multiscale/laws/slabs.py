@@ -169,7 +169,7 @@ def resolve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the tangential jump on the law and on a search direction, and the failed points.
 
-    The minimum of the convex function with gradient (c) + k x is found by Newton's method with
+    The minimum of the convex function with gradient (c) + k x is solved by Newton's method with
     halved steps. If all forces are parallel it is piecewise quadratic and the last step is exact.
     """
     points = source.shape[1]

@@ -22,13 +22,13 @@ FULL_STEPS = 8  # full steps without fewer violations before constraints are exc
 SETTLED = 1e-3
 """Share of the constraints that may change sides in a step if the active set is to be tried."""
 
-NEXT_TRIAL = 1e-2  # factor by which the gap must fall from one trial of the active set to the next
-POLISH_STEPS = 3  # active sets in one trial
+NEXT_TRIAL = 1e-2  # factor by which the gap must fall between trials of the active set
+POLISH_STEPS = 3  # active sets per trial
 
 SMALLEST_GAP, SHORTEST_STEP = 1e-24, 1e-10
 """Complementarity gap and step length below which the interior point ends."""
 
-CORRECTIONS = 2  # corrections of the centrality per factorisation, each for one more solve
+CORRECTIONS = 2  # corrections of the centrality per factorisation, each for a further solve
 LONGEST = 1e10  # length of a step without a limit
 
 SMALLEST_PIVOT = 1e-10
@@ -104,8 +104,8 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
 
     The predictor has :math:`c = 0`; its step gives :math:`\sigma = (\mu^a / \mu)^3` and the
     corrector :math:`c = \sigma\mu - \Delta x^a \Delta w^a` [1]_; then products that a longer step
-    would leave far from :math:`\sigma\mu` are drawn back [2]_. All share one factorisation, and
-    both unknowns one step length. The iteration ends where the gap :math:`\mu = x^T w / n` or the
+    would leave far from :math:`\sigma\mu` are drawn back [2]_. All share a factorisation, and
+    both unknowns a step length. The iteration ends where the gap :math:`\mu = x^T w / n` or the
     step vanishes. The symmetric part of the matrix has no negative eigenvalue; the start is not
     used.
 
@@ -140,7 +140,7 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
 def _mehrotra_direction(
     problem: ScaledLCP, x: np.ndarray, w: np.ndarray, gap: float, solve: Solve
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Predictor, corrector and corrections of centrality with one factorisation."""
+    """Predictor, corrector and corrections of centrality with a single factorisation."""
     mismatch = problem.slack(x) - w
 
     def newton(complementarity: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 r"""Exact areas of plane sections of boxes and of images of voxels.
 
 The area of the section of a box of volume V with the plane :math:`n \cdot x = d` is V times the
-density at d of the sum of three independent uniform variables whose ranges are the extents of the
+density at d of the sum of three independent uniform variables. Their ranges are the extents of the
 edges along n. With the extents :math:`a \ge b \ge c` and the distribution F of the sum of the two
 variables with the ranges b and c,
 

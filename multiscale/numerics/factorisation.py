@@ -222,7 +222,7 @@ def on_diagonal(matrices: Iterable[csr_array | np.ndarray]) -> csr_array:
 
 
 def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
-    """Return the function that factorises matrices of one pattern.
+    """Return the function that factorises matrices of the same pattern.
 
     PARDISO takes the matrices, if pypardiso is installed; otherwise SuperLU in its symmetric mode.
     """

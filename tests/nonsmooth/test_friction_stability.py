@@ -167,7 +167,7 @@ E3, Q3, MU1 = np.eye(3), np.array([-1.0, 0.0, 0.0]), np.array([0.5])
         pytest.param(E3, Q3, -MU1, "not negative, got -0.5 at contact 0", id="negative"),
         pytest.param(E3, Q3, np.nan * MU1, "friction must be finite", id="nan-mu"),
         pytest.param(E3, np.ones(6), MU1, r"velocity must have shape \(3,\)", id="velocity"),
-        pytest.param(E3, Q3, np.ones(2), "one entry for every 2 or 3 of the 3", id="friction"),
+        pytest.param(E3, Q3, np.ones(2), "an entry for every 2 or 3 of the 3", id="friction"),
     ],
 )
 def test_wrong_data_are_refused_in_one_sentence(delassus, velocity, friction, sentence):
