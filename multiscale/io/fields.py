@@ -22,7 +22,7 @@ __all__ = [
 
 LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
 NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step
-ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}  # in meshio, by the number of corners
+ELEMENTS = {4: "tetra", 8: "hexahedron"}  # in meshio, by the number of corners
 ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")  # of elements at every step
 CONSTANT_VARIABLES = ("element_body", "element_damage")  # of elements without steps
 LIFE_VARIABLES = ("damage", "cracked_share", "plastic_strain", "first_crack")  # of elements
@@ -43,8 +43,6 @@ def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Pat
     MultiscaleError
         If a file cannot be written.
     """
-    import meshio
-
     ny, nx = fields["height"].shape
     x, y = (np.arange(n) * length / n for n, length in zip((nx, ny), size, strict=True))
     points = np.column_stack(
@@ -54,9 +52,7 @@ def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Pat
     quads = np.column_stack([first, first + 1, first + nx + 1, first + nx])
     for k in range(fields.sizes["step"]):
         data = {name: fields[name].values[k].ravel() for name in ("pressure", "gap")}
-        mesh = meshio.Mesh(points, [("quad", quads)], point_data=data)
-        with replacing(folder / f"contact-{k:04d}.vtu") as whole:
-            mesh.write(whole, file_format="vtu")
+        _write(_mesh(points, "quad", quads, data), folder / f"contact-{k:04d}.vtu")
 
 
 def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> Path:
@@ -85,15 +81,12 @@ def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> 
     MultiscaleError
         If a file cannot be written.
     """
-    import meshio
-
     _require(result, ("position", "ends", "tension"), "nodes and links")
-    position, lines = result["position"].values, [("line", result["ends"].values)]
+    position, ends = result["position"].values, result["ends"].values
 
     def links(step: int) -> dict[str, Any]:
-        nodes = {key: result[key].values[step] for key in NODE_VARIABLES if key in result}
-        values = {key: [result[key].values[step]] for key in LINK_VARIABLES if key in result}
-        return {"": meshio.Mesh(position, lines, point_data=nodes, cell_data=values)}
+        nodes, values = (_values(result, names, step) for names in (NODE_VARIABLES, LINK_VARIABLES))
+        return {"": _mesh(position, "line", ends, nodes, values)}
 
     steps = range(result.sizes["step"])
     return _write_series(folder, name, _timesteps(result), map(links, steps))
@@ -119,27 +112,24 @@ def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") ->
     -------
     Path, file of the collection; for steps and errors see :func:`write_link_fields`
     """
-    import meshio
-
     _require(result, ("position", "displacement", "corners"), "elastic bodies")
-    elements = _elements(result["corners"].values)
+    position, corners = result["position"].values, result["corners"].values
 
     def parts(step: int) -> dict[str, Any]:
-        values = {key: [result[key].values[step]] for key in ELEMENT_VARIABLES if key in result}
-        values |= {key: [result[key].values] for key in CONSTANT_VARIABLES if key in result}
+        values = _values(result, ELEMENT_VARIABLES, step) | _values(result, CONSTANT_VARIABLES)
         moved = {"displacement": result["displacement"].values[step]}
-        bodies = meshio.Mesh(result["position"].values, elements, moved, values)
+        bodies = _mesh(position, ELEMENTS[corners.shape[1]], corners, moved, values)
         if "traction" not in result:
             return {"": bodies}
         traction, points = result["traction"].values[step], result["point_position"].values
         joints = {
             "pressure": -traction[:, 0],
             "shear": np.hypot(traction[:, 1], traction[:, 2]),
-            **{key: result[key].values[step] for key in POINT_VARIABLES if key in result},
+            **_values(result, POINT_VARIABLES, step),
             **{key: result[f"point_{key}"].values for key in ("joint", "damage")},
         }
-        vertices = [("vertex", np.arange(len(points))[:, None])]
-        return {"": bodies, "joints": meshio.Mesh(points, vertices, joints)}
+        vertices = np.arange(len(points))[:, None]
+        return {"": bodies, "joints": _mesh(points, "vertex", vertices, joints)}
 
     steps = range(result.sizes["step"])
     return _write_series(folder, name, _timesteps(result), map(parts, steps))
@@ -156,13 +146,11 @@ def write_mode_fields(result: Dataset, folder: Path, *, name: str = "modes") -> 
     folder, name
         As of :func:`write_link_fields`.
     """
-    import meshio
-
     VIBRATION.check(result)
-    elements = _elements(result["corners"].values)
-    body = {"element_body": [result["element_body"].values]}
+    position, corners = result["position"].values, result["corners"].values
+    kind, body = ELEMENTS[corners.shape[1]], {"element_body": result["element_body"].values}
     meshes = (
-        {"": meshio.Mesh(result["position"].values, elements, {"shape": shape}, body)}
+        {"": _mesh(position, kind, corners, {"shape": shape}, body)}
         for shape in result["shape"].values
     )
     return _write_series(folder, name, result["mode"].values, meshes)
@@ -180,11 +168,9 @@ def write_life_fields(life: Dataset, folder: Path, *, name: str = "life") -> Pat
     folder, name
         For ``NAME.pvd`` and ``NAME-0000.vtu``.
     """
-    import meshio
-
-    values = {key: [life[key].values] for key in (*LIFE_VARIABLES, "equivalent_amplitude")}
-    elements = _elements(life["corners"].values.astype(int))
-    mesh = meshio.Mesh(life["position"].values, elements, cell_data=values)
+    values = {key: life[key].values for key in (*LIFE_VARIABLES, "equivalent_amplitude")}
+    corners = life["corners"].values.astype(int)
+    mesh = _mesh(life["position"].values, ELEMENTS[corners.shape[1]], corners, elements=values)
     return _write_series(folder, name, life["cycles"].values[-1:], [{"": mesh}])
 
 
@@ -238,8 +224,28 @@ def _frame(result: Dataset, k: int) -> Any:
     )
 
 
-def _elements(corners: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    return [(ELEMENT_NAMES[corners.shape[1]], corners)]
+def _values(result: Dataset, names: tuple[str, ...], step: Any = ...) -> dict[str, np.ndarray]:
+    """Values of the variables that a result has, at a step or without steps."""
+    return {name: result[name].values[step] for name in names if name in result}
+
+
+def _mesh(
+    points: np.ndarray,
+    kind: str,
+    cells: np.ndarray,
+    nodes: dict[str, np.ndarray] | None = None,
+    elements: dict[str, np.ndarray] | None = None,
+) -> Any:
+    """Mesh of a single kind of cell, with data of its nodes and elements."""
+    import meshio
+
+    data = {name: [values] for name, values in (elements or {}).items()}
+    return meshio.Mesh(points, [(kind, cells)], nodes, data)
+
+
+def _write(mesh: Any, path: Path) -> None:
+    with replacing(path) as temporary:
+        mesh.write(temporary, file_format="vtu")
 
 
 def _require(result: Dataset, names: tuple[str, ...], kind: str) -> None:
@@ -265,8 +271,7 @@ def _write_series(
     for k, (at, meshes) in enumerate(zip(times, steps, strict=True)):
         for number, (part, mesh) in enumerate(meshes.items()):
             file = f"{name}-{part}-{k:04d}.vtu" if part else f"{name}-{k:04d}.vtu"
-            with replacing(folder / file) as whole:
-                mesh.write(whole, file_format="vtu")
+            _write(mesh, folder / file)
             entries.append(
                 f'    <DataSet timestep="{float(at)!r}" part="{number}" file="{escape(file)}"/>\n'
             )
