@@ -65,7 +65,7 @@ def _out(help_text: str) -> Any:
     return typer.Option("-o", "--out", help=help_text)
 
 
-ANYWAY = "also what takes more than a day, or than the memory"
+ANYWAY = "also stages that need more than a day or more than the memory"
 AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
 
 

@@ -79,8 +79,8 @@ class Needs:
         rows = [
             ("assumes", self.kinematics),
             ("unknowns per contact", str(self.unknowns_per_contact)),
-            ("history kept", ", ".join(self.state_variables) or "none"),
-            ("fields kept", ", ".join(self.fields) or "none"),
+            ("internal variables", ", ".join(self.state_variables) or "none"),
+            ("stored fields", ", ".join(self.fields) or "none"),
             ("libraries", ", ".join(self.libraries)),
             ("memory", f"{_readable_memory(self.memory)} for the largest solve"),
             *((f"cost of {cost.stage}", str(cost)) for cost in self.costs),

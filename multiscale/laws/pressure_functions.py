@@ -33,8 +33,7 @@ class AreaLaw:
         \quad (p > p_n),    \tag{1}
 
     where :math:`p_1` is the first knot with contact, :math:`p_0` the last knot without, or zero,
-    and
-    :math:`A'_n` the slope at the last knot.
+    and :math:`A'_n` the slope at the last knot.
 
     References
     ----------

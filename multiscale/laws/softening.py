@@ -56,13 +56,14 @@ class Softening:
         Parameters
         ----------
         youngs_modulus : float, Pa
-        width : float, width :math:`h` of the crack band, m: of the element across the crack
+        width : float, width :math:`h` of the crack band, m: size of the element across the crack
         count : int, number of teeth
 
         Returns
         -------
-        share : ndarray, shape (count + 1,), stiffness over the first, falling from 1 to a broken
-        element strength : ndarray, shape (count + 1,)
+        share : ndarray, shape (count + 1,)
+            Stiffness over the first stiffness, falling from 1 to a broken element.
+        strength : ndarray, shape (count + 1,)
             Tension at which the next share follows, Pa; infinite at the last.
 
         Notes
