@@ -1,6 +1,6 @@
-"""What needs more than one layer: cases of every kind and their run.
+"""Cases of every kind and their run, which use several layers of the package.
 
-The module of a name is imported when the name is first used, as of :mod:`multiscale`.
+The module of a name is imported when the name is first used, as in :mod:`multiscale`.
 """
 
 import lazy_loader

@@ -53,13 +53,13 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is not as in the structure when it is solved again."""
+    """Changes of a structure that is solved again."""
 
-    joints: tuple[int, ...] = ()  # whose law changes
-    normal: NormalLaw | None = None  # in place of their normal law
-    factors: Mapping[str, float] = field(default_factory=dict)  # of the parameters of friction
-    slabs: int | None = None  # of their beds of sliders
-    structure: Bodies | None = None  # on another mesh, or with another parameter
+    joints: tuple[int, ...] = ()  # joints with a changed law
+    normal: NormalLaw | None = None  # normal law of these joints
+    factors: Mapping[str, float] = field(default_factory=dict)  # factors of friction parameters
+    slabs: int | None = None  # slabs of the beds of sliders of these joints
+    structure: Bodies | None = None  # structure on another mesh, or with another parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +80,8 @@ class JointsOfLaw:
     ) -> list[Source]:
         """Return the errors of the normal law and of the friction.
 
-        ``pressure`` of the joints, Pa, is None where they carry nothing, and nothing slips; by the
-        terms of ``without`` the friction has no part in answers for which they are True.
+        ``pressure`` of the joints, Pa, is None where they carry no load, so that nothing slips. The
+        error terms in ``without`` do not count for the friction in answers where they are True.
         """
 
         def change(normal: NormalLaw) -> Change:
@@ -107,7 +107,7 @@ class JointsOfLaw:
 
 
 JointSolve = Callable[[Change], "Dataset"]
-"""From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
+"""Maps a change to the result at the preloads and, if joints slip, in cycles of few steps; workers
 must be able to import it."""
 
 BED = "friction bed"  # a term
@@ -134,34 +134,37 @@ NO_MESH = (
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """What bodies with interfaces know of their errors."""
+    """Error sources of bodies with interfaces."""
 
-    laws: list[JointsOfLaw]  # whose errors are independent
+    laws: list[JointsOfLaw]  # laws with independent errors
     stated: list[Uncertainty]  # of stated values and representative volumes
     unknown: list[str]  # laws without an error, a sentence each
     beds: tuple[int, ...]  # joints that have beds of sliders
-    meshes: Mapping[float, Bodies]  # coarser ones, by the ratio of the spacings
+    meshes: Mapping[float, Bodies]  # coarser structures, by the ratio of the spacings
 
     @classmethod
     def of(cls, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]) -> "ErrorSources":
-        """Find them."""
-        found, unknown = [], []
+        """Collect the error sources of the bodies and laws of a case."""
+        shared_laws, unknown = [], []
         for number, law in enumerate(laws):
-            one = bodies.interfaces[number]
+            interface = bodies.interfaces[number]
             if not has_budget(law):
-                if law is not None or not any(one.uncertain(1.0)):  # else what is stated tells
+                # a stated law has the half-widths of its parameters
+                if law is not None or not any(interface.uncertain(1.0)):
                     unknown.append(NO_BUDGET.format(number=number))
             elif not any(law is other for other in laws[:number]):  # the first interface of its law
-                source = one.over(case.interface)
+                source = interface.over(case.interface)
                 joints = tuple(k for k, other in enumerate(laws) if other is law)
                 measured = {"friction", "stiffness_ratio"} - source.given.keys()
-                found.append(JointsOfLaw(law, joints, measured))
+                shared_laws.append(JointsOfLaw(law, joints, measured))
         stated = [
-            replace(one, of=one.name, name="", changes=[Change(structure=changed)])
-            for one, changed in bodies.uncertainties()
+            replace(error, of=error.name, name="", changes=[Change(structure=changed)])
+            for error, changed in bodies.uncertainties()
         ]
-        beds = tuple(k for k, one in enumerate(bodies.interfaces) if one.asperities is None)
-        return cls(found, stated, unknown, beds, bodies.coarser())
+        beds = tuple(
+            k for k, interface in enumerate(bodies.interfaces) if interface.asperities is None
+        )
+        return cls(shared_laws, stated, unknown, beds, bodies.coarser())
 
     def __bool__(self) -> bool:
         """Whether any error is known."""
@@ -186,7 +189,7 @@ def few_steps(case: Case) -> int:
 
 
 def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[InterfaceLaw]:
-    """Return the laws of all joints, of which beds of sliders that change have other parameters."""
+    """Return the laws of all joints, with changed parameters in the beds of sliders of a change."""
 
     def changed(law: InterfaceLaw) -> InterfaceLaw:
         bed = cast(Sliders, law)  # only joints with beds change
@@ -217,13 +220,13 @@ def with_joint_budget(
     names = (*asked.read, *in_cycles)
     steps = rests if cycles is None else np.append(rests, cycles.steps)
 
-    def answers(found: Dataset) -> np.ndarray:
-        """Answers at rest, then in the cycles, and one for what stays as it is."""
+    def answers(dataset: Dataset) -> np.ndarray:
+        """Return the answers at rest, then in the cycles, shape (answers, steps); NaN for zeros."""
         rows = np.full((len(names), steps.size), np.nan)
         for row, values in zip(rows, asked.read.values(), strict=False):
-            row[: rests.size] = values(found)[rests]
+            row[: rests.size] = values(dataset)[rests]
         for row, values in zip(rows[len(asked.read) :], in_cycles.values(), strict=True):
-            row[rests.size :] = values(found)
+            row[rests.size :] = values(dataset)
         rows[rows == 0.0] = np.nan  # no error is relative to zero
         return rows
 
@@ -246,8 +249,8 @@ def with_joint_budget(
             how = f"beds of {SLABS} and {SLABS // 2} slabs"
             listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=how))
         if sources.meshes:
-            left = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
-            share = np.where(moving == 0.0, 0.0, left)
+            richardson = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
+            share = np.where(moving == 0.0, 0.0, richardson)
             listed.append(Knob(name="load steps", answers=[value], share=share))
     budget = propagate(
         names,
@@ -263,7 +266,7 @@ def with_joint_budget(
 
 
 def _measured(
-    of: JointsOfLaw,
+    group: JointsOfLaw,
     result: Dataset,
     steps: np.ndarray,
     n_rests: int,
@@ -272,23 +275,25 @@ def _measured(
 ) -> tuple[list[Source], list[str]]:
     """Return the sources of error of a law at the pressures of its joints, and cautions.
 
-    The joints are measured at some steps, of which the first ones are at rest. The loss of a cycle
-    averages over the cells in which it is lost, other answers over those that carry the load.
+    The pressures are taken at ``steps``, the first ``n_rests`` of which are at rest. The loss of a
+    cycle averages over the cells that dissipate energy, other answers over the cells under load.
     """
-    law, cycles, cautions = of.law, asked.cycles, list[str]()
-    inside = np.isin(result["point_joint"].to_numpy(), of.joints)
+    law, cycles, cautions = group.law, asked.cycles, list[str]()
+    inside = np.isin(result["point_joint"].to_numpy(), group.joints)
     area = result["point_area"].to_numpy()
     closing = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
     pressure, joint_area = closing[:, inside], area[inside]
+    # mean pressure of the closed points at every step
     closed = np.sum((pressure > 0.0) * joint_area, axis=1)
     mean = np.sum(pressure * joint_area, axis=1) / np.where(closed > 0.0, closed, np.nan)
+    # number of cells that share the loss (row 0) and the other answers (row 1)
     cells = np.ones((2, steps.size))
     if {"longest_wave", "cell_size"} <= set(law.attrs) and "cell_scatter" in law:
-        wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
+        wavelength, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
         place = result["point_position"].to_numpy()[inside]
         number = result["point_joint"].to_numpy()[inside]
         length, extent = _lengths(place, number, joint_area, pressure[n_rests - 1])
-        scales = compare_scales(wave, cell, length, extent=extent)
+        scales = compare_scales(wavelength, cell, length, extent=extent)
         law, cautions = with_scales(law, scales), list(scales.cautions)
         cells[:] = effective_cells(pressure, joint_area, cell)
         if cycles is not None:
@@ -296,6 +301,7 @@ def _measured(
         how = f"scatter of single cells, of which {cells.min():.3g} or more share the answers"
         law = law.assign_attrs({how_attribute(FEW_CELLS): how})
         cells *= scales.cell_ratio**2
+    # errors of the cycles of the cells
     lost = names[:, None] == ("" if cycles is None else cycles.loss)
     listed: list[Source] = []
     bounds: dict[str, Term] = {}
@@ -307,22 +313,22 @@ def _measured(
         if "shear_loss_grid_error" in law:
             grid = Term("the loss ratio on two grids", law["shear_loss_grid_error"].to_numpy())
             bounds["micro discretisation"] = _part_of(grid, lost * share)
-        listed.append(Bound(name="cycles of the cells", of=of.name, bounds=bounds))
+        listed.append(Bound(name="cycles of the cells", of=group.name, bounds=bounds))
         slope = np.zeros((names.size, steps.size))
         slope[names == cycles.slip, -cycles.slope.size :] = cycles.slope
         listed.append(
-            _uneven_slip(law, mean, slope * (pressure @ joint_area / (closing @ area)), of.name)
+            _uneven_slip(law, mean, slope * (pressure @ joint_area / (closing @ area)), group.name)
         )
-    real = np.array([bool(set(asked.real.get(name, ())) & set(of.joints)) for name in names])
+    real = np.array([bool(set(asked.real.get(name, ())) & set(group.joints)) for name in names])
     if any(real):
-        listed.append(contact_source(law, mean, real, of.name))
-    # cycles of the cells tell all that the loss has of the bed
-    listed += replace(of, law=law).sources(mean, dict.fromkeys(bounds, lost))
+        listed.append(contact_source(law, mean, real, group.name))
+    # the error of the loss by the bed is measured by the cycles of the cells
+    listed += replace(group, law=law).sources(mean, dict.fromkeys(bounds, lost))
     shared = np.where(lost, cells[0], cells[1])
     return [source.averaged(shared) for source in listed], cautions
 
 
-def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, of: str) -> Source:
+def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, name: str) -> Source:
     """Return the scatter of stiffness between the cells of one joint as a source of its slip.
 
     Where one cell is stiffer than others, it carries more of the shear and slips more; a law that
@@ -334,14 +340,14 @@ def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, of: str) 
         few = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
         data = np.log(law["fit_pressure"].to_numpy())
         half_width[FEW_CELLS] = np.interp(np.log(pressure), data, few.to_numpy())
-    return Uncertainty(name="uneven slip", of=of, half_width=half_width, rate=rate)
+    return Uncertainty(name="uneven slip", of=name, half_width=half_width, rate=rate)
 
 
 def _part_of(term: Term, rows: np.ndarray) -> Term:
-    """Return a term of single numbers as one of shares (answers, steps), zero without a share."""
+    """Multiply a term of single numbers by shares, shape (answers, steps); zero without a share."""
     half, bias = (
-        np.where(rows != 0.0, rows * np.asarray(one, dtype=float), 0.0)
-        for one in (term.half_width, term.bias)
+        np.where(rows != 0.0, rows * np.asarray(value, dtype=float), 0.0)
+        for value in (term.half_width, term.bias)
     )
     return replace(term, half_width=half, bias=bias)
 
@@ -349,15 +355,15 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 def _lengths(
     place: np.ndarray, number: np.ndarray, area: np.ndarray, pressure: np.ndarray
 ) -> tuple[float, float]:
-    """Length over which the pressure of a joint varies, at most its edge, and that edge, m.
+    """Length over which the pressure of a joint varies, at most its edge, and this edge, m.
 
-    The least ones of the joints, from the places of their points and the number of its joint.
+    Both are the least values of all joints; ``number`` is the joint of each point.
     """
     lengths, extents = [], []
     for joint in np.unique(number):
-        mine = number == joint
-        extents.append(float(np.sqrt(area[mine].sum())))
-        flat = place[mine] @ plane_axes(place[mine])[1:].T
-        varies = pressure_length_of_points(flat, pressure[mine], area[mine])
+        inside = number == joint
+        extents.append(float(np.sqrt(area[inside].sum())))
+        flat = place[inside] @ plane_axes(place[inside])[1:].T
+        varies = pressure_length_of_points(flat, pressure[inside], area[inside])
         lengths.append(min(extents[-1], varies))
     return float(min(lengths)), float(min(extents))

@@ -1,4 +1,4 @@
-"""Case files: found by path or name, read, and refused in sentences."""
+"""Case files: search by path or name, reading, and error messages."""
 
 from collections.abc import Sequence
 from importlib import resources
@@ -42,7 +42,7 @@ FILES = (
     ("cell", "mesh"),
     ("rve", "image", "file"),
 )
-"""Keys that name files, of tables and of lists of tables."""
+"""Keys of tables, and of lists of tables, that name files."""
 
 OF_RUNS = {"law": INTERFACE_LAW, "rve": RVE}
 """Keys whose dataset may also come from the folder of a run, or from a shipped case."""
@@ -52,19 +52,19 @@ MOVED = {
     "[interface]",
     "loading": "preloads in [statics], the rest in [cycles]",
 }
-"""Tables of files of earlier versions, and where their keys are now."""
+"""Tables of earlier versions, and the present places of their keys."""
 
 GONE: dict[tuple[str, str], str] = {
     ("motion", "domains"): "grains are not cut into domains; delete the key"
 }
-"""Keys of files of earlier versions that mean nothing now, and what to do."""
+"""Removed keys of earlier versions, and the remedy."""
 
 
 def shipped_cases() -> dict[str, Path]:
     """Return names and paths of the cases that come with the package."""
     inside = Path(str(resources.files("multiscale"))) / "microcases"
-    beside = Path(str(resources.files("multiscale"))).parent / "microcases"
-    folder = inside if inside.is_dir() else beside
+    checkout = Path(str(resources.files("multiscale"))).parent / "microcases"
+    folder = inside if inside.is_dir() else checkout
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
@@ -88,13 +88,13 @@ def load_case(case: str | Path) -> Case:
     Parameters
     ----------
     case : str or Path
-        Path of a TOML file, or the name of a shipped case; files that it names are looked for
-        beside it.
+        Path of a TOML file, or the name of a shipped case. Paths in the file are relative to its
+        folder.
 
     Raises
     ------
     CaseError
-        If there is no such case, or with every fault of the file, one a line.
+        If there is no such case, or the file has faults; the message has a line for each.
 
     Examples
     --------
@@ -149,19 +149,21 @@ def read_case(path: Path) -> dict[str, Any]:
 
 def _tables(content: dict[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
     """Return all tables under some names, each of which may be a list of tables."""
-    found = [content]
+    tables = [content]
     for name in names:
-        inner = [one.get(name) for one in found]
-        every = [two for one in inner for two in (one if isinstance(one, list) else [one])]
-        found = [one for one in every if isinstance(one, dict)]
-    return found
+        inner = [table.get(name) for table in tables]
+        every = [
+            entry for value in inner for entry in (value if isinstance(value, list) else [value])
+        ]
+        tables = [entry for entry in every if isinstance(entry, dict)]
+    return tables
 
 
-def _find_file(file: Path, left: Schema | None) -> Path:
-    """Return the file itself; or what a run has left in its folder, or a shipped case."""
-    if left is not None and file.is_dir():
-        return file / f"{left.name}.nc"
-    if left is not None and not file.exists():
+def _find_file(file: Path, schema: Schema | None) -> Path:
+    """Return the file; or the dataset in the folder of a run, or a shipped case."""
+    if schema is not None and file.is_dir():
+        return file / f"{schema.name}.nc"
+    if schema is not None and not file.exists():
         return shipped_cases().get(file.name, file)
     return file
 
@@ -170,7 +172,7 @@ def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
     """Return the part of a case that makes its law, and its place in another case's run folder."""
     other = load_case(file)
     if not other.has_cells:
-        raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
+        raise CaseError(f"{file}: the case has no cells, and so it makes no law")
     return _placed("laws", file, other.without_structure(), quick)
 
 
@@ -180,7 +182,7 @@ def taken_volume(file: Path, quick: bool) -> tuple[Path, Case]:
 
 
 def _placed(kind: str, file: Path, case: Case, quick: bool) -> tuple[Path, Case]:
-    """Return a case, or the quick one, and its place in the run folder of another one."""
+    """Return a case, or its quick variant, and its place in the run folder of another case."""
     case = case.quick() if quick else case
     return Path(kind) / f"{file.stem}-{case.checksum()[:8]}", case
 
@@ -199,7 +201,7 @@ def taken_cases(case: Case) -> dict[Path, Case]:
 
 
 def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """Return the table under some names, an empty one if there is none."""
+    """Return the table under some names; empty if the file has no such table."""
     for name in names:
         inner = content.get(name)
         content = inner if isinstance(inner, dict) else {}
@@ -211,7 +213,9 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
     kind = KINDS.get(str(_table(content, ("structure",)).get("kind")))
     case = validate(Case, content, path, TAGS | dict(kind.models if kind else {}))
     stages = stages_of(case.tables)
-    read = {"title"}.union(*(case.tables if one.reads is None else one.reads for one in stages))
+    read = {"title"}.union(
+        *(case.tables if stage.reads is None else stage.reads for stage in stages)
+    )
     defaults = {name: field.default for name, field in Case.model_fields.items()}
     given = [name for name, value in case if value not in (None, defaults[name])]
     if unread := [name for name in given if name not in read]:

@@ -49,11 +49,11 @@ __all__ = [
 
 
 ALIKE = 1e-3
-"""Relative error of the compliance of a wave below which one body is taken to stand for both."""
+"""Relative error of the compliance of a mode below which a single body replaces both."""
 
 
 def composite_material(case: Case) -> tuple[float, float]:
-    r"""Young's modulus, Pa, and Poisson's ratio of the body that stands for both.
+    r"""Young's modulus, Pa, and Poisson's ratio of the composite body, which replaces both.
 
     Its contact modulus belongs to the pair, :math:`1/E^* = \sum (1-\nu_i^2)/E_i`. For small slopes
     and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
@@ -63,12 +63,12 @@ def composite_material(case: Case) -> tuple[float, float]:
 
 
 def surface_modulus(case: Case) -> float:
-    """Contact modulus of what touches, Pa: of the outermost layers of both bodies."""
+    """Contact modulus of the outermost layers of both bodies, Pa."""
     return contact_modulus(*(body.moduli[0] for body in case.bodies))
 
 
 def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
-    """Young's modulus, Pa, and Poisson's ratio of the body that stands for two."""
+    """Young's modulus, Pa, and Poisson's ratio of the composite of two bodies."""
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
@@ -77,10 +77,12 @@ def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
 def longest_wave(case: Case) -> float:
     """Longest wavelength of the roughness of both bodies, m; the cell for a map or a mesh."""
     surfaces = [body.surface for body in case.bodies]
-    waves = [one.longest_wave for one in surfaces if isinstance(one, SyntheticSurface)]
+    wavelengths = [
+        surface.longest_wave for surface in surfaces if isinstance(surface, SyntheticSurface)
+    ]
     if case.measured or case.cell.mesh is not None:
-        waves.append(max(case.cell.size))
-    return max(waves)
+        wavelengths.append(max(case.cell.size))
+    return max(wavelengths)
 
 
 def make_cells(case: Case) -> list[AnyCell]:
@@ -105,9 +107,9 @@ def _composites(sides: list[RoughSide]) -> list[Surface]:
 
 
 def try_cells(case: Case) -> None:
-    """Refuse what the cells cannot be, by the first of them, and maps with too few windows.
+    """Refuse cells that cannot be built, by building the first, and maps with too few windows.
 
-    The cells of a planner are its own choice.
+    The cells of a planner are not checked, as the planner chooses them.
     """
     if case.accuracy is None:
         measured_cells(case, made=1)
@@ -116,12 +118,12 @@ def try_cells(case: Case) -> None:
 def measured_cells(
     case: Case, *, made: int | None = None
 ) -> tuple[list[AnyCell], dict[str, Measured]]:
-    """Build the cell of each realisation, and describe the part of each measured body in it."""
+    """Build the cell of each realisation, and describe the roughness of each measured body."""
     if case.cell.mesh is not None:
         return [_mesh_of_file(case, case.cell.mesh)], {}
     sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case, made=made), 1)}
     cells: list[AnyCell]
-    if case.cell.slope_order == 2:  # each body has its own slopes
+    if case.cell.slope_order == 2:  # the slopes of each body enter separately
         cells = [flat_pair(case, *pair) for pair in _pairs(case, list(sides.values()))]
     else:
         surfaces = _composites(list(sides.values()))
@@ -130,7 +132,7 @@ def measured_cells(
 
 
 def cell_of(case: Case, surface: Surface, realisation: int = 0) -> AnyCell:
-    """Build the cell of a case under one composite surface; a mesh from a file has its own."""
+    """Build the cell of a case under a composite surface, or on the mesh of a file."""
     if case.cell.mesh is not None:
         return _mesh_of_file(case, case.cell.mesh)
     if case.cell.geometry == "mesh":
@@ -161,7 +163,7 @@ def _grid_cell(case: Case, surface: Surface) -> GridCell:
 
 
 def _metal(case: Case) -> J2 | None:
-    """Law of the body that stands for both, if it flows."""
+    """Law of the composite body, if it flows."""
     if case.softer is None or case.yield_stress is None:
         return None
     hardening = case.softer.hardening_modulus or 0.0
@@ -193,7 +195,7 @@ def flat_pair(
 def flat_bodies(case: Case) -> FlatCell:
     """Build the flat cell of both bodies below their coatings, in the first realisation.
 
-    The bodies of conforming cells, whose depth has an error of its own, are half-spaces here.
+    The bodies of conforming cells are half-spaces here, without the error of a finite depth.
     """
     bare = case.without_coatings()
     depth = case.cell.given_depth if case.cell.geometry == "flat" else max(case.cell.size)
@@ -201,49 +203,49 @@ def flat_bodies(case: Case) -> FlatCell:
 
 
 def flat_composite(case: Case) -> FlatCell:
-    """Build the flat cell of the body that stands for both, as :func:`flat_bodies`."""
+    """Build the flat cell of the composite body, as :func:`flat_bodies`."""
     surface = composite(*two_surfaces(case)[0])
     return FlatCell(surface, max(case.cell.size), 2, Elastic(*composite_material(case)))
 
 
 def composite_coating(case: Case) -> tuple[Coating, ...]:
-    r"""Coatings of the body that stands for both: at each depth the composite of both materials.
+    r"""Coatings of the composite body: at each depth the composite of both materials.
 
-    The compliance of waves that are long or short against the coatings is exact, of all waves
-    where both bodies are alike; see :func:`coating_caution`.
+    The compliance is exact for wavelengths that are long or short against the coatings, and for all
+    wavelengths if both bodies are equal; see :func:`coating_caution`.
     """
-    below = [np.cumsum([0.0, *(one.thickness for one in body.coating)]) for body in case.bodies]
+    below = [np.cumsum([0.0, *(layer.thickness for layer in body.coating)]) for body in case.bodies]
     faces = np.unique(np.concatenate(below))
-    found = []
+    coatings = []
     for top, bottom in pairwise(faces):
         middle = 0.5 * (top + bottom)
         pair = [
             body.moduli[int(np.searchsorted(tops, middle)) - 1]
             for body, tops in zip(case.bodies, below, strict=True)
         ]
-        found.append(Coating(float(bottom - top), *_composite(*pair)))
-    return tuple(found)
+        coatings.append(Coating(float(bottom - top), *_composite(*pair)))
+    return tuple(coatings)
 
 
 def coating_caution(case: Case) -> list[str]:
-    """Report how far one meshed, coated body is from both; flat cells add up both."""
+    """Report the error of the compliance of a single coated body; flat cells add both bodies."""
     from multiscale.micro.flat.flat_cell import flat_compliance
 
     if not case.coated or case.cell.geometry == "flat":
         return []
     n = max(case.cell.points)
     line = Surface(np.zeros((n, 1)), (max(case.cell.size), case.cell.spacing))
-    one, both = _grid_cell(case, line), flat_pair(case, line)
-    alone = FlatCell(line, one.depth, one.layers, one.law, coating=one.coating)
-    own, exact = (flat_compliance(cell)[1:, 0] for cell in (alone, both))
-    error = float(np.max(np.abs(own / exact - 1.0)))
-    found = one.element_cautions()
+    single, pair = _grid_cell(case, line), flat_pair(case, line)
+    composite_cell = FlatCell(line, single.depth, single.layers, single.law, coating=single.coating)
+    approximate, exact = (flat_compliance(cell)[1:, 0] for cell in (composite_cell, pair))
+    error = float(np.max(np.abs(approximate / exact - 1.0)))
+    cautions = single.element_cautions()
     if error <= ALIKE:
-        return found
+        return cautions
     return [
-        *found,
-        f"one coated body stands for both: some wave is {100.0 * error:.2g} % off in compliance; "
-        f'geometry = "flat" in [cell] adds up both bodies',
+        *cautions,
+        f"a single coated body replaces both: the compliance of some wavelength is "
+        f'{100.0 * error:.2g} % off; geometry = "flat" in [cell] adds the compliances of both',
     ]
 
 
@@ -252,11 +254,11 @@ def _elements(cell: CellSettings) -> tuple[ElementKind, CellSides]:
 
 
 def _mesh_of_file(case: Case, path: Path) -> MeshCell:
-    """Build the cell on the mesh of a file; the moduli of its volumes stand for both bodies."""
+    """Build the cell on the mesh of a file; its volumes have composite moduli with body 2."""
     settings, other = case.cell, (case.body_2.youngs_modulus, case.body_2.poissons_ratio)
     volumes = {
-        name: Elastic(*_composite((one.youngs_modulus, one.poissons_ratio), other))
-        for name, one in (settings.volumes or {}).items()
+        name: Elastic(*_composite((volume.youngs_modulus, volume.poissons_ratio), other))
+        for name, volume in (settings.volumes or {}).items()
     }
     element, sides = _elements(settings)
     cell = cell_from_file(
@@ -283,38 +285,38 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
     """Make the surfaces of both bodies, or the first of them; a map of both is read once."""
     count, seed = case.micro.realisations, case.micro.seed
     settings = [body.surface for body in case.bodies]
-    files = [one.file.resolve() for one in settings if isinstance(one, InstrumentSurface)]
+    files = [table.file.resolve() for table in settings if isinstance(table, InstrumentSurface)]
     maps: dict[str, tuple[Surface, list[str]]] = {}
     sides = []
-    for side, one in enumerate(settings):
+    for side, table in enumerate(settings):
         try:
-            if one is None:
+            if table is None:
                 sides.append(RoughSide([]))
-            elif isinstance(one, InstrumentSurface):
+            elif isinstance(table, InstrumentSurface):
                 # two sides of one map take turns, so that more realisations change none
-                shared = files.count(one.file.resolve()) == 2
+                shared = files.count(table.file.resolve()) == 2
                 which = range(side, 2 * count, 2) if shared else range(count)
                 needed = 2 * count if shared else count
-                key = one.checksum(exclude={"filled", "periodic", "short_cutoff"})
+                key = table.checksum(exclude={"filled", "periodic", "short_cutoff"})
                 if key not in maps:
-                    maps[key] = measured_map(one)
-                whole, said = maps[key]
+                    maps[key] = measured_map(table)
+                whole, cautions = maps[key]
                 made_of = measured_side(
                     whole,
-                    one,
+                    table,
                     case.cell,
                     which[:made],
                     needed,
                     seed,
                     side=side,
-                    beside_map=len(files) == 2 and not shared,
+                    other_map=len(files) == 2 and not shared,
                 )
-                sides.append(made_of.with_cautions(said))
+                sides.append(made_of.with_cautions(cautions))
             else:  # the two sides are independent
                 grid = (case.cell.points, case.cell.size)
                 seeds = range(2 * seed + side, 2 * (seed + count), 2)
                 sides.append(
-                    RoughSide([self_affine(*grid, k, **one.options) for k in seeds[:made]])
+                    RoughSide([self_affine(*grid, k, **table.options) for k in seeds[:made]])
                 )
         except CaseError as error:
             raise CaseError(f"[body_{side + 1}.surface] {error}") from error
@@ -334,7 +336,7 @@ def _pairs(case: Case, sides: list[RoughSide]) -> list[tuple[Surface, Surface]]:
 
 
 def smooth_pair(cell: CellSettings) -> tuple[Surface, Surface]:
-    """Return smooth surfaces of both bodies, for the needs of a cell."""
+    """Return smooth surfaces of both bodies, from which the needs of a cell are computed."""
     smooth = Surface(np.zeros(cell.points), cell.size)
     return smooth, smooth
 
@@ -364,8 +366,8 @@ def two_bodies(
 def joint_scales(case: Case) -> ScaleSeparation | None:
     """Compare the scales of the cells with the width of an interface under even pressure.
 
-    Nothing varies over less than its width, which holds only so many cells. Returns None if the
-    pressure on the interface is not even, or the case has no structure.
+    No pressure varies over less than the width. Returns None if the pressure on the interface is
+    not even, or the case has no structure.
     """
     if case.interface_width is None:
         return None
@@ -382,9 +384,9 @@ def case_budget(
 ) -> Dataset:
     """Estimate the errors of the law of a case with cells of one size.
 
-    The response is of the loading, and the control, if any, of flat cells; by the ratio of the
-    spacings, ``pressed`` are responses of the first cells on several grids, and ``sheared`` laws
-    with a tangential branch. The estimate follows ``ERROR_BUDGET``.
+    ``response`` belongs to the loading, ``control``, if any, to flat cells. ``pressed`` are
+    responses of the first cells on several grids and ``sheared`` laws with a tangential branch, by
+    the ratio of the spacings. The estimate follows ``ERROR_BUDGET``.
     """
     budget = error_budget(
         response,
@@ -398,16 +400,16 @@ def case_budget(
     other_size = "a target in [accuracy] solves others"
     if case.micro.unload is not False:  # which excludes a target
         other_size = "run the case with another size in [cell], and compare"
-    told = {
-        "sampling": f"one realisation tells nothing of the scatter; give realisations = "
+    reasons = {
+        "sampling": f"a single realisation has no scatter; give realisations = "
         f"{FEWEST_REALISATIONS} or more in [micro]",
         "cell size": f"cells of one size were solved; {other_size}",
         "micro discretisation": "cells on one grid were solved; give coarser = 1 in [micro], "
         "which --quick leaves out",
-        "scale separation": "it depends on the pressure of the structure, which a law alone does "
-        "not have",
+        "scale separation": "it depends on the pressure of the structure, which is not part of a "
+        "law",
     }
     unknown = str(budget.attrs["unknown"]).split(", ")
     return budget.assign_attrs(
-        {how_attribute(term): f"not known: {told[term]}" for term in told if term in unknown}
+        {how_attribute(term): f"not known: {reasons[term]}" for term in reasons if term in unknown}
     )

@@ -1,4 +1,4 @@
-"""What is refused of a case, and what it needs, before any of its stages is run."""
+"""Refusals and needs of a case before its stages are run."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -15,7 +15,7 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.tables.joint_settings import LawSource
 from multiscale.pipeline.tables.settings import Case
-from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, tell_far
+from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, report_far
 from multiscale.upscaling import law_from_dataset, read_law
 
 __all__ = ["prepare", "refuse_excess", "requirements"]
@@ -27,12 +27,12 @@ def prepare(case: Case) -> None:
         stage.prepare(case)
     if case.structure is not None and not case.extrapolate:
         for pressed in case.structure.pressed(case):
-            if said := tell_far(pressed, *_data_of(case, pressed)):
-                raise CaseError(f"{case.title}: {said}")
+            if message := report_far(pressed, *_data_of(case, pressed)):
+                raise CaseError(f"{case.title}: {message}")
 
 
 def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:
-    """Pressures of the law of an interface, Pa, where they stand, and what to change."""
+    """Pressures of the law of an interface, Pa, their source, and the remedy."""
     if pressed.stated is not None:
         return pressed.stated, "stated by the case", "state a law for such pressures"
     if pressed.law is None and case.has_cells:
@@ -49,7 +49,7 @@ LONGEST = 86400.0  # s, of a run that needs no consent
 
 
 def requirements(case: Case, *, processes: int = 1) -> Needs:
-    """Return what the stages of a case need and what they leave out.
+    """Return the needs of the stages of a case, and the methods that they leave out.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ def requirements(case: Case, *, processes: int = 1) -> Needs:
         for stage in stages_of(other.tables)
     }
     parts |= {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
-    costs = [Cost(name, one.memory, one.seconds) for name, one in parts.items()]
+    costs = [Cost(name, needs.memory, needs.seconds) for name, needs in parts.items()]
     if case.accuracy is not None:
-        pilots = [CELLS.needs(one) for one in pilot_cases(case)]
-        seconds = sum(one.seconds for one in pilots)
-        costs.append(Cost("pilot cells", max(one.memory for one in pilots), seconds))
+        pilots = [CELLS.needs(pilot) for pilot in pilot_cases(case)]
+        seconds = sum(pilot.seconds for pilot in pilots)
+        costs.append(Cost("pilot cells", max(pilot.memory for pilot in pilots), seconds))
     needs = replace(join_needs(parts.values()), costs=tuple(costs))
     if processes == 1:
         return needs
@@ -87,24 +87,25 @@ def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int =
     ----------
     cases : iterable of Case
     folders : iterable of Path
-        Run folder of each case. What is up to date in it costs nothing.
+        Run folder of each case; up-to-date datasets in it cost nothing.
     jobs : int, worker processes; 0 for one per core
 
     Raises
     ------
     CaseError
-        With the stage, and the number that is too large.
+        If a stage exceeds a limit; the message names the stage and the number.
     """
     limit, workers, seconds = usable_memory(), jobs or cores(), 0.0
     for case, folder in zip(cases, folders, strict=True):
         taken = [(other, folder / place) for place, other in taken_cases(case).items()]
-        everything = [
-            (*one, stage) for one in (*taken, (case, folder)) for stage in stages_of(one[0].tables)
+        todo = [
+            (stage, other)
+            for other, place in (*taken, (case, folder))
+            for stage in stages_of(other.tables)
+            if not is_up_to_date(stage, other, place)
         ]
-        for part, place, stage in everything:
-            if is_up_to_date(stage, part, place):
-                continue
-            cost = stage.needs(part)
+        for stage, other in todo:
+            cost = stage.needs(other)
             if cost.memory > limit:
                 raise CaseError(
                     f"{case.title}: {stage.name} takes {1e-9 * cost.memory:.6g} GB of memory, and "

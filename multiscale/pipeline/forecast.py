@@ -13,7 +13,7 @@ __all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
 SIZES = range(-1, 5)
 GRIDS = range(3)
 COARSE = -1
-"""Grid of flat cells, from which some of them lead to the finest one of a setting."""
+"""Grid of flat cells; some cells on finer grids lead to the finest grid of a setting."""
 
 REALISATIONS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
 CONTROLS = (16, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
@@ -23,20 +23,20 @@ GROWTH = 1.25
 
 @dataclass(frozen=True, order=True)
 class Setting:
-    """What a planner may choose."""
+    """Size, grid and number of cells that a planner chooses."""
 
     size: float
-    """The cell is 2^size times as large as that of the case, and its depth if none is given."""
-    grid: float  # the finest spacing is 2^-grid times that of the case
+    """The edges are 2^size times the edges of the case, and so is a depth that is not given."""
+    grid: float  # the finest spacing is 2^-grid times the spacing of the case
     realisations: int
-    control: int = 0  # cheap cells beside them, of which the first have their surfaces
+    control: int = 0  # flat control cells, the first of which have the same surfaces
 
     def __str__(self) -> str:
         """Return the setting in words."""
-        beside = f", {self.control} control cells" if self.control else ""
+        controls = f", {self.control} control cells" if self.control else ""
         return (
             f"cells {2.0**self.size:g} times as large, spacing down to {2.0**-self.grid:g} times, "
-            f"{self.realisations} realisations{beside}"
+            f"{self.realisations} realisations{controls}"
         )
 
 
@@ -56,7 +56,7 @@ class Estimate:
         return float(np.max(add_terms(self.half_width[None], self.bias[None], given)))
 
     def at(self, setting: Setting) -> "Estimate":
-        r"""Return what is expected at another setting.
+        r"""Return the estimate that is expected at another setting.
 
         Notes
         -----
@@ -70,17 +70,17 @@ class Estimate:
         :math:`2^{s_0 - s} \sqrt{R_0/R}`, and
         the bias of the cell size by :math:`2^{s_0 - s}`; the other terms stay.
         """
-        own = self.setting
-        larger = 2.0 ** (own.size - setting.size)
+        now = self.setting
+        larger = 2.0 ** (now.size - setting.size)
         factor = np.ones((len(ERROR_TERMS), 1))
-        variance = (1.0 - self.cheap) * own.realisations / setting.realisations
+        variance = (1.0 - self.cheap) * now.realisations / setting.realisations
         if self.cheap > 0.0:  # and the pairs do not grow
-            variance += larger**2 * self.cheap * own.control / setting.control
+            variance += larger**2 * self.cheap * now.control / setting.control
         else:
             variance *= larger**2
         factor[ERROR_TERMS.index("sampling")] = np.sqrt(variance)
         factor[ERROR_TERMS.index("cell size")] = larger
-        factor[ERROR_TERMS.index("micro discretisation")] = 2.0 ** (own.grid - setting.grid)
+        factor[ERROR_TERMS.index("micro discretisation")] = 2.0 ** (now.grid - setting.grid)
         return replace(
             self, setting=setting, half_width=factor * self.half_width, bias=larger * self.bias
         )
@@ -88,18 +88,11 @@ class Estimate:
 
 @dataclass(frozen=True)
 class CostModel:
-    """Time of a cell: a part that every cell takes, and one that grows with its unknowns.
+    """Time of a cell: a constant, and a share that grows with the number of unknowns."""
 
-    Attributes
-    ----------
-    fixed : float, of every cell, s
-    time : float, beyond that, of a cell of the case as it is, s
-    layered : bool, whether unknowns fill the depth, so that they grow with its layers
-    """
-
-    fixed: float
-    time: float
-    layered: bool
+    fixed: float  # constant, s
+    time: float  # growing share of a cell of the case, s
+    layered: bool  # whether the unknowns fill the depth, so that they grow with its layers
 
     @classmethod
     def fit(cls, times: Mapping[tuple[float, float], float], *, layered: bool) -> "CostModel":
@@ -131,9 +124,11 @@ def cheapest(
 ) -> Setting:
     """Choose the setting of least time among those that are expected to reach a target."""
     totals = {setting: estimate.at(setting).total for setting in settings}
-    if found := [(time_of(one), one) for one, total in totals.items() if total <= target]:
-        return min(found)[1]
-    best = min(totals, key=lambda one: (totals[one], one))
+    if reaching := [
+        (time_of(setting), setting) for setting, total in totals.items() if total <= target
+    ]:
+        return min(reaching)[1]
+    best = min(totals, key=lambda setting: (totals[setting], setting))
     near = estimate.at(best)
     sizes = np.nan_to_num(total_error(near.bias, near.half_width)).max(axis=1)
     largest = ERROR_TERMS[int(np.argmax(sizes))]

@@ -1,4 +1,4 @@
-"""What a measured surface holds, and how it is shown."""
+"""Statistics of a measured surface, its proposed case, and the sections of its report."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -40,77 +40,80 @@ def inspect_surface(
     spikes: Literal["keep", "remove"] = "keep",
 ) -> Dataset:
     """Describe a measured surface, and propose a case for it."""
-    found = open_topography(file, channel=channel, size=size, unit=unit)
+    topography = open_topography(file, channel=channel, size=size, unit=unit)
     if spikes == "remove":
-        found = found.without_spikes()
-    undefined = np.count_nonzero(np.isnan(found.heights)) - found.spikes
-    surface = found.to_surface(detrend_order=detrend_order, fill_undefined=True)
-    waves = spectrum([surface], periodic=False)
-    told = describe_surface(surface, resolution=found.resolution, waves=waves)
+        topography = topography.without_spikes()
+    undefined = np.count_nonzero(np.isnan(topography.heights)) - topography.spikes
+    surface = topography.to_surface(detrend_order=detrend_order, fill_undefined=True)
+    density = spectrum([surface], periodic=False)
+    statistics = describe_surface(surface, resolution=topography.resolution, waves=density)
     settings = InstrumentSurface(
         file=file.resolve(),
         channel=channel,
         detrend_order=detrend_order,
         fill_undefined=undefined > 0,
         spikes=spikes,
-        profile="isotropic" if found.is_profile else None,
+        profile="isotropic" if topography.is_profile else None,
     ).model_copy(update={"size": None if size is None else tuple(size), "unit": unit})
-    cautions = [*found.say_spikes(), *_doubts(told, found)]
-    if found.interpolated:
+    cautions = [*topography.say_spikes(), *_doubts(statistics, topography)]
+    if topography.interpolated:
         cautions.append("the points of the line scan are uneven, and heights were interpolated")
-    proposal, held = "", ""
+    proposal, shares = "", ""
     try:
         proposed = propose_case(
             surface,
             settings,
-            waves,
-            reliable=(float(told["shortest_reliable"]), float(told["longest_reliable"])),
+            density,
+            reliable=(
+                float(statistics["shortest_reliable"]),
+                float(statistics["longest_reliable"]),
+            ),
         )
     except CaseError as error:
         cautions.append(f"no case is proposed: {error}")
     else:
         proposal = proposed.text
-        height, slope = proposed.held.values()
-        held = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
+        height, slope = proposed.shares.values()
+        shares = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
         cautions.extend(proposed.measured.cautions)
-        if max(height, slope) > 1.0 / HELD and not found.is_profile:
+        if max(height, slope) > 1.0 / HELD and not topography.is_profile:
             cautions.append(
                 "the windows of the proposed cells are rougher than the map: more realisations "
                 "cover more of it"
             )
-    nx, ny = found.heights.shape
-    return told.assign_attrs(
+    nx, ny = topography.heights.shape
+    return statistics.assign_attrs(
         title=file.name,
-        format=found.format,
-        channels="\n".join(found.channels),
-        channel=found.channel,
+        format=topography.format,
+        channels="\n".join(topography.channels),
+        channel=topography.channel,
         points=f"{nx} x {ny}" if ny > 1 else f"{nx} along a line",
         trend=("mean", "plane", "curvature")[detrend_order],
-        resolution=found.resolution or np.nan,
+        resolution=topography.resolution or np.nan,
         proposal=proposal,
-        held=held,
+        held=shares,
         cautions="\n".join(cautions),
     )
 
 
-def _doubts(told: Dataset, found: Topography) -> Iterator[str]:
-    """Say what makes the statistics doubtful."""
-    slope, filled = float(told["rms_slope"]), float(told["filled_share"])
+def _doubts(statistics: Dataset, topography: Topography) -> Iterator[str]:
+    """Yield cautions about implausible statistics."""
+    slope, filled = float(statistics["rms_slope"]), float(statistics["filled_share"])
     low, high = PLAUSIBLE_SLOPES
     if not low <= slope <= high:
-        lengths = " x ".join(f"{edge:.4g} m" for edge in told["size"].values)
+        lengths = " x ".join(f"{edge:.4g} m" for edge in statistics["size"].values)
         yield (
-            f"the rms slope is {slope:.2g}, which no machined surface has: the file says a size "
-            f"of {lengths} and an rms height of {float(told['rms_height']):.3g} m, of which one "
-            f"is probably wrong; give size or unit"
+            f"the rms slope is {slope:.2g}, which no machined surface has: the file states a size "
+            f"of {lengths} and an rms height of {float(statistics['rms_height']):.3g} m, at least "
+            f"one of which is wrong; give size or unit"
         )
     if filled > FILLED:
         yield (
             f"{100.0 * filled:.0f} % of the points are undefined; spectrum, Hurst exponent and lay "
             f"count them as filled"
         )
-    if (kurtosis := float(told["kurtosis"])) > SPIKED:
-        spikes = 0 if found.spikes else int(np.count_nonzero(find_spikes(found.heights)))
+    if (kurtosis := float(statistics["kurtosis"])) > SPIKED:
+        spikes = 0 if topography.spikes else int(np.count_nonzero(find_spikes(topography.heights)))
         removed = (
             f'{spikes} spikes go with --remove-spikes, and with spikes = "remove" in the surface '
             f"table; remove wider dust and holes in the instrument's software"
@@ -118,112 +121,120 @@ def _doubts(told: Dataset, found: Topography) -> Iterator[str]:
             else "remove dust and holes wider than spikes in the instrument's software"
         )
         yield (
-            f"few points have most of the rms height, as the kurtosis of {kurtosis:.3g} tells: "
+            f"few points have most of the rms height, as the kurtosis of {kurtosis:.3g} shows: "
             f"{removed}, or measure another place"
         )
-    if float(told["fit_deviation"]) > SELF_AFFINE:
+    if (deviation := float(statistics["fit_deviation"])) > SELF_AFFINE:
         yield (
-            f"the spectrum is {float(told['fit_deviation']):.2g} decades off the self-affine fit, "
-            f"so that Hurst exponent and roll-off describe it poorly"
+            f"the spectrum is {deviation:.2g} decades off the self-affine fit, so that Hurst "
+            f"exponent and roll-off describe it poorly"
         )
 
 
-def inspection_lines(told: Dataset) -> list[str]:
-    """Return what the command line prints of an inspected surface."""
-    lines = [f"{told.attrs['title']}: {told.attrs['format']}"]
-    lines += [f"  channel {one}" for one in told.attrs["channels"].splitlines()]
-    rows = tabulate_statistics(told, measured=True)
+def inspection_lines(statistics: Dataset) -> list[str]:
+    """Return the lines of an inspected surface for the command line."""
+    lines = [f"{statistics.attrs['title']}: {statistics.attrs['format']}"]
+    lines += [f"  channel {channel}" for channel in statistics.attrs["channels"].splitlines()]
+    rows = tabulate_statistics(statistics, measured=True)
     width = max(len(name) for name, _ in rows)
     lines += [f"{name:<{width}}  {value}" for name, value in rows]
-    if told.attrs["proposal"]:
-        lines += ["", told.attrs["held"], "", *told.attrs["proposal"].splitlines()]
+    if statistics.attrs["proposal"]:
+        lines += ["", statistics.attrs["held"], "", *statistics.attrs["proposal"].splitlines()]
     return lines
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    told = found[INSPECTION.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    statistics = datasets[INSPECTION.name]
     yield Section(
         "Surface",
-        [f"Channel {told.attrs['channel']}; {told.attrs['format']}."],
-        rows=tabulate_statistics(told, measured=True),
+        [f"Channel {statistics.attrs['channel']}; {statistics.attrs['format']}."],
+        rows=tabulate_statistics(statistics, measured=True),
         figures={
-            "measured_heights": on_axes(plot_measured_heights, told),
-            "bearing_curve": on_axes(plot_bearing_curve, told),
-            "spectral_density": on_axes(plot_spectral_density, told, size=WIDE),
+            "measured_heights": on_axes(plot_measured_heights, statistics),
+            "bearing_curve": on_axes(plot_bearing_curve, statistics),
+            "spectral_density": on_axes(plot_spectral_density, statistics, size=WIDE),
         },
     )
     yield Section(
         "Channels of the file",
-        rows=[tuple(one.split(": ", 1)) for one in told.attrs["channels"].splitlines()],
+        rows=[tuple(line.split(": ", 1)) for line in statistics.attrs["channels"].splitlines()],
     )
-    if told.attrs["proposal"]:
-        keys = [line.partition(" = ") for line in told.attrs["proposal"].splitlines()[1:] if line]
+    if statistics.attrs["proposal"]:
+        keys = [
+            line.partition(" = ") for line in statistics.attrs["proposal"].splitlines()[1:] if line
+        ]
         rows = [(key, value) for key, _, value in keys]
-        text = told.attrs["proposal"].encode()
+        text = statistics.attrs["proposal"].encode()
         files = {"case.toml": lambda file: write_bytes(file, text)}
-        yield Section("Proposed case", [told.attrs["held"]], rows=rows, files=files)
+        yield Section("Proposed case", [statistics.attrs["held"]], rows=rows, files=files)
 
 
-def _answer(told: Dataset) -> Iterator[str]:
-    """Report how rough the surface is, and which waves are known."""
-    height, slope = readable(f"{float(told['rms_height']):.3g} m"), float(told["rms_slope"])
+def _answer(statistics: Dataset) -> Iterator[str]:
+    """Report rms height and slope of the surface, and its reliable wavelengths."""
+    height = readable(f"{float(statistics['rms_height']):.3g} m")
     yield (
-        f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "
-        f"reliable waves: {_say_waves(told)}."
+        f"The surface has an rms height of {height} and an rms slope of "
+        f"{float(statistics['rms_slope']):.3g}; "
+        f"reliable wavelengths: {_reliable_range(statistics)}."
     )
-    yield from filter(None, [told.attrs["held"]])
+    yield from filter(None, [statistics.attrs["held"]])
 
 
 LAY = 1.5
 """Ratio of slopes from which a surface has a lay."""
 
 
-def _say_waves(told: Dataset) -> str:
-    """Return both ends of the reliable waves of a surface, or "none"."""
-    ends = [float(told[f"{end}_reliable"]) for end in ("shortest", "longest")]
+def _reliable_range(statistics: Dataset) -> str:
+    """Return shortest and longest reliable wavelength of a surface, or "none"."""
+    ends = [float(statistics[f"{end}_reliable"]) for end in ("shortest", "longest")]
     return " to ".join(readable(f"{end:.3g} m") for end in ends) if ends[0] < ends[1] else "none"
 
 
-def tabulate_statistics(told: Dataset, *, measured: bool) -> list[tuple[str, str]]:
+def tabulate_statistics(statistics: Dataset, *, measured: bool) -> list[tuple[str, str]]:
     """Return names and values of ``SURFACE_STATISTICS`` as rows.
 
-    Undefined points, reliable waves and the fit to the spectrum are of a measured surface alone.
+    Only a measured surface has undefined points, reliable wavelengths and a fit to the spectrum.
     """
 
-    def say(name: str, unit: str = "m", digits: int = 3) -> str:
-        value = float(told[name])
+    def value_of(name: str, unit: str = "m", digits: int = 3) -> str:
+        value = float(statistics[name])
         if not np.isfinite(value):
             return "not known"
         return f"{value:.{digits}g}" if unit == "1" else readable(f"{value:.{digits}g} {unit}")
 
-    edges = [readable(f"{edge:.4g} m") for edge in told["size"].values]
-    is_map = int(told["dimensions"]) == 2
+    edges = [readable(f"{edge:.4g} m") for edge in statistics["size"].values]
+    is_map = int(statistics["dimensions"]) == 2
     of_measured = [
-        ("undefined points", f"{100.0 * float(told['filled_share']):.3g} %"),
-        ("reliable waves", _say_waves(told)),
-        ("Hurst exponent", say("hurst_exponent", "1", 2)),
-        ("spectrum flat above", say("roll_off")),
-        ("decades from the spectrum to this fit, rms", say("fit_deviation", "1", 2)),
+        ("undefined points", f"{100.0 * float(statistics['filled_share']):.3g} %"),
+        ("reliable wavelengths", _reliable_range(statistics)),
+        ("Hurst exponent", value_of("hurst_exponent", "1", 2)),
+        ("spectrum flat above", value_of("roll_off")),
+        ("decades from the spectrum to this fit, rms", value_of("fit_deviation", "1", 2)),
     ]
     bearing = (  # heights of which a tenth, a half and nine tenths of the surface lie above
-        readable(f"{np.interp(at, told['bearing_share'], told['bearing_height']):.3g} m")
+        readable(
+            f"{np.interp(at, statistics['bearing_share'], statistics['bearing_height']):.3g} m"
+        )
         for at in (0.1, 0.5, 0.9)
     )
     rows = [
         ("size", " x ".join(edges) if is_map else edges[0]),
-        ("points", told.attrs["points"]),
-        (f"rms height without {told.attrs['trend']}", say("rms_height", digits=4)),
-        ("rms slope" if is_map else "rms slope of the line", say("rms_slope", "1", 4)),
-        ("highest to lowest point", say("peak_to_valley")),
-        ("skewness, kurtosis", f"{say('skewness', '1')}, {say('kurtosis', '1')}"),
-        ("99 % of the mean square height: waves up to", say("longest_wave")),
-        ("99 % of the mean square slope: waves down to", say("shortest_wave")),
+        ("points", statistics.attrs["points"]),
+        (f"rms height without {statistics.attrs['trend']}", value_of("rms_height", digits=4)),
+        ("rms slope" if is_map else "rms slope of the line", value_of("rms_slope", "1", 4)),
+        ("highest to lowest point", value_of("peak_to_valley")),
+        ("skewness, kurtosis", f"{value_of('skewness', '1')}, {value_of('kurtosis', '1')}"),
+        ("99 % of the mean square height: wavelengths up to", value_of("longest_wave")),
+        ("99 % of the mean square slope: wavelengths down to", value_of("shortest_wave")),
         *(of_measured if measured else ()),
-        (f"Nayak's parameter{' of the reliable waves' * measured}", say("nayak_parameter", "1")),
+        (
+            f"Nayak's parameter{' of the reliable wavelengths' * measured}",
+            value_of("nayak_parameter", "1"),
+        ),
         ("bearing curve: height above 10, 50, 90 %", ", ".join(bearing)),
     ]
     if is_map:
-        degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
+        degrees, ratio = np.rad2deg(float(statistics["lay_angle"])), float(statistics["lay_ratio"])
         lay = f"at {round(degrees) % 180} degrees to x" if ratio >= LAY else "no lay"
         rows.append(("rms slope across the lay over along it", f"{ratio:.3g}, {lay}"))
     return rows

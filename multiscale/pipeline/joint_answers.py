@@ -1,4 +1,4 @@
-"""Answers of joints that have an error budget: where they stand in a result, and are read from."""
+"""Answers of joints that have an error budget: their steps and places in a result."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,38 +22,38 @@ __all__ = [
 
 
 Reader = Callable[["Dataset"], np.ndarray]
-"""From a result to the values of an answer."""
+"""Maps a result to the values of an answer."""
 
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
-"""Of the joint with its bodies, of the interface and of the bodies: all have an error budget."""
+"""Stiffnesses of the joint with its bodies, of the interface and of the bodies, with a budget."""
 
 AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
 IN_CYCLES = ("cycle_slip", "cycle_loss", "secant_stiffness")
 AT_END = {"cycle_slip": "slipping_load", "cycle_loss": "cycle_energy"}
 """Answers that have an error budget: at the preloads, in the cycles of every preload and amplitude,
-and of the latter those that the path ends with, by their names there."""
+and names of the answers of the last cycle at the end of the path."""
 
 
 @dataclass(frozen=True, eq=False)
 class CycleAnswers:
     """Answers of closed cycles that have an error budget."""
 
-    read: Mapping[str, Reader]  # by the name of an answer, its values, one for each cycle
+    read: Mapping[str, Reader]  # by the name of an answer, its values in every cycle
     slip: str  # name of the share of the load that slips
-    loss: str  # name of the energy that is lost
+    loss: str  # name of the dissipated energy
     steps: np.ndarray  # (cycles,), steps of the result with the pressure of each cycle
     slope: np.ndarray  # (cycles,), logarithmic, of the slipping share over the amplitude
-    density: np.ndarray  # (cycles, points), where energy is lost, J/m²
-    finer: float  # load steps of a cycle over those of the paths that are solved again
+    density: np.ndarray  # (cycles, points), dissipated energy, J/m²
+    finer: float  # load steps of a cycle over the steps of paths that are solved again
 
 
 @dataclass(frozen=True, eq=False)
 class JointAnswers:
-    """Answers of joints that have an error budget, and where."""
+    """Answers of joints that have an error budget, and their steps."""
 
     read: Mapping[str, Reader]  # by the name of an answer at rest, its values over the steps
     real: Mapping[str, tuple[int, ...]]  # joints of which an answer is the real pressure
-    rests: np.ndarray  # steps at which these are wanted
+    rests: np.ndarray  # steps of these answers
     place: Callable[[Dataset, Dataset], Dataset]  # adds a budget of rests, then cycles, to a result
     cycles: CycleAnswers | None = None
 
@@ -62,7 +62,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
     """Return the answers of joints at their preloads, then in the cycles of every amplitude."""
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
-    names = [name for name in AT_PRELOADS if name in result]  # real pressure may not be known
+    names = [name for name in AT_PRELOADS if name in result]  # real pressure may be missing
     read = {name: answer_at(name) for name in names}
     joints = tuple(np.unique(result["point_joint"].to_numpy()).astype(int).tolist())
     real = {"real_pressure": joints} if "real_pressure" in result else {}
@@ -84,7 +84,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
     ended = ended and bool(result["cycle_loss"].to_numpy()[-1, -1] > 0.0)
 
     def place(result: Dataset, budget: Dataset) -> Dataset:
-        """Give cycles their intervals, by their numbers, and the last step the last cycle."""
+        """Add the intervals of every cycle, and of the last cycle at the last step."""
         values, errors = {}, interval_errors(budget)
         for row, name in enumerate(map(str, budget["quantity"].values)):
             for kind, error in errors.items() if name in IN_CYCLES else ():
@@ -95,9 +95,9 @@ def joint_answers(result: Dataset) -> JointAnswers:
         columns = [*range(at.size), *([-1] if ended else [])]
         at = np.append(at, known.size - 1) if ended else at
         names = [name for name in map(str, budget["quantity"].values) if name not in IN_CYCLES[2:]]
-        own = budget.isel(step=columns).sel(quantity=names)
-        own = own.assign_coords(quantity=[AT_END.get(name, name) for name in names])
-        return with_intervals(with_budget(result, over_steps(own, at, known.size)))
+        selected = budget.isel(step=columns).sel(quantity=names)
+        selected = selected.assign_coords(quantity=[AT_END.get(name, name) for name in names])
+        return with_intervals(with_budget(result, over_steps(selected, at, known.size)))
 
     return JointAnswers(read, real, rests, place, cycles)
 
@@ -129,7 +129,7 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
         )
 
     def place(result: Dataset, budget: Dataset) -> Dataset:
-        """Give every step its column."""
+        """Add the budget at its steps."""
         steps = np.append(rests[known[rests]], () if cycles is None else last).astype(int)
         budget = over_steps(budget, steps, known.size)
         return with_intervals(with_budget(result, budget), {**loads, **real})
@@ -142,24 +142,24 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
 
 
 def answer_at(name: str, *place: slice | int | np.ndarray) -> Reader:
-    """Return what reads an answer at a place, or all of it, in workers too."""
+    """Return a reader of an answer at a place, or of all values, that workers can import."""
     return partial(_read, name, place)
 
 
-def _read(name: str, place: tuple[Any, ...], found: Dataset) -> np.ndarray:
+def _read(name: str, place: tuple[Any, ...], result: Dataset) -> np.ndarray:
     """Values of an answer; the real pressure stays as it is."""
     if name == "real_pressure":
-        return np.ones(found.sizes["step"])
-    return np.asarray(found[name].to_numpy()[place])
+        return np.ones(result.sizes["step"])
+    return np.asarray(result[name].to_numpy()[place])
 
 
 def _slip_slope(result: Dataset) -> np.ndarray:
     """Logarithmic slope of the slipping share over the amplitude, shape (levels, amplitudes).
 
-    It is from the amplitudes, or from the last steps of the path if there is one amplitude alone.
+    It is from the amplitudes, or from the last steps of the path if there is only one amplitude.
     """
     share, shear = result["cycle_slip"].to_numpy(), result["cycle_shear"].to_numpy()
-    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing slips, nothing is known
+    with np.errstate(divide="ignore", invalid="ignore"):  # NaN where nothing slips
         if shear.size > 1:
             return np.asarray(np.gradient(np.log(share), np.log(shear), axis=1))
         at = np.log([result[name].to_numpy()[-2:] for name in ("slipping_load", "shear")])

@@ -33,39 +33,39 @@ from multiscale.units import readable
 __all__ = ["STAGES", "Measured", "RoughSide", "cut_windows", "measured_map", "measured_side"]
 
 STAGES = ("map", "windows", "cells")
-"""Where the roughness of a body is measured, labels of the dimension ``stage``."""
+"""Labels of the dimension ``stage`` of the roughness of a body."""
 
 FEWEST_PIXELS = 16  # measured points across a window
 HELD = 0.9
 """Share of the rms height and slope of a map below which its cells need a caution."""
 
 MINOR = 0.99
-"""Share of the roughness of both bodies from which the loss of one needs no caution."""
+"""Share of the roughness of both bodies above which the loss of a single body needs no caution."""
 
 OBLIQUE = 1.0 / 3.0
-"""Share of the lay lost in a mirror image that needs a caution: ridges at 10 degrees to an axis."""
+"""Share of the lay lost in a mirror image that needs a caution: ridges 10 degrees off an axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What cells hold of the roughness of a measured map."""
+    """Roughness of a measured map, of its windows and of its cells."""
 
     stages: tuple[Roughness, Roughness, Roughness]  # of the map, of its windows and of the cells
     map_filled: float  # share of filled points
     filled: tuple[float, ...]  # share of filled points of each window
-    cutoff: str  # the shortest wave that was kept, and what chose it
-    cautions: tuple[str, ...]  # what is lost between map and cells, one sentence each
+    cutoff: str  # the shortest wavelength of the cells, and the reason
+    cautions: tuple[str, ...]  # roughness lost between map and cells, a sentence each
     losses: dict[str, str] = field(default_factory=dict)  # cautions by rms height and rms slope
 
     def cautions_beside(self, other: "Measured") -> list[str]:
-        """Return the cautions that count against the map of the other body, often far rougher."""
+        """Return the cautions of losses that matter next to the map of the other body."""
         minor = []
-        for name, said in self.losses.items():
+        for name, caution in self.losses.items():
             whole, cells = (getattr(stage, name) for stage in (self.stages[0], self.stages[2]))
             rest = getattr(other.stages[2], name)
             if np.hypot(rest, cells) >= MINOR * np.hypot(rest, whole):
-                minor.append(said)
-        return [one for one in self.cautions if one not in minor]
+                minor.append(caution)
+        return [caution for caution in self.cautions if caution not in minor]
 
 
 def cut_windows(
@@ -77,7 +77,7 @@ def cut_windows(
     seed: int,
     *,
     of_map: Spectrum | None = None,
-    beside_map: bool = False,
+    other_map: bool = False,
 ) -> tuple[list[Surface], Measured]:
     """Cut separate windows from a measured map and make them periodic and band-limited.
 
@@ -86,21 +86,23 @@ def cut_windows(
     A window is a whole number of pixels, which take the size of the cell, or of its half if it is
     mirrored: lengths change by half a pixel at most, and heights not at all.
     """
+    # size of a window in pixels
     cutoff, chosen = _cutoff(settings, cell, whole.spacing)
     share = 0.5 if settings.periodic == "mirror" else 1.0
     size = (share * cell.size[0], share * cell.size[1])
     pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
     if min(pixels) < FEWEST_PIXELS:
         raise CaseError(
-            f"a window of {_lengths(size)} has only {min(pixels)} measured points across, where "
-            f"{settings.file.name} has one each {_length(max(whole.spacing))}; make the cell at "
+            f"a window of {_lengths(size)} has only {min(pixels)} measured points across, and the "
+            f"spacing of {settings.file.name} is {_length(max(whole.spacing))}; make the cell at "
             f"least {_length(FEWEST_PIXELS * max(whole.spacing) / share)} large"
         )
+    # corners of separate windows; smaller windows may repeat if the other body has a map, too
     corners, repeats = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed), 1
     of_map = of_map or spectrum([whole], periodic=False)
     if len(corners) < needed:
         refusal = _too_few(whole, settings, size, len(corners), needed)
-        for repeats in _repeats(cell, of_map, share) if beside_map else ():
+        for repeats in _repeats(cell, of_map, share) if other_map else ():
             size = (share * cell.size[0] / repeats, share * cell.size[1] / repeats)
             pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
             corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
@@ -108,22 +110,26 @@ def cut_windows(
                 break
         if min(pixels) < FEWEST_PIXELS or len(corners) < needed:
             raise CaseError(refusal)
+    # crop, make periodic, filter and resample
     cropped = [crop(whole, corners[k], (pixels[0], pixels[1])) for k in which]
-    pieces = [detrend(Surface(one.heights, size, one.filled)) for one in cropped]
+    pieces = [detrend(Surface(patch.heights, size, patch.filled)) for patch in cropped]
     if any(np.ptp(piece.heights) == 0.0 for piece in pieces):
         raise CaseError(f"{settings.file.name} has a window of constant height; crop it")
     periodic = [(mirror if settings.periodic == "mirror" else window)(piece) for piece in pieces]
     points = (cell.points[0] // repeats, cell.points[1] // repeats)
-    parts = [resample(low_pass(piece, cutoff), points) for piece in periodic]
-    tiled = [Surface(np.tile(one.heights, (repeats, repeats)), cell.size) for one in parts]
-    surfaces = tiled if repeats > 1 else parts
+    resampled = [resample(low_pass(piece, cutoff), points) for piece in periodic]
+    tiled = [
+        Surface(np.tile(surface.heights, (repeats, repeats)), cell.size) for surface in resampled
+    ]
+    surfaces = tiled if repeats > 1 else resampled
     if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
         raise CaseError(
-            f"{settings.file.name} has a window without waves of {_length(cutoff)} and more; give "
-            f"a finer grid with a shorter short_cutoff"
+            f"{settings.file.name} has a window without wavelengths of {_length(cutoff)} and "
+            f"more; give a finer grid with a shorter short_cutoff"
         )
+    # roughness of map, windows and cells, and its losses
     of_pieces = spectrum(pieces, periodic=False)
-    # the waves of a window are those of its mirror image
+    # a window and its mirror image have the same spectrum
     same = settings.periodic == "mirror" and not any(piece.filled_share for piece in pieces)
     of_periodic = of_pieces if same else spectrum(periodic)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
@@ -150,7 +156,7 @@ def cut_windows(
 
 
 def _repeats(cell: CellSettings, of_map: Spectrum, window_share: float) -> list[int]:
-    """How often windows may repeat along each edge of a cell: on its grid, and as long as waves."""
+    """Return how often windows may repeat along an edge, on the grid and with most modes."""
     least = of_map.length_holding(HELD) / window_share
     most = int(min(cell.size) / least)
     return [k for k in range(2, most + 1) if not any(n % k for n in cell.points)]
@@ -159,7 +165,7 @@ def _repeats(cell: CellSettings, of_map: Spectrum, window_share: float) -> list[
 def _cutoff(
     settings: InstrumentSurface, cell: CellSettings, pixel: tuple[float, float]
 ) -> tuple[float, str]:
-    """Shortest wavelength to keep, m, and what chose it: the case, the grid or the pixels."""
+    """Return the cut-off wavelength, m, and its reason: the case, the grid or the pixels."""
     spacing = cell.spacing
     by_grid, by_map = POINTS_PER_WAVE * spacing, 2.0 * max(pixel)
     resolved = max(by_grid, by_map)
@@ -174,7 +180,7 @@ def _cutoff(
     if cutoff < least:
         raise CaseError(
             f"short_cutoff {_length(cutoff)} is finer than the grid; with {_length(spacing)} "
-            f"between its points and {_length(max(pixel))} between the measured ones it must be at "
+            f"between its points and {_length(max(pixel))} between measured points it must be at "
             f"least {_length(least)}, better {_length(resolved)}"
         )
     if cutoff > 0.5 * min(cell.size):
@@ -188,11 +194,11 @@ def _cutoff(
 def _corners(
     whole: Surface, pixels: tuple[int, int], most: float, seed: int
 ) -> list[tuple[int, int]]:
-    """Corners of separate windows, those of fewest filled points first.
+    """Choose the corners of separate windows, with fewest filled points first.
 
-    Of all places, the one with fewest filled points and nearest to the first corner of the map is
-    taken, then the next that overlaps none of those taken, as long as no more than ``most`` of its
-    points are filled. Windows that are filled alike follow each other in a random order.
+    The place with fewest filled points nearest to the first corner of the map is taken, then the
+    next that overlaps no taken window, as long as at most the share ``most`` of its points is
+    filled. Windows with equally many filled points follow each other in a random order.
     """
     (nx, ny), (m, n) = whole.heights.shape, pixels
     if m > nx or n > ny:
@@ -206,7 +212,9 @@ def _corners(
     filled = (total[m:, n:] - total[:-m, n:] - total[m:, :-n] + total[:-m, :-n]) / (m * n)
     places = np.argsort(filled, axis=None, kind="stable")
     free, taken = filled <= most, []
-    for i, j in zip(*(one.tolist() for one in np.unravel_index(places, filled.shape)), strict=True):
+    for i, j in zip(
+        *(index.tolist() for index in np.unravel_index(places, filled.shape)), strict=True
+    ):
         if free[i, j]:
             taken.append((i, j))
             free[max(0, i - m + 1) : i + m, max(0, j - n + 1) : j + n] = False
@@ -215,18 +223,22 @@ def _corners(
 
 
 def _too_few(
-    whole: Surface, settings: InstrumentSurface, size: tuple[float, float], found: int, count: int
+    whole: Surface,
+    settings: InstrumentSurface,
+    size: tuple[float, float],
+    available: int,
+    count: int,
 ) -> str:
-    """Report how many windows there are, and of which size there are enough."""
+    """Report the number of windows, and a size with enough windows."""
     within = (
         f" with at most {100.0 * settings.filled:.3g} % of their points filled"
         if whole.filled_share
         else ""
     )
-    said = (
-        f"{settings.file.name} measures {_lengths(whole.size)} and holds {found} separate "
-        f"window{'s' * (found != 1)} of {_lengths(size)}{within}, but {count} are needed; "
-        f"{'ask for fewer realisations' if found else 'make the cell smaller'}"
+    message = (
+        f"{settings.file.name} measures {_lengths(whole.size)} and holds {available} separate "
+        f"window{'s' * (available != 1)} of {_lengths(size)}{within}, but {count} are needed; "
+        f"{'ask for fewer realisations' if available else 'make the cell smaller'}"
     )
     scale = 1.0
     while True:
@@ -238,14 +250,14 @@ def _too_few(
         enough = len(_corners(whole, (pixels[0], pixels[1]), settings.filled, 0))
         if enough >= count:
             double = 2.0 if settings.periodic == "mirror" else 1.0
-            said += (
+            message += (
                 f", or make the cell {_lengths([double * edge for edge in smaller])}, for which "
                 f"there are {enough} windows"
             )
             break
     across = ceil(sqrt(count))  # windows, side by side
-    said += f", or measure {_lengths([across * edge for edge in size])}"
-    return said + (", or allow more by filled in the surface table" if within else "")
+    message += f", or measure {_lengths([across * edge for edge in size])}"
+    return message + (", or allow more by filled in the surface table" if within else "")
 
 
 def _losses(
@@ -257,19 +269,20 @@ def _losses(
     window_share: float,
     chosen: str,
 ) -> dict[str, str]:
-    """Report where height or slope is lost on the way to the cell, and what would hold it."""
-    found = {}
+    """Report losses of height or slope between map and cell, and the remedies."""
+    losses = {}
     faded = of_periodic.roughness()
     for order, name in ((0, "rms_height"), (2, "rms_slope")):
         whole, pieces, periodic, cells = (
-            float(getattr(one, name)) for one in (stages[0], stages[1], faded, stages[2])
+            float(getattr(roughness, name))
+            for roughness in (stages[0], stages[1], faded, stages[2])
         )
         if cells >= HELD * whole:
             continue
         lost = []
         if pieces < HELD * whole:
             edge = of_map.length_holding(HELD) / window_share
-            separate = np.prod([floor(one / (window_share * edge)) for one in size])
+            separate = np.prod([floor(length / (window_share * edge)) for length in size])
             lost.append(
                 f"its windows hold {pieces / whole:.2g}, "
                 + (
@@ -287,7 +300,9 @@ def _losses(
                 f'"mirror" leaves all'
             )
         if cells < HELD * periodic:
-            cutoff = 0.995 * of_periodic.cutoff_holding(HELD, order=order)  # is said in 3 digits
+            cutoff = 0.995 * of_periodic.cutoff_holding(
+                HELD, order=order
+            )  # the message has 3 digits
             points = [2 * int(np.ceil(0.5 * POINTS_PER_WAVE * edge / cutoff)) for edge in cell.size]
             finer = any(new > old for new, old in zip(points, cell.points, strict=True))
             grid = f" on a grid of {' x '.join(map(str, points))} points" if finer else ""
@@ -295,11 +310,11 @@ def _losses(
                 f"the cut-off ({chosen}) leaves {cells / periodic:.2g}, where short_cutoff = "
                 f'"{_length(cutoff)}"{grid} would leave {HELD:g}'
             )
-        found[name] = (
+        losses[name] = (
             f"the cells hold {cells / whole:.2g} of the {name.replace('_', ' ')} of the map: "
             + "; ".join(lost or ["windows, edges and cut-off take a little each"])
         )
-    return found
+    return losses
 
 
 def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> list[str]:
@@ -316,50 +331,50 @@ def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> 
 
 
 def _lengths(edges: Sequence[float]) -> str:
-    """Write edges as a case file may have them."""
+    """Format edges as in a case file."""
     return " x ".join(map(_length, edges))
 
 
 def _length(value: float) -> str:
-    """Write a length as a case file may have it."""
+    """Format a length as in a case file."""
     return readable(f"{value:.3g} m")
 
 
 @dataclass(frozen=True, eq=False)
 class RoughSide:
-    """Realisations of one body's surface, none if it is smooth, and their share of a map."""
+    """Realisations of the surface of a body, empty if it is smooth, and their roughness."""
 
     surfaces: list[Surface]
     measured: Measured | None = None
 
-    def with_cautions(self, said: Sequence[str]) -> "RoughSide":
-        """Return the same surfaces with further cautions about their map, the first of all."""
+    def with_cautions(self, further: Sequence[str]) -> "RoughSide":
+        """Return the same surfaces with further cautions about their map before all others."""
         if self.measured is None:
             return self
-        cautions = (*said, *self.measured.cautions)
+        cautions = (*further, *self.measured.cautions)
         return replace(self, measured=replace(self.measured, cautions=cautions))
 
 
 def measured_map(settings: InstrumentSurface) -> tuple[Surface, list[str]]:
     """Read the map or line scan of a surface table, remove its trend and describe the removal."""
-    found = open_topography(
+    topography = open_topography(
         settings.file, channel=settings.channel, size=settings.size, unit=settings.unit
     )
-    if found.is_profile and settings.profile is None:
+    if topography.is_profile and settings.profile is None:
         raise CaseError(
-            f"{settings.file}: holds a line scan of {found.heights.size} points, and cells need an "
-            f'area; set profile = "isotropic", for surfaces with its spectrum, or '
+            f"{settings.file}: holds a line scan of {topography.heights.size} points, and cells "
+            f'need an area; set profile = "isotropic", for surfaces with its spectrum, or '
             f'"one_directional", for grooves across the scan'
         )
-    if not found.is_profile and settings.profile is not None:
-        raise CaseError(f"{settings.file}: holds a map, no line scan; leave out profile")
+    if not topography.is_profile and settings.profile is not None:
+        raise CaseError(f"{settings.file}: holds a map, not a line scan; leave out profile")
     if settings.spikes == "remove":
-        found = found.without_spikes()
-    surface = found.to_surface(
+        topography = topography.without_spikes()
+    surface = topography.to_surface(
         detrend_order=settings.detrend_order, fill_undefined=settings.fill_undefined
     )
-    turned = surface if found.is_profile else rotate(surface, settings.rotate)
-    return turned, found.say_spikes()
+    turned = surface if topography.is_profile else rotate(surface, settings.rotate)
+    return turned, topography.say_spikes()
 
 
 def measured_side(
@@ -372,7 +387,7 @@ def measured_side(
     *,
     side: int = 0,
     of_map: Spectrum | None = None,
-    beside_map: bool = False,
+    other_map: bool = False,
 ) -> RoughSide:
     """Make the realisations of one body from its measured map or line scan."""
     if settings.profile == "isotropic":
@@ -386,7 +401,7 @@ def measured_side(
         grooves = Surface(np.repeat(whole.heights, n, axis=1), (whole.size[0], n * step), filled)
         whole = rotate(grooves, settings.rotate)
     surfaces, record = cut_windows(
-        whole, settings, cell, which, needed, seed, of_map=of_map, beside_map=beside_map
+        whole, settings, cell, which, needed, seed, of_map=of_map, other_map=other_map
     )
     if side == 1:  # measured from outside: turned over as paper is
         surfaces = [Surface(piece.heights[::-1], piece.size) for piece in surfaces]
@@ -399,17 +414,17 @@ def _isotropic(
     """Make isotropic surfaces with the self-affine spectrum fitted to a line scan.
 
     The rms height of an isotropic surface is the rms height of its profiles, and its rms slope is
-    larger by the square root of two. Waviness above the fit is in the line scan alone.
+    larger by the square root of two. Only the line scan has the waviness above the fit.
     """
-    told = open_topography(
+    topography = open_topography(
         settings.file, channel=settings.channel, size=settings.size, unit=settings.unit
     )
-    statistics = describe_surface(scan, resolution=told.resolution)
+    statistics = describe_surface(scan, resolution=topography.resolution)
     fit = fit_of_statistics(statistics)
     if fit is None:
         raise CaseError(
-            f"{settings.file}: a line scan of {scan.heights.size} points has too few waves for a "
-            f"spectrum; measure a longer one"
+            f"{settings.file}: a line scan of {scan.heights.size} points has too few wavelengths "
+            f"for a spectrum; measure a longer one"
         )
     longest, shortest = float(statistics["longest_wave"]), 2.0 * scan.spacing[0]
     long = min(longest, max(cell.size))
@@ -417,8 +432,8 @@ def _isotropic(
     short = settings.short_cutoff or resolved
     if short >= long:
         raise CaseError(
-            f"short_cutoff {short:.3g} m leaves no wave of the line scan, the longest of which is "
-            f"{long:.3g} m; give a shorter one, and more points"
+            f"short_cutoff {short:.3g} m leaves no wavelength of the line scan, the longest of "
+            f"which is {long:.3g} m; give a shorter one, and more points"
         )
     surfaces = [
         self_affine(
@@ -444,19 +459,21 @@ def _isotropic(
         name: getattr(of_cells, name) / getattr(measured, name)
         for name in ("rms_height", "rms_slope")
     }
-    ends = [readable(f"{wave:.3g} m") for wave in (short, long)]
-    said = (
-        f"isotropic self-affine surfaces stand for a line scan, fitted with a Hurst exponent of "
+    ends = [readable(f"{wavelength:.3g} m") for wavelength in (short, long)]
+    cautions = (
+        f"isotropic self-affine surfaces replace a line scan, fitted with a Hurst exponent of "
         f"{fit.hurst_exponent:.2g} and a roll-off at {readable(f'{fit.roll_off:.3g} m')}; a lay "
         f"is not seen in one line",
         *(
             f"the cells hold {share:.2g} of the {name.replace('_', ' ')} that belongs to the line "
-            f"scan, by their waves from {ends[0]} to {ends[1]}"
+            f"scan, with wavelengths from {ends[0]} to {ends[1]}"
             for name, share in shares.items()
             if not HELD <= share <= 1.0 / HELD
         ),
     )
     chosen = "the short_cutoff of the case" if settings.short_cutoff else "grid and line scan"
     stages = (measured, measured, of_cells)
-    kept = (scan.filled_share,) * len(seeds)
-    return RoughSide(surfaces, Measured(stages, kept[0], kept, f"{ends[0]}, {chosen}", said))
+    filled = (scan.filled_share,) * len(seeds)
+    return RoughSide(
+        surfaces, Measured(stages, filled[0], filled, f"{ends[0]}, {chosen}", cautions)
+    )

@@ -48,9 +48,11 @@ __all__ = ["Plan", "pilot_cases", "plan", "resize", "surface_at_large"]
 
 logger = logging.getLogger(__name__)
 
-FEWEST_WAVES = 2.0  # across the smallest cells: those with fewer tell no power of the size
+FEWEST_WAVELENGTHS = (
+    2.0  # across the smallest cells: with fewer the error has no power law in the size
+)
 FIRST_CELLS, FIRST_CONTROL = (6, 4), 48
-"""Cells of the first two sizes, and flat ones beside dearer ones."""
+"""Numbers of cells of the first two sizes, and of flat control cells of dearer cells."""
 
 PAIRS = {-1: 6, 0: 6, 1: 4, 2: 4}
 """Cells of the smallest size that are solved on other grids, too."""
@@ -58,18 +60,18 @@ PAIRS = {-1: 6, 0: 6, 1: 4, 2: 4}
 MOST_ROUNDS = 8
 
 FEWEST_POINTS = 8
-"""Of a cell, each way."""
+"""Points of a cell along an edge."""
 
-MANY_WAVES = 32  # across a surface at large
+MANY_WAVELENGTHS = 32  # across a surface at large
 MOST_POINTS = 2048  # across it
 
 SIZE_SEED = 1_000_003
-"""Between the first realisations of different sizes."""
+"""Distance of the seeds of different sizes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a planner has chosen, computed and spent.
+    """Choice, datasets and solver time of a planner.
 
     Attributes
     ----------
@@ -79,8 +81,8 @@ class Plan:
         Answer of the blocks, with its error budget, if the case has blocks.
     folder : Path, of the cells
     total : float, estimated error, relative
-    spent, forecast : float, time of all cells, s, and what was expected after the first ones
-    lines : tuple of str, what was decided and found, a sentence for each round
+    spent, forecast : float, time of all cells, s, and the time expected after the first cells
+    lines : tuple of str, choice and error of each round, a sentence each
     """
 
     case: Case
@@ -95,14 +97,14 @@ class Plan:
 
     @property
     def datasets(self) -> tuple[Dataset, Dataset, Dataset | None]:
-        """Response, law and answer; law and answer say what was decided and spent."""
-        told = {
+        """Response, law and answer; law and answer have plan and time as attributes."""
+        record = {
             "plan": "\n".join(self.lines),
             "time_spent": self.spent,
             "time_forecast": self.forecast,
         }
-        result = None if self.macro_result is None else self.macro_result.assign_attrs(told)
-        return self.micro_response, self.interface_law.assign_attrs(told), result
+        result = None if self.macro_result is None else self.macro_result.assign_attrs(record)
+        return self.micro_response, self.interface_law.assign_attrs(record), result
 
 
 def plan(
@@ -127,48 +129,48 @@ def plan(
 
     Notes
     -----
-    Flat cells are on a coarse grid, and dearer ones on the grid of the case. What they lack is
-    told by differences of small scatter between cells on the same surfaces, and taken out: few
-    cells of the smallest size lead to finer grids, and few dear cells of the first two sizes to
-    many flat ones of any size; see :class:`~multiscale.upscaling.sampling.Control`. Cells of
-    several sizes tell the bias by the size. Gaps are those at the height of the surface at large.
+    Flat cells are on a coarse grid, and dearer cells on the grid of the case. Their biases are
+    estimated by differences between cells on the same surfaces, which scatter little, and
+    subtracted: few cells of the smallest size are solved on finer grids, and few dear cells of the
+    first two sizes are paired with many flat cells of any size; see
+    :class:`~multiscale.upscaling.sampling.Control`. Cells of several sizes give the bias by the
+    size. Gaps are scaled to the rms height of the surface at large.
 
-    From the errors that are left, and from the times of cells, follows the setting of least time
-    whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are
-    solved and its budget is estimated anew, which is the next forecast's base, until the estimate
-    is below the target. Sizes and grids change by a factor of two at a time, as each tells how the
-    errors fall to the next one.
+    The remaining errors and the times of the cells forecast error and time of every setting; see
+    :class:`~.forecast.Estimate`. The cells of the cheapest setting with a total below the target
+    are solved, and the budget is estimated again, until the estimate is below the target. Size and
+    grid change by a factor of two per round, as each level shows how the errors fall to the next.
     """
     _check(case)
     campaign = _Campaign(case, out / "plan", executor, progress, surface_at_large(case))
-    known, forecast = campaign.explore(), np.nan
+    state, forecast = campaign.explore(), np.nan
     target, lines = case.accuracy.target, list[str]()
     for _ in range(MOST_ROUNDS):
-        if known.estimate.total <= target:
-            return campaign.finish(known, tuple(lines), forecast)
-        setting = campaign.choose(known)
-        time = known.time_of(setting)
-        spent, expected = campaign.spent(), known.estimate.at(setting).total
+        if state.estimate.total <= target:
+            return campaign.finish(state, tuple(lines), forecast)
+        setting = campaign.choose(state)
+        time = state.time_of(setting)
+        spent, expected = campaign.spent(), state.estimate.at(setting).total
         logger.info("%s: about %.3g s and %.3g %%", setting, time, 100.0 * expected)
         forecast = forecast if lines else spent + time
         try:
-            known = campaign.advance(known, setting)
+            state = campaign.advance(state, setting)
         except CaseError as error:  # a measured map holds no more or no larger windows
             if setting.size <= 0:
                 raise
             logger.info("size %d: %s", setting.size, error)
-            known = replace(known, sizes=range(known.sizes.start, int(setting.size)))
+            state = replace(state, sizes=range(state.sizes.start, int(setting.size)))
             continue
         lines.append(
             f"round {len(lines) + 1}: {setting}; forecast {time:.3g} s and "
             f"{100.0 * expected:.3g} %, spent {campaign.spent() - spent:.3g} s, "
-            f"estimated error {100.0 * known.estimate.total:.3g} %"
+            f"estimated error {100.0 * state.estimate.total:.3g} %"
         )
         logger.info(lines[-1])
-    if known.estimate.total <= target:
-        return campaign.finish(known, tuple(lines), forecast)
+    if state.estimate.total <= target:
+        return campaign.finish(state, tuple(lines), forecast)
     raise ConvergenceError(
-        f"the estimated error is {100.0 * known.estimate.total:.3g} % after {MOST_ROUNDS} rounds, "
+        f"the estimated error is {100.0 * state.estimate.total:.3g} % after {MOST_ROUNDS} rounds, "
         f"above the target of {100.0 * target:.3g} %; run again to go on, or ask for "
         f"a larger target"
     )
@@ -199,13 +201,13 @@ def resize(case: Case, setting: Setting, *, grid: int = COARSE) -> Case:
 
 
 def surface_at_large(case: Case) -> Surface | None:
-    """Return the composite surface of a case on a patch of many waves; none of a measured map."""
+    """Return the composite surface of a case on a patch of many wavelengths; None for a map."""
     surfaces = [body.surface for body in case.bodies if body.surface is not None]
-    synthetic = [one for one in surfaces if isinstance(one, SyntheticSurface)]
+    synthetic = [surface for surface in surfaces if isinstance(surface, SyntheticSurface)]
     if len(synthetic) < len(surfaces):
         return None
-    wave = max(one.longest_wave for one in synthetic)
-    wanted = MANY_WAVES * wave / max(case.cell.size)
+    wavelength = max(surface.longest_wave for surface in synthetic)
+    wanted = MANY_WAVELENGTHS * wavelength / max(case.cell.size)
     room = MOST_POINTS / max(case.cell.points)
     larger = 2 ** max(0, int(np.ceil(np.log2(min(wanted, room)))))
     cell = case.cell.model_copy(
@@ -223,9 +225,9 @@ def pilot_cases(case: Case) -> list[Case]:
     """Return the cases that a planner begins with."""
     smallest = _smallest(case)
     settings = [Setting(smallest + k, 0, n) for k, n in enumerate(FIRST_CELLS)]
-    first = [resize(case, one, grid=_grid(case)) for one in settings]
+    first = [resize(case, setting, grid=_grid(case)) for setting in settings]
     if case.beside_flat:
-        first += [resize(case, one).control(FIRST_CONTROL) for one in settings]
+        first += [resize(case, setting).control(FIRST_CONTROL) for setting in settings]
     return [*first, resize(case, settings[0], grid=COARSE - _grid(case))]
 
 
@@ -235,9 +237,9 @@ def _grid(case: Case) -> int:
 
 
 def _smallest(case: Case) -> int:
-    """Return the first size: half of the cell of the case, or the cell if it has few waves."""
-    waves = 0.5 * max(case.cell.size) / longest_wave(case)
-    return SIZES[0] if case.measured or waves >= FEWEST_WAVES else 0
+    """Return the first size: half of the cell of the case, or the cell with few wavelengths."""
+    n_wavelengths = 0.5 * max(case.cell.size) / longest_wave(case)
+    return SIZES[0] if case.measured or n_wavelengths >= FEWEST_WAVELENGTHS else 0
 
 
 def _check(case: Case) -> None:
@@ -260,14 +262,14 @@ def _check(case: Case) -> None:
     if 4.0 * spacing >= shortest:
         raise CaseError(
             f"[accuracy] compares with a grid of twice the spacing, {2.0 * spacing:.3g} m, which "
-            f"cannot carry waves of {shortest:.3g} m; give more than "
+            f"cannot resolve wavelengths of {shortest:.3g} m; give more than "
             f"{4.0 * max(case.cell.size) / shortest:.0f} points in [cell]"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _Ensemble:
-    """Cells of one size, and flat ones, of which the first are beside them."""
+    """Cells of one size, and flat control cells, the first of which have the same surfaces."""
 
     setting: Setting
     response: Dataset
@@ -278,13 +280,13 @@ class _Ensemble:
     def cheap(self) -> float:
         """Share of the flat cells in the variance of the mean gap, median over the steps."""
         parts = normal_observations(self.response, self.control).parts
-        each = [np.nanvar(one.masked, axis=0) / freedom for one, freedom in parts]
+        each = [np.nanvar(sample.masked, axis=0) / freedom for sample, freedom in parts]
         return float(np.median(each[-1] / sum(each))) if len(parts) == 2 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
-    """What a planner knows after a round: first cells of the smallest size are on all grids."""
+class _State:
+    """State of a planner after a round; the first cells of the smallest size are on all grids."""
 
     estimate: Estimate
     ensembles: Mapping[float, _Ensemble]
@@ -295,7 +297,7 @@ class _Known:
     sizes: range = SIZES  # that can be had
 
     def time_of(self, setting: Setting) -> float:
-        """Time of what a setting has and is not there, s."""
+        """Time of the cells of a setting that are not solved yet, s."""
         there = self.ensembles.get(setting.size)
         have = Setting(setting.size, 0, 0) if there is None else there.setting
         cells, flat = setting.realisations - have.realisations, setting.control - have.control
@@ -308,7 +310,7 @@ class _Known:
             time += more * self.costs.of_cell(pairs.size, self.grid)
         finer = [grid for grid in PAIRS if max(self.grids, default=2) < grid <= setting.grid]
         return time + sum(
-            PAIRS[one] * self.costs.of_cell(min(self.ensembles), one) for one in finer
+            PAIRS[grid] * self.costs.of_cell(min(self.ensembles), grid) for grid in finer
         )
 
 
@@ -329,7 +331,7 @@ class _Campaign:
     def solve(self, setting: Setting, grid: int) -> Dataset:
         """Response of the cells of a setting, at the height of the surface at large.
 
-        Cells that are there are kept.
+        Solved cells are not solved again.
         """
         cells = f"cells of size {setting.size:+g}, grid {grid:+g}"
         response = run_micro(
@@ -349,22 +351,22 @@ class _Campaign:
         write_dataset(control, folder / f"{CONTROL_RESPONSE.name}.nc", CONTROL_RESPONSE)
         return self.at_large(control)
 
-    def own(self, setting: Setting) -> Setting:
-        """Return the setting of the dear cells: with flat ones beside, they do not grow."""
+    def dear_cells(self, setting: Setting) -> Setting:
+        """Return the setting of the dear cells: with flat control cells they do not grow."""
         return replace(setting, size=min(setting.size, _smallest(self.case) + 1.0))
 
     def ensemble(self, setting: Setting) -> _Ensemble:
-        """Solve the cells of a setting, with the flat ones that it has."""
+        """Solve the cells of a setting, with its flat control cells."""
         import xarray as xr
 
         if not setting.control:
             return _Ensemble(setting, self.solve(setting, _grid(self.case)))
-        own = self.own(setting)
-        response, control = self.solve(own, _grid(self.case)), self.press(setting)
+        dear = self.dear_cells(setting)
+        response, control = self.solve(dear, _grid(self.case)), self.press(setting)
         time = _time(control)
-        if own.size < setting.size:
+        if dear.size < setting.size:
             n = setting.realisations
-            pairs = self.press(replace(own, control=max(n, FIRST_CONTROL)))
+            pairs = self.press(replace(dear, control=max(n, FIRST_CONTROL)))
             numbers = n + np.arange(control.sizes["realisation"])
             both = pairs.isel(realisation=slice(n)), control.assign_coords(realisation=numbers)
             control = xr.concat(both, "realisation", combine_attrs="override")
@@ -375,107 +377,115 @@ class _Campaign:
         """Return a response at the height of the surface at large."""
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
-    def explore(self) -> _Known:
+    def explore(self) -> _State:
         """Start from small cells of two sizes, some of the smaller ones on two grids."""
         dear, grid = self.case.beside_flat, _grid(self.case)
         control, first = FIRST_CONTROL if dear else 0, float(_smallest(self.case))
-        found = {
+        ensembles = {
             first + k: self.ensemble(Setting(first + k, 0, n, control))
             for k, n in enumerate(FIRST_CELLS)
         }
-        small, last = found.values()
+        small, last = ensembles.values()
         other = COARSE - grid
         grids = dict(sorted({grid: small.response, other: self.on_grid(other)}.items()))
         times: dict[tuple[float, float], float] = {
-            (size, grid): _time(one.response) for size, one in found.items()
+            (size, grid): _time(ensemble.response) for size, ensemble in ensembles.items()
         }
         times[first, other] = _time(grids[other])
         costs = CostModel.fit(times, layered=self.case.cell.geometry != "flat")
         flat: dict[tuple[float, float], float] = {
-            (size, COARSE): one.time for size, one in found.items()
+            (size, COARSE): ensemble.time for size, ensemble in ensembles.items()
         }
         flat_costs = CostModel.fit(flat, layered=False) if dear else None
-        known = _Known(NOTHING, found, grids, costs, grid, flat_costs)
-        return self.estimated(known, last)
+        state = _State(NOTHING, ensembles, grids, costs, grid, flat_costs)
+        return self.estimated(state, last)
 
     def on_grid(self, grid: int) -> Dataset:
         """Response of first cells of the smallest size on another grid."""
         return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid)
 
-    def choose(self, known: _Known) -> Setting:
-        """Choose the cheapest setting; one step at a time, as each tells how the errors fall."""
-        target, now = self.case.accuracy.target, known.estimate.setting
-        setting = cheapest(known.estimate, self.settings(known), known.time_of, target)
+    def choose(self, state: _State) -> Setting:
+        """Choose the cheapest setting, with at most a step of size and grid per round."""
+        target, now = self.case.accuracy.target, state.estimate.setting
+        setting = cheapest(state.estimate, self.settings(state), state.time_of, target)
         size, grid = min(setting.size, now.size + 1), min(setting.grid, now.grid + 1)
         return replace(setting, size=size, grid=grid)
 
-    def settings(self, known: _Known) -> list[Setting]:
-        """Return the settings that can be had."""
-        now = known.estimate.setting
-        sizes = [float(one) for one in known.sizes if one >= now.size]
-        grids = [one for one in GRIDS if one >= now.grid]
-        numbers = [one for one in REALISATIONS if one >= now.realisations]
-        controls = CONTROLS if known.estimate.cheap > 0.0 else (0,)
-        found = [Setting(*one) for one in product(sizes, grids, numbers, controls)]
-        return [one for one in found if one.control > one.realisations or not one.control]
+    def settings(self, state: _State) -> list[Setting]:
+        """Return the settings that can be solved."""
+        now = state.estimate.setting
+        sizes = [float(size) for size in state.sizes if size >= now.size]
+        grids = [grid for grid in GRIDS if grid >= now.grid]
+        numbers = [number for number in REALISATIONS if number >= now.realisations]
+        controls = CONTROLS if state.estimate.cheap > 0.0 else (0,)
+        candidates = [Setting(*choice) for choice in product(sizes, grids, numbers, controls)]
+        return [
+            setting
+            for setting in candidates
+            if setting.control > setting.realisations or not setting.control
+        ]
 
-    def advance(self, known: _Known, setting: Setting) -> _Known:
-        """Solve the cells of a setting, and estimate the error that they leave."""
-        found = self.ensemble(setting)
-        grids, costs, flat = dict(known.grids), known.costs, known.flat_costs
-        grids |= {one: self.on_grid(one) for one in PAIRS if max(grids) < one <= setting.grid}
-        if flat is None or found.control is None:
-            costs = costs.seen(setting.size, known.grid, _time(found.response))
+    def advance(self, state: _State, setting: Setting) -> _State:
+        """Solve the cells of a setting, and estimate their error."""
+        ensemble = self.ensemble(setting)
+        grids, costs, flat = dict(state.grids), state.costs, state.flat_costs
+        grids |= {
+            finer: self.on_grid(finer) for finer in PAIRS if max(grids) < finer <= setting.grid
+        }
+        if flat is None or ensemble.control is None:
+            costs = costs.seen(setting.size, state.grid, _time(ensemble.response))
         else:
-            flat = flat.seen(setting.size, COARSE, found.time)
-        ensembles = {**known.ensembles, setting.size: found}
-        known = replace(known, ensembles=ensembles, grids=grids, costs=costs, flat_costs=flat)
-        return self.estimated(known, found)
+            flat = flat.seen(setting.size, COARSE, ensemble.time)
+        ensembles = {**state.ensembles, setting.size: ensemble}
+        state = replace(state, ensembles=ensembles, grids=grids, costs=costs, flat_costs=flat)
+        return self.estimated(state, ensemble)
 
-    def terms(self, known: _Known, found: _Ensemble) -> tuple[Term, Term]:
-        """Return what cells lack by their size and by their grid, with the biases."""
-        response, setting = found.response, found.setting
-        beside = {2.0 ** (size - setting.size): one for size, one in known.ensembles.items()}
-        others = {ratio: one.response for ratio, one in beside.items() if ratio != 1.0}
-        controls = {ratio: one.control for ratio, one in beside.items()}
-        grids = {2.0 ** (known.grid - grid): one for grid, one in known.grids.items()}
+    def terms(self, state: _State, ensemble: _Ensemble) -> tuple[Term, Term]:
+        """Return the error terms of cells by their size and by their grid, with the biases."""
+        response, setting = ensemble.response, ensemble.setting
+        by_ratio = {
+            2.0 ** (size - setting.size): ensemble for size, ensemble in state.ensembles.items()
+        }
+        others = {ratio: ensemble.response for ratio, ensemble in by_ratio.items() if ratio != 1.0}
+        controls = {ratio: ensemble.control for ratio, ensemble in by_ratio.items()}
+        grids = {2.0 ** (state.grid - grid): response for grid, response in state.grids.items()}
         return (
             size_term(response, others, controls=controls),
             grid_term(response, grids, apart=True),
         )
 
-    def law(self, known: _Known, found: _Ensemble) -> tuple[Case, Dataset]:
+    def law(self, state: _State, ensemble: _Ensemble) -> tuple[Case, Dataset]:
         """Fit the law of cells less their biases, with its budget.
 
         It has no bootstrap samples: their bands would hold the scatter of few cells, and not the
         errors by size and grid, which the budget has.
         """
-        chosen = resize(self.case, found.setting)
-        pressure = normal_observations(found.response).pressure
-        size, grid = (one.smooth(pressure) for one in self.terms(known, found))
+        chosen = resize(self.case, ensemble.setting)
+        pressure = normal_observations(ensemble.response).pressure
+        size, grid = (term.smooth(pressure) for term in self.terms(state, ensemble))
         terms = {"cell size": size, "micro discretisation": grid}
-        response = without_bias(found.response, *terms.values())
-        law = fit_law(response, control=found.control, n_terms=chosen.law.terms, n_samples=0)
+        response = without_bias(ensemble.response, *terms.values())
+        law = fit_law(response, control=ensemble.control, n_terms=chosen.law.terms, n_samples=0)
         budget = error_budget(
             response,
             law,
             scales=joint_scales(chosen),
             apart=True,
-            control=found.control,
+            control=ensemble.control,
             known={name: term.taken_out("cells of the planner") for name, term in terms.items()},
         )
         return chosen, with_budget(law, budget)
 
-    def estimated(self, known: _Known, found: _Ensemble) -> _Known:
-        """Say how wrong the answer of cells is."""
-        chosen, carrier = self.law(known, found)
+    def estimated(self, state: _State, ensemble: _Ensemble) -> _State:
+        """Return the state with the estimated error of the answer of cells."""
+        chosen, carrier = self.law(state, ensemble)
         quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
             carrier = solve_joint(chosen, carrier)
-        one = carrier.sel(quantity=quantity)
-        half, bias = one["error_half_width"].to_numpy(), one["error_bias"].to_numpy()
-        setting = replace(found.setting, grid=max(known.grids))
-        estimate = Estimate(setting, half, bias, found.cheap)
+        errors = carrier.sel(quantity=quantity)
+        half, bias = errors["error_half_width"].to_numpy(), errors["error_bias"].to_numpy()
+        setting = replace(ensemble.setting, grid=max(state.grids))
+        estimate = Estimate(setting, half, bias, ensemble.cheap)
         if not np.isfinite(estimate.total):
             missing = [
                 term
@@ -487,13 +497,13 @@ class _Campaign:
                 f"{', '.join(missing)} is not known at all pressures; change the keys that the "
                 f"cautions name, or leave out [accuracy]"
             )
-        return replace(known, estimate=estimate)
+        return replace(state, estimate=estimate)
 
-    def finish(self, known: _Known, lines: tuple[str, ...], forecast: float) -> Plan:
-        """Fit the law that is the answer, and solve the joint with it, if there is one."""
-        accuracy, total = self.case.accuracy, known.estimate.total
-        found, spent = known.ensembles[known.estimate.setting.size], self.spent()
-        chosen, law = self.law(known, found)
+    def finish(self, state: _State, lines: tuple[str, ...], forecast: float) -> Plan:
+        """Fit the final law, and solve the joint with it, if the case has a joint."""
+        accuracy, total = self.case.accuracy, state.estimate.total
+        ensemble, spent = state.ensembles[state.estimate.setting.size], self.spent()
+        chosen, law = self.law(state, ensemble)
         result = None if chosen.interface_width is None else solve_joint(chosen, law)
         expected = f", {forecast:.3g} s forecast at the start" if lines else ""
         last = (
@@ -501,13 +511,16 @@ class _Campaign:
             f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent"
             f"{expected}"
         )
-        own = self.own(found.setting) if found.control is not None else found.setting
-        folder, solved = self.folder(own.size, known.grid), resize(self.case, own, grid=known.grid)
+        dear = (
+            self.dear_cells(ensemble.setting) if ensemble.control is not None else ensemble.setting
+        )
+        folder = self.folder(dear.size, state.grid)
+        solved = resize(self.case, dear, grid=state.grid)
         lines = (*lines, last)
-        return Plan(solved, found.response, law, result, folder, total, spent, forecast, lines)
+        return Plan(solved, ensemble.response, law, result, folder, total, spent, forecast, lines)
 
     def spent(self) -> float:
-        """Time of all cells that are there, s."""
+        """Time of all solved cells, s."""
         schemas = MICRO_RESPONSE, CONTROL_RESPONSE
         return sum(
             float(open_dataset(file, schema)["wall_time"].sum())
@@ -517,7 +530,7 @@ class _Campaign:
 
 
 def _time(response: Dataset) -> float:
-    """Median time of a cell, s: the first one may have compiled kernels."""
+    """Median time of a cell, s: the first cell may have compiled kernels."""
     return float(np.median(response["wall_time"].sum("step")))
 
 

@@ -1,4 +1,4 @@
-"""A case for a measured surface: cells that fit into its map, and what they hold of it."""
+"""A case for a measured surface: cells that fit into its map, and their share of its roughness."""
 
 from dataclasses import dataclass
 from math import ceil, floor
@@ -18,7 +18,7 @@ __all__ = ["Proposal", "propose_case"]
 MOST_POINTS = 256  # of flat cells, along an edge
 SLOPE_HELD = 0.95
 REALISATIONS = (4, 3, 2, 1)
-SMALLER, MOST_SHRINKS = 0.85, 12  # until windows of few filled points are found
+SMALLER, MOST_SHRINKS = 0.85, 12  # until there are windows of few filled points
 STEEL = (210e9, 0.3)
 LOADS = np.geomspace(0.004, 0.12, 8)  # of contact modulus times slope: contact of 1 to 20 %
 
@@ -28,10 +28,10 @@ class Proposal:
     """A case for a measured surface."""
 
     text: str  # the case, a TOML file
-    measured: Measured  # what its cells hold of the surface
+    measured: Measured  # roughness of the map and of its cells
 
     @property
-    def held(self) -> dict[str, float]:
+    def shares(self) -> dict[str, float]:
         """Shares of the rms height and slope of the surface that the cells hold."""
         whole, cells = self.measured.stages[0], self.measured.stages[2]
         names = ("rms_height", "rms_slope")
@@ -39,26 +39,30 @@ class Proposal:
 
 
 def propose_case(
-    whole: Surface, settings: InstrumentSurface, waves: Spectrum, *, reliable: tuple[float, float]
+    whole: Surface,
+    settings: InstrumentSurface,
+    spectrum: Spectrum,
+    *,
+    reliable: tuple[float, float],
 ) -> Proposal:
-    """Propose cells for a measured surface that hold its height and its slope alike."""
+    """Propose cells for a measured surface that hold its height and its slope."""
     if not reliable[0] < reliable[1]:
-        raise CaseError("the map has too few points for any reliable wave")
-    finest = max(reliable[0], waves.cutoff_holding(SLOPE_HELD, order=2))
+        raise CaseError("the map has too few points for any reliable wavelength")
+    finest = max(reliable[0], spectrum.cutoff_holding(SLOPE_HELD, order=2))
     mirrored = 1.0 if settings.profile == "isotropic" else 2.0
     refusal = CaseError("the map holds no window of roughness")
     for count in REALISATIONS:
         sizes = [mirrored * edge for edge in _edges(whole, count)]
 
-        def held(size: float) -> float:
+        def least_share(size: float) -> float:
             cutoff = max(finest, POINTS_PER_WAVE * size / MOST_POINTS)
-            return min(waves.share(size, cutoff, order=order) for order in (0, 2))
+            return min(spectrum.share(size, cutoff, order=order) for order in (0, 2))
 
-        size = max(sizes, key=held)
+        size = max(sizes, key=least_share)
         for _ in range(MOST_SHRINKS if whole.filled_share else 1):
             table, cell = _cells(settings, size, finest)
             try:
-                side = measured_side(whole, table, cell, range(count), count, 0, of_map=waves)
+                side = measured_side(whole, table, cell, range(count), count, 0, of_map=spectrum)
             except CaseError as error:
                 refusal = error
                 size *= SMALLER
@@ -69,7 +73,7 @@ def propose_case(
 
 
 def _edges(whole: Surface, count: int) -> list[float]:
-    """Edges of square windows of which a map has room for enough, or of pieces of a line scan."""
+    """Edges of square windows that fit often enough into a map, or of pieces of a line scan."""
     profile = whole.heights.shape[1] == 1
     room = whole.size[0] if profile else min(whole.size)
     edges = room / np.geomspace(1.0, 32.0, 16) * (1.0 - 1e-4)
@@ -84,7 +88,7 @@ def _cells(
     settings: InstrumentSurface, size: float, finest: float
 ) -> tuple[InstrumentSurface, CellSettings]:
     """Choose grid and cut-off of cells of a size."""
-    size = float(f"{size:.4g}")  # as the file says it
+    size = float(f"{size:.4g}")  # as in the file
     n = min(MOST_POINTS, 2 * max(8, ceil(0.5 * POINTS_PER_WAVE * size / finest)))
     cutoff = float(f"{max(finest, POINTS_PER_WAVE * size / n) * 1.0005:.4g}")
     given = {"size": [f"{size!r} m"] * 2, "points": [n, n], "geometry": "flat"}
@@ -156,5 +160,5 @@ def _text(value: str) -> str:
 
 def _length(value: float) -> str:
     """Write a length with the prefix that suits it, or in m where digits would be lost."""
-    said = readable(f"{value!r} m").replace("µ", "u")
-    return f'"{said}"' if to_si(said, "m") == value else f'"{value!r} m"'
+    text = readable(f"{value!r} m").replace("µ", "u")
+    return f'"{text}"' if to_si(text, "m") == value else f'"{value!r} m"'

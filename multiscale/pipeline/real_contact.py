@@ -1,4 +1,4 @@
-"""Mean pressure on the real contact area of cells, and the body that flows under it."""
+"""Mean pressure on the real contact area of cells, and the flow of the softer body."""
 
 from collections.abc import Sequence
 
@@ -25,10 +25,10 @@ __all__ = [
 ]
 
 ELASTIC = 0.01
-"""Mean real pressure over the contact modulus above which hardly a metal is elastic."""
+"""Mean real pressure over the contact modulus above which most metals flow."""
 
 ABOVE = 1.1
-"""Mean real pressure over the hardness from which there is a caution."""
+"""Mean real pressure over the hardness above which there is a caution."""
 
 
 def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndarray:
@@ -42,19 +42,19 @@ def contact_source(
 ) -> Uncertainty:
     """Return the contact fraction of a law as a source of error.
 
-    ``answers``, shape (answers,), is True for those that are real pressures.
+    ``answers``, shape (answers,), is True for answers that are real pressures.
     """
     data, half_width = np.log(law["fit_pressure"].to_numpy()), {}
     for term in known_terms(law):
-        one = law.sel(quantity="contact_fraction", error_term=term)
-        wrong = np.hypot(one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
+        errors = law.sel(quantity="contact_fraction", error_term=term)
+        wrong = np.hypot(errors["error_half_width"].to_numpy(), errors["error_bias"].to_numpy())
         half_width[term] = np.interp(np.log(pressure), data, wrong)
     rate = answers[:, None] * np.ones(pressure.size)
     return Uncertainty(name="contact fraction", of=of, half_width=half_width, rate=rate)
 
 
 def with_real_pressure(case: Case, response: Dataset) -> Dataset:
-    """Return a response with its mean real pressure, what flows under it, and cautions about both.
+    """Return a response with its mean real pressure, a sentence on the flow, and cautions.
 
     The response has nominal pressures.
     """
@@ -63,7 +63,7 @@ def with_real_pressure(case: Case, response: Dataset) -> Dataset:
     real = np.where(good, real_pressure(p, area), np.nan)
     mean = real_pressure(p * good.sum(axis=0), np.where(good, area, 0.0).sum(axis=0))
     largest = float(np.nanmax(mean, initial=0.0))
-    told, hardness, caution = _flow(case), case.hardness, ""
+    flow, hardness, caution = _flow(case), case.hardness, ""
     reached = f"the mean real pressure reaches {readable(f'{largest:.3g} Pa')}"
     if hardness is None:
         modulus = surface_modulus(case)
@@ -74,14 +74,14 @@ def with_real_pressure(case: Case, response: Dataset) -> Dataset:
                 f"body that does not flow"
             )
     else:
-        told += f" The mean real pressure reaches {largest / hardness:.2f} of that hardness."
+        flow += f" The mean real pressure reaches {largest / hardness:.2f} of that hardness."
         if largest > ABOVE * hardness:
             caution = (
                 f"{reached}, {largest / hardness:.2f} of the hardness of the softer body: it "
                 f"hardens, or the grid does not resolve its contact"
             )
     response = MICRO_RESPONSE.assign(response, {"real_pressure": real})
-    return with_cautions(response, caution).assign_attrs(behaviour=told)
+    return with_cautions(response, caution).assign_attrs(behaviour=flow)
 
 
 def _flow(case: Case) -> str:
@@ -94,7 +94,7 @@ def _flow(case: Case) -> str:
     if case.yield_stress is None:
         return f"The local pressure is cut off at {hardness}; all else is elastic."
     return (
-        f"The one body that stands for both flows from a yield stress of "
+        f"The composite body flows from a yield stress of "
         f"{1e-9 * case.yield_stress:.4g} GPa on, {hardness} over {TABOR} less what hardening adds."
     )
 
@@ -105,7 +105,7 @@ def behaviour(dataset: Dataset) -> list[str]:
 
 
 def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
-    """Report what a negative mean gap, m, of a law means; nothing if there is none."""
+    """Explain a negative mean gap, m, of a law; nothing if all gaps are positive."""
     if not np.any(gap < 0.0):
         return []
     if law.attrs.get("family") == TABLE:
@@ -120,13 +120,13 @@ def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
 def unknown_cells(law: Dataset) -> list[str]:
     """Report that a law with the error of cells lacks their size; nothing if it is of a table."""
     of_cells = has_budget(law) and law.attrs.get("family") != TABLE
-    return ["The law does not say how large its cells were."] if of_cells else []
+    return ["The law does not contain the size of its cells."] if of_cells else []
 
 
 def with_contact(result: Dataset, law: Dataset) -> Dataset:
     """Return the result of rough joints with their real contact, and facts about the cells.
 
-    A law without contact area leaves contact fraction and real pressure out.
+    Without a contact area in the law the result has no contact fraction and real pressure.
     """
     facts, area = behaviour(law), result["point_area"].to_numpy()
     if "cell_size" in law.attrs:
@@ -149,7 +149,7 @@ def with_contact(result: Dataset, law: Dataset) -> Dataset:
 def with_interface_contact(result: Dataset, laws: Sequence[Dataset | None]) -> Dataset:
     """Return the result of bodies with the mean real pressure of every interface.
 
-    Those whose law has no contact area, or is stated (None), have NaN.
+    Interfaces with a stated law (None), or a law without contact area, have NaN.
     """
     real = real_pressure(*_carried(result, laws))
     if np.isnan(real).all():
@@ -158,15 +158,15 @@ def with_interface_contact(result: Dataset, laws: Sequence[Dataset | None]) -> D
 
 
 def _carried(result: Dataset, laws: Sequence[Dataset | None]) -> np.ndarray:
-    """Return load, N, and real contact area, m², shape (2, steps, joints); NaN without one."""
+    """Return load, N, and real contact area, m², shape (2, steps, joints); NaN without an area."""
     area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
     number, sound = result["point_joint"].to_numpy(), 1.0 - result["point_damage"].to_numpy()
-    found = np.full((2, len(pressure), len(laws)), np.nan)
+    carried = np.full((2, len(pressure), len(laws)), np.nan)
     for joint, law in enumerate(laws):
         if law is not None and "area_pressure" in law:
-            mine = number == joint
-            p, known = np.maximum(pressure[:, mine], 0.0), np.isfinite(pressure[:, mine])
-            local = area_from_dataset(law).contact_fraction(np.where(known, p, 0.0) / sound[mine])
-            found[0, :, joint] = p @ area[mine]
-            found[1, :, joint] = np.where(known, sound[mine] * local, np.nan) @ area[mine]
-    return found
+            inside = number == joint
+            p, known = np.maximum(pressure[:, inside], 0.0), np.isfinite(pressure[:, inside])
+            local = area_from_dataset(law).contact_fraction(np.where(known, p, 0.0) / sound[inside])
+            carried[0, :, joint] = p @ area[inside]
+            carried[1, :, joint] = np.where(known, sound[inside] * local, np.nan) @ area[inside]
+    return carried

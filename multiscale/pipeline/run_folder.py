@@ -1,4 +1,4 @@
-"""A run folder: its case, and which of its datasets are up to date."""
+"""A run folder: its case, and the check of its datasets against the case."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,11 +21,11 @@ MOST_KEYS = 4
 
 
 def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
-    """Write the case into its run folder, unless it holds what another one has computed.
+    """Write the case into its run folder, unless the folder has results of another case.
 
-    A case of the same cells, or of the same structure, may differ in the rest: what its stages
-    have left goes where it is out of date, so that no report shows it beside inputs that are not
-    its own. With ``force`` all of it goes, with the cells.
+    A case of the same cells, or of the same structure, may differ in the rest: out-of-date datasets
+    are removed, so that no report shows them with the wrong inputs. With ``force`` all datasets and
+    the cells are removed.
     """
     file = out / "case.toml"
     results = any(out.rglob("*.nc"))
@@ -46,7 +46,7 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
 
 
 def _difference(file: Path, case: Case) -> str:
-    """Report by what the case of a folder differs; empty if its results are of this case, too."""
+    """Report the difference of the case of a folder; empty if its results belong to this case."""
     try:
         other = load_case(file)
         if other.identity() == case.identity():
@@ -72,12 +72,12 @@ def _keys(case: Case) -> dict[str, object]:
 
 
 def is_up_to_date(stage: Stage, case: Case, out: Path) -> bool:
-    """Whether what a stage has left is what it would compute."""
+    """Whether the dataset of a stage is valid, and computed from the same inputs."""
     try:
-        left = open_dataset(out / stage.file, stage.schema)
+        stored = open_dataset(out / stage.file, stage.schema)
     except SchemaError:  # missing, damaged or of another version
         return False
-    return bool(left.attrs.get("identity") == stage.identity(case))
+    return bool(stored.attrs.get("identity") == stage.identity(case))
 
 
 def is_whole(out: Path, case: Case) -> bool:
@@ -86,7 +86,7 @@ def is_whole(out: Path, case: Case) -> bool:
 
 
 def open_stages(out: Path) -> dict[Shown, Dataset]:
-    """Open the datasets that the stages of a finished run, or a finished sweep, have left."""
+    """Open the datasets of the stages of a finished run, or of a finished sweep."""
     file = out / "case.toml"
     if not file.exists():
         raise SchemaError(f"{out}: no results; a run leaves its case.toml and datasets")
@@ -101,7 +101,9 @@ def open_stages(out: Path) -> dict[Shown, Dataset]:
     return {stage: open_dataset(out / stage.file, stage.schema) for stage in stages}
 
 
-def gather_cautions(found: Mapping[Shown, Dataset]) -> list[str]:
+def gather_cautions(datasets: Mapping[Shown, Dataset]) -> list[str]:
     """Return the cautions of a finished run, one sentence each."""
-    cautions = [one for stage, dataset in found.items() for one in stage.cautions(dataset)]
-    return list(dict.fromkeys(cautions))  # a law repeats those of its response
+    cautions = [
+        caution for stage, dataset in datasets.items() for caution in stage.cautions(dataset)
+    ]
+    return list(dict.fromkeys(cautions))  # a law repeats the cautions of its response

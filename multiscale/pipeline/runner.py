@@ -1,4 +1,4 @@
-"""The main job: the stages of a case, from its surfaces to the answer."""
+"""Run of a case: its stages from the surfaces to the answer."""
 
 import logging
 from collections.abc import Iterator, Mapping
@@ -37,7 +37,7 @@ PLANNED = (CELLS, FITTED_LAW, JOINT)
 
 @dataclass(frozen=True, eq=False)
 class Results(Mapping[str, Dataset]):
-    """What a run has computed: the dataset of every stage by its name, which is its schema's.
+    """Datasets of the stages of a run, by the names of their schemas.
 
     Attributes
     ----------
@@ -92,13 +92,13 @@ def run(
     ----------
     case : Case
     out : path
-        Run folder; made if needed. Finished cells of the same case found there are kept, and so
-        are stages whose tables, and those of the stages that they take from, are the same.
+        Run folder; made if needed. Finished cells of the same case in it are not computed again,
+        nor are stages with unchanged tables that depend only on such stages.
     executor : Executor, optional, see :func:`multiscale.executors.run_jobs`
     progress : ShowProgress
         Called as ``progress(finished, total, parts)`` after every realisation, time step or solve.
     force : bool, default False
-        Whether all stages are computed anew, also those that are up to date, with their cells.
+        Whether all stages and cells are computed again, even if they are up to date.
     sparing : bool, default False
         Whether only what took long is written, from which a run that was killed goes on: no case,
         no fields, and no cells and datasets that cost less than :data:`WORTH`.
@@ -113,7 +113,7 @@ def run(
     if not sparing or folder.exists():
         claim_folder(make_folder(folder), case, force=force)
     prepare(case)
-    planned_files = [job.out / one.file for one in PLANNED if one.asked_for(case.tables)]
+    planned_files = [job.out / stage.file for stage in PLANNED if stage.asked_for(case.tables)]
     if case.accuracy is not None and not all(file.exists() for file in planned_files):
         planned = plan(case, job.out, executor=executor, progress=progress)
         write_fields(planned.case, planned.folder, job.out)
@@ -121,16 +121,16 @@ def run(
             if dataset is not None:
                 identity = stage.identity(case)
                 write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)
-    found: dict[str, Dataset] = {}
+    datasets: dict[str, Dataset] = {}
     for stage in stages_of(case.tables):
         file = job.out / stage.file
         if file.exists():
             logger.info("%s: up to date, kept", stage.name)
-            found[stage.name] = open_dataset(file, stage.schema)
-            stage.check(found[stage.name])
+            datasets[stage.name] = open_dataset(file, stage.schema)
+            stage.check(datasets[stage.name])
         else:
-            found[stage.name] = _compute(stage, case, found, job, file)
-    return Results(found)
+            datasets[stage.name] = _compute(stage, case, datasets, job, file)
+    return Results(datasets)
 
 
 def run_macro(
@@ -140,7 +140,7 @@ def run_macro(
     law: str | Path | None = None,
     team: "ProcessGroup | None" = None,
 ) -> Dataset:
-    """Solve the structure of a case; write its result and ``fields`` for ParaView beside it.
+    """Solve the structure of a case; write its result and, next to it, ``fields`` for ParaView.
 
     Cells of the case are not solved. With ``homogenise`` in ``[substructures]`` the condensed
     stiffness of the substructures is written as well.
@@ -156,9 +156,9 @@ def run_macro(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains. The attribute ``failure`` says which
-        steps failed and why, ``cautions`` where a law answered beyond its data, nodes moved
-        farther than the structure measures or the contacts of grains missed their tolerance.
+        Follows ``MACRO_RESULT``, or ``GRANULATE`` for grains. The attribute ``failure`` lists
+        failed steps with the reasons; ``cautions`` report answers outside the data of a law, nodes
+        that moved farther than the size of the structure, and grain contacts above tolerance.
 
     Raises
     ------
@@ -171,10 +171,10 @@ def run_macro(
     prepare(case)
     job = _job(file.parent, team=team)
     first, *rest = stages_of(case.tables)
-    found = {first.name: _compute(first, case, {}, job, file)}
+    datasets = {first.name: _compute(first, case, {}, job, file)}
     for stage in rest if _writes(job) else ():
-        _compute(stage, case, found, job, file.with_name(f"{file.stem}-{stage.name}.nc"))
-    return found[first.name]
+        _compute(stage, case, datasets, job, file.with_name(f"{file.stem}-{stage.name}.nc"))
+    return datasets[first.name]
 
 
 def _job(
@@ -183,17 +183,17 @@ def _job(
     progress: ShowProgress = unseen,
     team: "ProcessGroup | None" = None,
 ) -> Job:
-    """Work in a folder, where the other cases that a case names are run in folders of their own."""
+    """Return the job of a folder; other cases that a case names are run in its subfolders."""
 
     def run_alone(place: Path, case: Case) -> Path:
-        """Run a case, or find it finished, in the first process of a team."""
+        """Run a case, unless it is up to date, in the first process of a team."""
         failed = list[MultiscaleError]()
         if team is None or team.rank == 0:
             try:
                 run(case, out / place, executor=executor, progress=progress)
             except MultiscaleError as error:
                 failed.append(error)
-        failed = failed if team is None else team.collect(failed)  # here the others wait
+        failed = failed if team is None else team.collect(failed)  # a barrier of all processes
         if failed:
             raise failed[0]
         return out / place
@@ -211,11 +211,11 @@ def _job(
     return Job(out, executor, progress, team, read_law=law_of, read_rve=volume_of)
 
 
-def _compute(stage: Stage, case: Case, found: Datasets, job: Job, file: Path) -> Dataset:
-    """Run a stage and write what it leaves, the dataset last."""
+def _compute(stage: Stage, case: Case, datasets: Datasets, job: Job, file: Path) -> Dataset:
+    """Run a stage and write its files, the dataset last."""
     logger.info("%s: begun", stage.name)
     begin = perf_counter()
-    result = stage.run(case, found, job)
+    result = stage.run(case, datasets, job)
     if _writes(job) and not (job.sparing and perf_counter() - begin < WORTH):
         make_folder(file.parent)
         if stage.write_fields is not None and not job.sparing:

@@ -1,4 +1,4 @@
-"""How stages that solve a structure are made, and bodies ready to be loaded."""
+"""Stages that solve a structure, and bodies that are built and condensed for their solver."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ __all__ = [
     "with_too_far",
 ]
 
-SOLVES = 3  # times of a whole path that all solves for the intervals take together, about
+SOLVES = 3  # time of all solves for the intervals over the time of the whole path, about
 
 
 def require_converged(result: Dataset) -> None:
@@ -90,14 +90,14 @@ def choose_solver(
 def counting(method: "substructures.Method", job: Job, steps: int) -> "substructures.Method":
     """Return the method that shows which of so many load steps are finished."""
     done = count(1)
-    job.progress(0, steps, "load steps")  # the first step tells the time of all
+    job.progress(0, steps, "load steps")  # the first step forecasts the time of all
     return replace(method, after_step=lambda: job.progress(next(done), steps, "load steps"))
 
 
 def solver_needs(
     chosen: "substructures.MethodChoice", size: "substructures.JointSize", slabs: int
 ) -> Needs:
-    """Return what the chosen solver of bodies needs, and why it was chosen."""
+    """Return the needs of the chosen solver of bodies, and the reason of the choice."""
     taken = chosen.taken
     needs = cut_needs(
         size.unknowns,
@@ -106,23 +106,23 @@ def solver_needs(
         coarse=taken.method.coarse,
         slabs=slabs,
     )
-    told = Choice("method", chosen.explain())
+    choice = Choice("method", chosen.explain())
     seconds = (1 + SOLVES) * taken.seconds
-    return replace(needs, memory=taken.memory, seconds=seconds, choices=(told, *needs.choices))
+    return replace(needs, memory=taken.memory, seconds=seconds, choices=(choice, *needs.choices))
 
 
 def with_law_cautions(
-    result: Dataset, case: Case, found: Datasets, laws: Mapping[str, Dataset]
+    result: Dataset, case: Case, datasets: Datasets, laws: Mapping[str, Dataset]
 ) -> Dataset:
     """Add the cautions of laws, by their names, once each.
 
-    Cautions of the law of the case's own cells already stand beside those of the structure.
+    Cautions of the law of the cells of the case are reported by the stage of the law.
     """
-    told = list_cautions(found[INTERFACE_LAW.name]) if case.has_cells else []
+    reported = list_cautions(datasets[INTERFACE_LAW.name]) if case.has_cells else []
     for name, law in laws.items():
-        further = [one for one in list_cautions(law) if one not in told]
-        told += further
-        result = with_cautions(result, *(f"{name}: {one}" for one in further))
+        further = [caution for caution in list_cautions(law) if caution not in reported]
+        reported += further
+        result = with_cautions(result, *(f"{name}: {caution}" for caution in further))
     return result
 
 
@@ -143,16 +143,18 @@ def structure_stage(
 ) -> Stage:
     """Make the stage that solves some kinds of structures, with further fields of its record."""
 
-    def run(case: Case, found: Datasets, job: Job) -> Dataset:
-        result = solve(case.structure, case, found, job)
+    def run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+        result = solve(case.structure, case, datasets, job)
         return result.assign_attrs(title=case.title, case=case.to_toml())
 
     def all_needs(case: Case) -> Needs:
-        own, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
-        return replace(own, libraries=tuple(sorted({*own.libraries, "meshio", *installed})))
+        required, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
+        return replace(
+            required, libraries=tuple(sorted({*required.libraries, "meshio", *installed}))
+        )
 
-    def sections(found: Datasets, out: Path) -> Iterator[Section]:
-        result = found[schema.name]
+    def sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+        result = datasets[schema.name]
         rows = table.rows(result) if isinstance(table, Table) else table(result)
         remarks = [*list_facts(result), *list_cycles(result)]
         yield Section("Structure", _failures(result), *rows, remarks=remarks)
@@ -160,9 +162,9 @@ def structure_stage(
 
     def sentences(result: Dataset) -> Iterator[str]:
         steps, solved = result.sizes["step"], int((result["converged"] == 1).sum())
-        said = list(answer(result))
-        yield from said
-        if solved < steps or not said:
+        lines = list(answer(result))
+        yield from lines
+        if solved < steps or not lines:
             yield f"{solved} of {steps} steps have an answer; see the table."
 
     asked: dict[str, Any] = {
@@ -182,7 +184,7 @@ def structure_stage(
 
 
 def with_too_far(result: Dataset, *cautions: str) -> Dataset:
-    """Add a caution against nodes that move farther than the structure measures, or those given."""
+    """Add the cautions, and a caution if nodes move farther than the size of the structure."""
     size = float(np.ptp(result["position"].values, axis=0).max())
     moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
     if moved <= size:
@@ -199,13 +201,13 @@ def _failures(result: Dataset) -> list[str]:
 
 
 Follow = Callable[..., Dataset]
-"""From a cut problem, the areas of its loads, a method and ``near``, what is near, to a result;
-workers must be able to import it."""
+"""Maps a cut problem, the areas of its loads, a method and ``near``, a solved path nearby, to a
+result; workers must be able to import it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReadyBodies:
-    """Bodies of a case, built and condensed for the method that solves them."""
+    """Bodies of a case, built and condensed for their solver."""
 
     bodies: Bodies
     case: Case
@@ -216,11 +218,11 @@ class ReadyBodies:
 
     @classmethod
     def of(
-        cls, structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job
+        cls, structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job: Job
     ) -> "ReadyBodies":
         """Build the structure of a case."""
-        bodies = structure.with_volumes(case, found, job.read_rve)
-        laws = bodies.read_laws(case, found, job.read_law)
+        bodies = structure.with_volumes(case, datasets, job.read_rve)
+        laws = bodies.read_laws(case, datasets, job.read_law)
         parts = bodies.build(case, bodies.sliders(case, laws))
         chosen = choose_solver(case, structure.joint_size(case), job.team)
         substructures.require_held(parts.assembly)
@@ -229,11 +231,11 @@ class ReadyBodies:
 
     @property
     def method(self) -> "substructures.Method":
-        """The method that solves them."""
+        """The solver."""
         return self.chosen.taken.method
 
     def again(self, follow: Follow, near: object) -> "SolveAgain":
-        """Return what follows the path again, near the path without a change."""
+        """Return the solve of the path with a change, started from the path without a change."""
         problem, areas = self.structure.small, self.parts.assembly.areas
         return SolveAgain(
             self.bodies, self.case, self.laws, problem, areas, self.method, follow, near
@@ -251,7 +253,7 @@ class ReadyBodies:
 
 @dataclass(frozen=True, eq=False)
 class SolveAgain:
-    """What solves bodies again with a change, in workers too."""
+    """Solve of bodies with a change, that workers can import."""
 
     bodies: Bodies
     case: Case
@@ -276,21 +278,21 @@ class SolveAgain:
 
 
 def with_cautions_of(
-    result: Dataset, bodies: Bodies, case: Case, found: Datasets, laws: Sequence[Dataset | None]
+    result: Dataset, bodies: Bodies, case: Case, datasets: Datasets, laws: Sequence[Dataset | None]
 ) -> Dataset:
-    """Add the cautions of laws, once each, and of representative volumes.
+    """Add the cautions of laws, once each, and of representative volumes from other cases.
 
-    The `[rve]` of the case has said its own beside.
+    Cautions of the `[rve]` of the case are reported by its stage.
     """
-    told = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
-    if len(told) == len(laws) > 0 and all(law is laws[0] for law in laws):
-        told = {"its law": next(iter(told.values()))}
-    result = with_law_cautions(result, case, found, told)
+    named = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
+    if len(named) == len(laws) > 0 and all(law is laws[0] for law in laws):
+        named = {"its law": next(iter(named.values()))}
+    result = with_law_cautions(result, case, datasets, named)
     result = with_cautions(result, *bodies.assumed(case))
     for body in bodies.bodies:
         result = with_cautions(result, *doubt_density(body.name, body.density))
         if isinstance(body, PorousBody):
-            said = list_cautions(body.volume_data) if body.rve is not None else []
-            known = [f"volume of {body.name}: {caution}" for caution in said]
-            result = with_cautions(result, *known, *body.cautions(body.load()))
+            cautions = list_cautions(body.volume_data) if body.rve is not None else []
+            of_volume = [f"volume of {body.name}: {caution}" for caution in cautions]
+            result = with_cautions(result, *of_volume, *body.cautions(body.load()))
     return result

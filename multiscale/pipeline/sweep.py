@@ -1,4 +1,4 @@
-"""Many cases in one file: every combination of the values that it lists, each run by itself."""
+"""Sweeps: cases with every combination of listed values, each with a separate run."""
 
 import logging
 import re
@@ -40,15 +40,15 @@ MOST_POINTS = 100_000
 
 MOST_KEPT = 100
 """Largest number of points whose run folders are kept without request."""
-MOST_JOINED = 500  # points that are in the memory one by one
-MOST_LETTERS = 60  # of the name of a folder, beside its checksum
+MOST_JOINED = 500  # points that are in memory before they are joined
+MOST_LETTERS = 60  # of the name of a folder, without its checksum
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
 class _Cases(Sequence[Case]):
-    """Cases that are made when they are asked for: all cases of a sweep would fill the memory."""
+    """Cases that are made on access, as all cases of a sweep would fill the memory."""
 
     make: Callable[[Any], Case]
     given: Sequence[Any]
@@ -71,9 +71,9 @@ class Sweep:
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
     points : sequence of Case
         Every combination of the values, the last key fastest; each is made when it is asked for.
-    settings : tuple of tuple of str, for each point the values, as the file says them
+    settings : tuple of tuple of str, the values of each point as in the file
     content : dict
-        What the file says, with ``[sweep]`` where it has one; empty if it is from no file.
+        Content of the file, including ``[sweep]``; empty if there is no file.
     """
 
     title: str
@@ -83,7 +83,7 @@ class Sweep:
     content: dict[str, Any] = field(default_factory=dict)
 
     def quick(self) -> "Sweep":
-        """Return the same sweep of quick cases, whose keys are then the content."""
+        """Return the sweep of quick cases, with their keys as its content."""
         points = _Cases(methodcaller("quick"), self.points)
         title = f"{self.title} (quick)"
         content = self.content | tomllib.loads(points[0].to_toml()) | {"title": title}
@@ -92,7 +92,7 @@ class Sweep:
     def only_part(self, part: str, law: Path | None = None) -> "Sweep":
         """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only.
 
-        A law is the file for the joints of the structure, in place of the one that they name.
+        A law is the file for the joints of the structure, in place of the law that the case names.
         """
         parts = {
             "law": methodcaller("without_structure"),
@@ -106,14 +106,14 @@ class Sweep:
         return name_point(self.parameters, self.settings[k])
 
     def folders(self, out: Path) -> list[Path]:
-        """Run folder of each point, named after what it says, so that a sweep may grow."""
-        said = (_readable_name(self.parameters, setting) for setting in self.settings)
+        """Run folder of each point, named after its values, so that a sweep may grow."""
+        names = (_readable_name(self.parameters, setting) for setting in self.settings)
         sums = (case.checksum()[:8] for case in self.points)
-        return [out / "points" / f"{name}-{sum_}" for name, sum_ in zip(said, sums, strict=True)]
+        return [out / "points" / f"{name}-{sum_}" for name, sum_ in zip(names, sums, strict=True)]
 
 
 def _readable_name(parameters: Sequence[str], setting: Sequence[str]) -> str:
-    """Name a folder after the keys of a point and their values, as far as letters go."""
+    """Name a folder after the keys of a point and their values, up to :data:`MOST_LETTERS`."""
     pairs = (f"{key.split('.')[-1]} {text}" for key, text in zip(parameters, setting, strict=True))
     words = re.split(r"[^\w.+]+", " ".join(pairs), flags=re.ASCII)
     return "-".join(filter(None, words))[:MOST_LETTERS] or "point"
@@ -126,12 +126,12 @@ def load_sweep(case: str | Path) -> Sweep:
     ----------
     case : str or Path
         Path of a TOML file, or the name of a shipped case. ``[sweep]`` repeats tables and keys of
-        the case, each with a list of values in place of one.
+        the case, each with a list of values in place of a value.
 
     Raises
     ------
     CaseError
-        If there is no such case, or with every fault of the first point that has any.
+        If there is no such case, or a point has faults; the message lists all faults of the first.
 
     Examples
     --------
@@ -157,14 +157,14 @@ def load_sweep(case: str | Path) -> Sweep:
         for key, value in zip(lists, values, strict=True):
             _set(point, key, value, path)
         if lists:
-            said = name_point(parameters, map(_say, values))
-            point["title"] = f"{content.get('title', '')}: {said}"
+            label = name_point(parameters, map(_format_value, values))
+            point["title"] = f"{content.get('title', '')}: {label}"
         return validate_case(point, path)
 
     combinations = list(product(*lists.values()))
     cases = _Cases(case_of, combinations)
     first, *_ = [case.title for case in cases]  # every case is checked
-    settings = tuple(tuple(map(_say, values)) for values in combinations)
+    settings = tuple(tuple(map(_format_value, values)) for values in combinations)
     return Sweep(str(content.get("title", first)), parameters, cases, settings, whole)
 
 
@@ -184,18 +184,18 @@ def run_sweep(
     sweep : Sweep
     out : path
         Gets ``sweep.nc``, and in the folder ``points`` the answers of each point in a small file.
-        Finished points and cells found there are kept, also those of another sweep.
+        Finished points and cells in it are not computed again, even if another sweep wrote them.
     executor : Executor, optional, see :func:`multiscale.executors.run_jobs`; a point is one job
     progress : callable, gets the number of finished points
-    force : bool, default False, whether all points are computed anew, also finished ones
+    force : bool, default False, whether all points are computed again, even if finished
     keep : bool, default False
         Whether each point keeps its run folder, as in sweeps of up to :data:`MOST_KEPT` points.
-        Other sweeps keep the answers alone, and write what took long until a point is finished.
+        Larger sweeps keep only the answers; slow stages are stored until their point is finished.
 
     Returns
     -------
     Dataset
-        Follows ``SWEEP``: every answer of the last stage that has any, with its intervals, and the
+        Follows ``SWEEP``: every answer of the last stage with answers, with intervals, and the
         parameters as coordinates of ``point``, in SI units where they are numbers. A point without
         result is NaN, with its failure as text; it is computed again by the next run, unless a
         solver did not converge.
@@ -215,17 +215,18 @@ def run_sweep(
     remove(out / POINTS.file)  # of other points
     columns = zip(*sweep.settings, strict=True)
     values = {
-        key: [*dict.fromkeys(one)] for key, one in zip(sweep.parameters, columns, strict=True)
+        key: [*dict.fromkeys(column)] for key, column in zip(sweep.parameters, columns, strict=True)
     }
     content = {"title": sweep.title, "sweep": values} | sweep.content
     write_bytes(file, tomli_w.dumps(content).encode())
     folders, points = sweep.folders(out), make_folder(out / "points")
-    kept = keep or len(folders) <= MOST_KEPT
+    keep_folders = keep or len(folders) <= MOST_KEPT
     stored = set() if force else {file.name for file in points.glob("*.nc")}
     todo = {
         folder.name: k
         for k, folder in enumerate(folders)
-        if _file(folder).name not in stored or (kept and not is_whole(folder, sweep.points[k]))
+        if _file(folder).name not in stored
+        or (keep_folders and not is_whole(folder, sweep.points[k]))
     }
     finished, lost = count(len(folders) - len(todo)), dict[str, str]()
     progress(next(finished))
@@ -237,7 +238,7 @@ def run_sweep(
         logger.info("%s: %s", sweep.name(k), failure or "finished")
         progress(next(finished))
 
-    jobs = ((k, (sweep.points[k], folders[k], force, kept)) for k in todo.values())
+    jobs = ((k, (sweep.points[k], folders[k], force, keep_folders)) for k in todo.values())
     run_jobs(_run_point, jobs, executor, finish)
     joined = _join(sweep, folders, lost)
     write_dataset(joined, out / POINTS.file, SWEEP)
@@ -245,18 +246,18 @@ def run_sweep(
 
 
 def _file(folder: Path) -> Path:
-    """File of the answers of a point, beside its run folder."""
+    """File of the answers of a point, next to its run folder."""
     return folder.with_name(f"{folder.name}.v{SWEEP.version}.nc")
 
 
-def _say(value: Any) -> str:
+def _format_value(value: Any) -> str:
     return f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
 
 
 def _lists(
     table: Mapping[str, Any], path: Path, above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], list[Any]]]:
-    """Keys of a table, in full, and the lists that stand there."""
+    """Yield the full keys of a table and their lists."""
     for name, value in table.items():
         key = (*above, name)
         if isinstance(value, Mapping):
@@ -271,7 +272,7 @@ def _lists(
 
 
 def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) -> None:
-    """Put a value where a key leads, with the tables on the way."""
+    """Set the value of a full key, and create the tables on the way."""
     for name in key[:-1]:
         content = content.setdefault(name, {})
         if not isinstance(content, dict):
@@ -279,16 +280,16 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: Case, folder: Path, force: bool, kept: bool) -> tuple[str, bool]:
-    """Run a point and write its answers: why there are none, and whether that is final.
+def _run_point(case: Case, folder: Path, force: bool, keep: bool) -> tuple[str, bool]:
+    """Run a point and write its answers; return its failure and whether this is final.
 
-    What is refused is a sentence, not the end; a file that is missing may be there the next time.
+    A refused point does not end the sweep, and is not final: a missing file may exist next time.
     """
     import xarray as xr
 
     remove(_file(folder))
     try:
-        point = _answers(case, run(case, folder, force=force, sparing=not kept))
+        point = _answers(case, run(case, folder, force=force, sparing=not keep))
     except FileError:  # of the folder of all points
         raise
     except ConvergenceError as error:
@@ -298,37 +299,43 @@ def _run_point(case: Case, folder: Path, force: bool, kept: bool) -> tuple[str, 
     except MemoryError as error:
         return f"not enough memory ({error}); use fewer jobs", False
     write_bytes(_file(folder), bytes(point.to_netcdf(engine="scipy")))
-    if not kept:
+    if not keep:
         rmtree(folder, ignore_errors=True)
     return point.attrs["failure"], True
 
 
 def _answers(case: Case, results: Mapping[str, Dataset]) -> Dataset:
     """Return the answers of a run with their intervals, numbered along their steps."""
-    found: dict[Shown, Dataset] = {one: results[one.name] for one in stages_of(case.tables)}
+    datasets: dict[Shown, Dataset] = {
+        stage: results[stage.name] for stage in stages_of(case.tables)
+    }
     answering = _answering(case)
-    values = answering.compared(found[answering]).reset_coords()
+    values = answering.compared(datasets[answering]).reset_coords()
     kinds = ("", "_mean_law", "_one_part")
-    names = [name for one in answering.answers for kind in kinds if (name := one + kind) in values]
+    names = [
+        name for answer in answering.answers for kind in kinds if (name := answer + kind) in values
+    ]
     point = values[names].reset_coords(drop=True)
-    failed = (stage.failure(dataset) for stage, dataset in found.items())
-    caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
-    missing = ", ".join(unknown_terms(found[answering])) if has_budget(found[answering]) else ""
+    failed = (stage.failure(dataset) for stage, dataset in datasets.items())
+    caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(datasets), *failed])))
+    missing = (
+        ", ".join(unknown_terms(datasets[answering])) if has_budget(datasets[answering]) else ""
+    )
     point.attrs = {"failure": "", "caution": caution, "missing": missing}
     return point.assign_coords({name: np.arange(size) for name, size in point.sizes.items()})
 
 
 def _answering(case: Case) -> Stage:
-    """Return the last stage that answers something."""
+    """Return the last stage with answers."""
     return [stage for stage in stages_of(case.tables) if stage.answers][-1]
 
 
 def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dataset:
-    """Put the points side by side, which are read some at a time; what a point has not is NaN."""
+    """Concatenate the points, which are read in batches; missing answers are NaN."""
     import xarray as xr
 
     answers: dict[str, str] = {}
-    told: dict[str, list[str]] = {name: [] for name in ("failure", "caution", "missing")}
+    texts: dict[str, list[str]] = {name: [] for name in ("failure", "caution", "missing")}
     ends: list[dict[Any, int]] = []
     parts, batch = list[Dataset](), list[Dataset]()
     for k, folder in enumerate(folders):
@@ -336,19 +343,19 @@ def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dat
         if folder.name not in lost:
             content = BytesIO(read_bytes(_file(folder)))
             point = xr.load_dataset(content, engine="scipy", decode_cf=False)
-        for name, column in told.items():
+        for name, column in texts.items():
             column.append(intern(point.attrs.get(name, "")))
         if not answers.keys() >= point.data_vars.keys():
             answers |= _answering(sweep.points[k]).answers
-        ends.append({name: one.shape[-1] - 1 for name, one in point.items() if one.ndim})
+        ends.append({name: values.shape[-1] - 1 for name, values in point.items() if values.ndim})
         batch.append(point.expand_dims(point=[k]))
         if len(batch) == MOST_JOINED or k + 1 == len(folders):
             parts.append(_concatenated(batch))
             batch = []
-    if all(told["failure"]):
+    if all(texts["failure"]):
         raise MultiscaleError(
             f"none of the {len(folders)} points of the sweep has a result; at {sweep.name(0)}: "
-            f"{told['failure'][0]}"
+            f"{texts['failure'][0]}"
         )
     whole = _concatenated(parts)
     whole = whole.drop_vars(whole.coords)
@@ -358,10 +365,10 @@ def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dat
         | {
             "setting": np.array(sweep.settings, dtype=str).reshape(len(folders), -1),
             "folder": [f"points/{folder.name}" for folder in folders],
-            "failure": np.array(told["failure"], dtype=object),
-            "caution": np.array(told["caution"], dtype=object),
-            "missing_terms": np.array(told["missing"], dtype=object),
-            "answer_place": np.array([[one.get(name, 0) for name in answers] for one in ends]),
+            "failure": np.array(texts["failure"], dtype=object),
+            "caution": np.array(texts["caution"], dtype=object),
+            "missing_terms": np.array(texts["missing"], dtype=object),
+            "answer_place": np.array([[last.get(name, 0) for name in answers] for last in ends]),
         },
         title=sweep.title,
     )
@@ -371,7 +378,7 @@ def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dat
 
 
 def _concatenated(points: Sequence[Dataset]) -> Dataset:
-    """Put datasets side by side, NaN where one has no such variable or step."""
+    """Concatenate datasets, with NaN for missing variables and steps."""
     import xarray as xr
 
     return xr.concat(

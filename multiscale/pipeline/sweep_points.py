@@ -1,4 +1,4 @@
-"""How the points of a sweep are shown, each a run in a folder of its own."""
+"""Report of a sweep: tables, figures and cautions of its points, each a run in a folder."""
 
 import re
 from collections import Counter
@@ -27,8 +27,8 @@ __all__ = ["POINTS", "name_point", "tabulate_sweep"]
 MOST_NAMED = 3
 """Points that are named for one caution."""
 
-MOST_TOLD = 10
-"""Sentences that are told of cautions, and of points without a result."""
+MOST_SENTENCES = 10
+"""Sentences that are shown of cautions, and of points without a result."""
 
 NUMBER = re.compile(r"\b\d[\d.e+-]*( \S+)?")
 """A number and its unit."""
@@ -38,23 +38,25 @@ MOST_SHOWN = 200
 
 
 def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
-    """Say which point of a sweep is meant: its keys in full, with their values."""
+    """Return the name of a point of a sweep: its full keys with their values."""
     return ", ".join(f"{key} = {text}" for key, text in zip(parameters, setting, strict=True))
 
 
 def _list_cautions(result: Dataset) -> list[str]:
-    """Say why points have no result, and what to beware of at others: each with its points."""
-    parameters, failures = _parameters(result), [str(one) for one in result["failure"].values]
+    """Return the failures of points without a result, then the cautions, each with its points."""
+    parameters, failures = _parameters(result), [str(text) for text in result["failure"].values]
     names = [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
-    cautions = [str(one) for one in result["caution"].values]
-    refused = _places((f"no result: {one.rstrip('.')}", k) for k, one in enumerate(failures) if one)
-    beware = _places((line, k) for k, one in enumerate(cautions) for line in one.splitlines())
+    cautions = [str(text) for text in result["caution"].values]
+    refused = _places(
+        (f"no result: {text.rstrip('.')}", k) for k, text in enumerate(failures) if text
+    )
+    beware = _places((line, k) for k, text in enumerate(cautions) for line in text.splitlines())
     solved = failures.count("")
     return [
         *_first(f"at {_list(names, at)}: {text}" for text, at in refused.items()),
         *_first(
             f"at {'every point with a result' if len(at) == solved else _list(names, at)}: {text}"
-            for text, at in sorted(beware.items(), key=lambda one: -len(one[1]))
+            for text, at in sorted(beware.items(), key=lambda item: -len(item[1]))
         ),
     ]
 
@@ -62,19 +64,20 @@ def _list_cautions(result: Dataset) -> list[str]:
 def _first(cautions: Iterable[str]) -> list[str]:
     """Return the first cautions, and how many more there are."""
     every = list(cautions)
-    more = len(every) - MOST_TOLD
-    left = f"{more} more sentences like these are in {POINTS.file}" if more > 0 else ""
-    return [*every[:MOST_TOLD], *filter(None, [left])]
+    more = len(every) - MOST_SENTENCES
+    rest = f"{more} more sentences like these are in {POINTS.file}" if more > 0 else ""
+    return [*every[:MOST_SENTENCES], *filter(None, [rest])]
 
 
-def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
-    """Return the points of each sentence; the first of sentences that differ by numbers has all.
+def _places(sentences: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
+    """Return the points of each sentence; sentences that differ only by numbers are merged.
 
-    Sentences of one point, such as the cautions of two interfaces, are told apart by their order.
+    The first of them stands for all. Equal sentences of the same point, such as the cautions of two
+    interfaces, differ by their order.
     """
     alike: dict[tuple[str, int], dict[str, list[int]]] = {}
     seen: Counter[tuple[str, int]] = Counter()
-    for text, point in found:
+    for text, point in sentences:
         rest = NUMBER.sub("", text)
         alike.setdefault((rest, seen[rest, point]), {}).setdefault(text, []).append(point)
         seen[rest, point] += 1
@@ -104,21 +107,23 @@ def _question(result: Dataset) -> str:
 
 def _answer(result: Dataset) -> Iterator[str]:
     """Report the range of each answer at the ends of points, with digits that its error leaves."""
-    told = []
+    ranges = []
     for name, label in _drawn(result).items():
         ends = sweep_ends(result, name)
-        scale, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("scale", "unit"))
+        scale, unit = (
+            result[f"answer_{field}"].sel(answer=name).item() for field in ("scale", "unit")
+        )
         values = scale * ends["value"].values
         width = scale * ends["mean_law"].diff("limit").squeeze("limit").values
         half_width = np.nan_to_num(0.5 * width)
-        known = np.flatnonzero(np.isfinite(values))
-        if known.size:
-            extremes = known[[values[known].argmin(), values[known].argmax()]]
+        finite = np.flatnonzero(np.isfinite(values))
+        if finite.size:
+            extremes = finite[[values[finite].argmin(), values[finite].argmax()]]
             limits = dict.fromkeys(round_by(values[k], half_width[k]) for k in extremes)
-            told.append(f"{label} {' to '.join(limits)}{'' if unit == '1' else f' {unit}'}")
+            ranges.append(f"{label} {' to '.join(limits)}{'' if unit == '1' else f' {unit}'}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     points = f"{'all' if solved == count else f'the {solved} with a result of'} {count} points"
-    yield f"At the end of {points}: {', '.join(told) or 'nothing known'}."
+    yield f"At the end of {points}: {', '.join(ranges) or 'nothing known'}."
 
 
 def _and(names: Iterable[str]) -> str:
@@ -131,7 +136,7 @@ def _parameters(result: Dataset) -> list[str]:
 
 
 def _shown(result: Dataset) -> tuple[Dataset, list[str]]:
-    """Return the points that a table or a figure has room for, and a sentence about the rest."""
+    """Return at most :data:`MOST_SHOWN` points, and a sentence about the rest."""
     count = result.sizes["point"]
     if count <= MOST_SHOWN:
         return result, []
@@ -140,24 +145,28 @@ def _shown(result: Dataset) -> tuple[Dataset, list[str]]:
 
 
 def _list_missing(result: Dataset) -> list[str]:
-    """Name the terms of the error that the intervals of any point lack."""
-    told = map(str, result["missing_terms"].values) if "missing_terms" in result else ()
-    missing = ", ".join(dict.fromkeys(name for one in told if one for name in one.split(", ")))
-    beside = f"Where intervals end with '{LOWER_BOUND.strip()}' they lack what is not known"
-    return [f"{beside}: {missing}."] if missing else []
+    """Return a sentence on the error terms that are unknown at some point."""
+    lists = map(str, result["missing_terms"].values) if "missing_terms" in result else ()
+    missing = ", ".join(
+        dict.fromkeys(name for terms in lists if terms for name in terms.split(", "))
+    )
+    marked = f"Intervals that end with '{LOWER_BOUND.strip()}' do not count unknown terms"
+    return [f"{marked}: {missing}."] if missing else []
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    """Show the answers at the end of all points, over the steps of each, and where the runs are."""
-    result, more = _shown(found[POINTS.name])
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    """Yield the answers at the end of all points, over the steps of each, and links to the runs."""
+    result, more = _shown(datasets[POINTS.name])
     drawn = list(_drawn(result))
-    over_steps = [one for one in drawn if result["answer_over"].sel(answer=one).item()][:1]
+    over_steps = [name for name in drawn if result["answer_over"].sel(answer=name).item()][:1]
 
-    ends = {one: sweep_ends(result, one)["value"].to_numpy() for one in drawn}
-    differ = [one for one, value in ends.items() if np.unique(value[np.isfinite(value)]).size > 1]
-    figures = {f"sweep_{one}": on_axes(plot_sweep, result, one) for one in differ or drawn[:1]}
-    figures |= {f"sweep_{one}_steps": on_axes(plot_sweep_steps, result, one) for one in over_steps}
-    told = [
+    ends = {name: sweep_ends(result, name)["value"].to_numpy() for name in drawn}
+    differ = [name for name, value in ends.items() if np.unique(value[np.isfinite(value)]).size > 1]
+    figures = {f"sweep_{name}": on_axes(plot_sweep, result, name) for name in differ or drawn[:1]}
+    figures |= {
+        f"sweep_{name}_steps": on_axes(plot_sweep_steps, result, name) for name in over_steps
+    }
+    text = [
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
         "figures a bar, and lighter the interval of one part.",
     ]
@@ -165,17 +174,17 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     numbered = [(str(number), *row) for number, row in enumerate(rows, start=1)]
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
     links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
-    beside = [*more, *_list_missing(result)]
+    remarks = [*more, *_list_missing(result)]
     table = ("point", *head), numbered
-    yield Section("Points", told, *table, figures, links, small=True, remarks=beside)
+    yield Section("Points", text, *table, figures, links, small=True, remarks=remarks)
     head, rows = _tabulate_steps(result)
     if rows:
-        told = [
-            "Behind an answer stands its error, the larger side of the 95 % interval of one part, "
-            "or of the mean law where there is no other; or both sides where they differ much, or "
-            "the interval where its half is not smaller than the answer."
+        text = [
+            "After an answer stands its error, the larger side of the 95 % interval of one part, "
+            "or of the mean law if there is no other; or both sides if they differ much, or "
+            "the interval if its half is not smaller than the answer."
         ]
-        yield Section("All steps", told, head, rows, printed=False)
+        yield Section("All steps", text, head, rows, printed=False)
 
 
 def tabulate_sweep(result: Dataset) -> Rows:
@@ -184,42 +193,42 @@ def tabulate_sweep(result: Dataset) -> Rows:
     head = tuple(_answer_head(result, name) for name in names)
     columns = [_column(result, name) for name in names]
     rows = []
-    for k, (said, failure) in enumerate(
+    for k, (setting, failure) in enumerate(
         zip(result["setting"].values, result["failure"].values, strict=True)
     ):
-        found = ("no result",) if failure else tuple(column[k] for column in columns)
-        rows.append(padded((*map(str, said), *found), (*said, *head)))
+        answers = ("no result",) if failure else tuple(column[k] for column in columns)
+        rows.append(padded((*map(str, setting), *answers), (*setting, *head)))
     return (*map(str, result["parameter"].values), *head), rows
 
 
 def _tabulate_steps(result: Dataset) -> Rows:
     """Return head and rows of a sweep at all steps of its points, with errors.
 
-    The answers are those over the steps; there are no rows if no answer has steps. The error is
+    Only answers over the steps have columns; there are no rows if no answer has steps. The error is
     half of the interval of one part, or else of the mean law.
     """
-    over = {str(one.answer.item()): str(one.item()) for one in result["answer_over"]}
+    over = {str(entry.answer.item()): str(entry.item()) for entry in result["answer_over"]}
     along = next(filter(None, over.values()), "")
     if not along:
         return (), []
-    names = [along, *(name for name, one in over.items() if one == along)]
+    names = [along, *(name for name, dimension in over.items() if dimension == along)]
     head = (*map(str, result["parameter"].values), *(_answer_head(result, name) for name in names))
     rows = []
-    for k, said in enumerate(result["setting"].values):
+    for k, setting in enumerate(result["setting"].values):
         point = result.isel(point=k)
         for step in np.flatnonzero(np.isfinite(point[along].values)):
-            found = (_with_error(point, name, int(step)) for name in names)
-            rows.append((*map(str, said), *found))
+            answers = (_with_error(point, name, int(step)) for name in names)
+            rows.append((*map(str, setting), *answers))
     return head, rows
 
 
 def _answer_head(result: Dataset, name: str) -> str:
-    label, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("label", "unit"))
+    label, unit = (result[f"answer_{field}"].sel(answer=name).item() for field in ("label", "unit"))
     return str(label) if unit == "1" else f"{label} ({unit})"
 
 
 def _with_error(point: Dataset, name: str, step: int) -> str:
-    """Write an answer of a point of a sweep at a step, with its error if it has one."""
+    """Write an answer of a point of a sweep at a step, with its error if known."""
     value = float(point[name].values[step])
     if np.isnan(value):
         return "unknown"
@@ -236,23 +245,23 @@ def _with_error(point: Dataset, name: str, step: int) -> str:
 
 
 def _column(result: Dataset, name: str) -> list[str]:
-    """Write an answer of a sweep at all points, with the interval of the mean law if it has one."""
+    """Write an answer of a sweep at all points, with the interval of the mean law if known."""
     ends, scale = sweep_ends(result, name), float(result["answer_scale"].sel(answer=name))
-    told = []
+    texts = []
     for value, limits, bound in zip(
         scale * ends["value"].values, scale * ends["mean_law"].values, _bounds(result), strict=True
     ):
         if np.isnan(value):
-            told.append("unknown")
+            texts.append("unknown")
             continue
         half = 0.5 * float(np.ptp(limits))
         band = say_ends(value, limits, bound) if np.isfinite(half) else ""
-        told.append(f"{round_by(value, half)}{f' ({band})' if band else ''}")
-    return told
+        texts.append(f"{round_by(value, half)}{f' ({band})' if band else ''}")
+    return texts
 
 
 def _bounds(result: Dataset) -> np.ndarray:
-    """Return the mark of lower bounds at every point of a sweep where a term is not known."""
+    """Return the mark of lower bounds at every point of a sweep with an unknown term."""
     if "missing_terms" not in result:
         return np.full(result["failure"].shape, "")
     return np.where(result["missing_terms"].values != "", LOWER_BOUND, "")

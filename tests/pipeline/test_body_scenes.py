@@ -273,7 +273,7 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
     )
     with pytest.raises(SchemaError, match="schema 'macro_result', expected a 'interface_law'"):
         run_macro(scene, tmp_path / "out.nc", law=tmp_path / "kind.nc")
-    with pytest.raises(CaseError, match="has no joint that the law"):
+    with pytest.raises(CaseError, match="has no joint for the law"):
         run_macro(
             load_case(write_scene(tmp_path, PLATE)), tmp_path / "out.nc", law=tmp_path / "law.nc"
         )

@@ -101,7 +101,7 @@ def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
     assert coating_caution(case_of(tmp_path, TEXT)) == []
     told = coating_caution(case_of(tmp_path, TEXT, conforming))
     assert "gets 2 layer(s) of elements" in told[0]
-    assert "some wave is 0.4" in told[1]
+    assert "some wavelength is 0.4" in told[1]
     both = (COATING, COATING + COATING.replace("body_1", "body_2"))
     assert len(coating_caution(case_of(tmp_path, TEXT, conforming, both))) == 1  # alike bodies
 
@@ -129,7 +129,7 @@ def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
     with pytest.raises(CaseError, match="the stiffness_ratio of theory is derived for bodies of o"):
         load_case(tmp_path / "coated.toml")
     law = xr.Dataset(attrs={"coatings": "body_1"})
-    with pytest.raises(CaseError, match="theory knows none for the coatings of body_1"):
+    with pytest.raises(CaseError, match="theory has no ratio for the coatings of body_1"):
         case.interface.complete(law, 0.3, 1e7, strict=False)
 
 

@@ -261,7 +261,7 @@ pressure = "20 MPa"
     [
         ([("[fatigue]", "[other]")], "other"),
         ([(CYCLES, "")], "history has no cycle; give"),
-        ([('strength = "600 MPa"', 'strength = "150 MPa"')], "strength must be the larger one"),
+        ([('strength = "600 MPa"', 'strength = "150 MPa"')], "strength must be larger"),
         ([('strength = "600 MPa"', 'strength = "205 MPa"')], "bears 210 MPa in the cycle, above"),
         ([('damage_strength = "0.5 MPa"', 'damage_strength = "0.5 m"')], "damage_strength"),
         ([("feedback = false", 'body = "lid"')], "body is 'lid', and there are part"),

@@ -104,7 +104,7 @@ def test_steps_in_which_pressed_grains_would_pass_each_other_are_refused(tmp_pat
 
 def test_grains_take_no_interface_law(tmp_path):
     scene = load_case(SCENES / "deposit.toml").quick()
-    with pytest.raises(CaseError, match="has no joint that the law"):
+    with pytest.raises(CaseError, match="has no joint for the law"):
         run_macro(scene, tmp_path / "result.nc", law=tmp_path / "law.nc")
 
 

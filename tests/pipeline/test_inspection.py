@@ -259,7 +259,7 @@ def test_an_isotropic_surface_of_a_profile_has_the_spectrum_of_the_surface_it_cr
     assert side.surfaces[0].heights.std() == pytest.approx(1e-6, rel=0.3)
     of_scan, _, of_cells = side.measured.stages
     assert of_cells.rms_slope == pytest.approx(of_scan.rms_slope, rel=0.35)
-    assert "isotropic self-affine surfaces stand for a line scan" in side.measured.cautions[0]
+    assert "isotropic self-affine surfaces replace a line scan" in side.measured.cautions[0]
 
 
 @pytest.mark.parametrize(("rotate", "axis"), [("0 deg", 1), ("90 deg", 0)])
@@ -295,7 +295,7 @@ def test_a_synthetic_surface_with_a_lay_comes_from_its_table():
         pytest.param({"size": ["1 um"]}, "size of a map is two lengths", id="one-length"),
         pytest.param({"channel": "Phase"}, "no channel 'Phase' .* 0 \\('Default'\\)", id="channel"),
         pytest.param({"unit": "furlongz"}, "unit.*unknown unit", id="unknown-unit"),
-        pytest.param({"profile": "isotropic"}, "holds a map, no line scan", id="map-as-profile"),
+        pytest.param({"profile": "isotropic"}, "holds a map, not a line scan", id="map-as-profile"),
         pytest.param({"rotate": "1 m"}, "cannot be converted to rad", id="no-angle"),
     ],
 )
@@ -423,7 +423,7 @@ def test_a_map_of_few_points_has_no_reliable_wave_and_no_case(store, command):
     )
     assert status == 0
     rows = {line[: line.find("  ")]: line.split("  ")[-1] for line in said.splitlines()}
-    assert rows["reliable waves"] == "none"
+    assert rows["reliable wavelengths"] == "none"
     assert "not known decades" not in said
     assert "no case is proposed: the map has too few points for any reliable wave" in cautions
     assert "short_cutoff" not in cautions  # which nobody has given

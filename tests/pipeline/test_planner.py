@@ -226,7 +226,11 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
     ("old", "new", "sentence"),
     [
         ("[64, 64]", "[16, 16]", "quarter of the points, which would be 4; give points = 32"),
-        ('"0.25 mm"', '"0.1 mm"', r"cannot carry waves of 0.0001 m; give more than 80 points"),
+        (
+            '"0.25 mm"',
+            '"0.1 mm"',
+            r"cannot resolve wavelengths of 0.0001 m; give more than 80 points",
+        ),
     ],
 )
 def test_a_grid_that_leaves_nothing_to_compare_is_refused(write, tmp_path, old, new, sentence):

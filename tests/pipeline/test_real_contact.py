@@ -57,7 +57,7 @@ def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(sha
 def test_a_hardness_is_compared_with_the_real_pressure_and_says_who_flows():
     told = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
     assert told.attrs["behaviour"] == (
-        "The one body that stands for both flows from a yield stress of 0.5 GPa on, the hardness "
+        "The composite body flows from a yield stress of 0.5 GPa on, the hardness "
         "of 1.4 GPa of body_2, the softer body over 2.8 less what hardening adds. The mean "
         "real pressure reaches 0.90 of that hardness."
     )

@@ -31,7 +31,9 @@ def finished(tmp_path_factory):
     done = process("run", "ground_steel", "-o", "out", "--quick", "--jobs", "1", cwd=folder)
     assert done.returncode == 0, done.stderr
     # a caution with a semicolon is one caution
-    assert "caution: the shortest wave of body_1 has 4.0 points; gap and contact" in done.stderr
+    assert (
+        "caution: the shortest wavelength of body_1 has 4.0 points; gap and contact" in done.stderr
+    )
     return folder / "out", done.stdout
 
 

@@ -314,7 +314,7 @@ def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(wr
     # each reason once, with its points
     assert first.stderr.count("no result: [body_1.surface] 16 x 16 points cannot carry") == 1
     assert "and 1 more: no result" in first.stderr
-    told = "caution: at every point with a result: the shortest wave of body_1 has 2.2 points"
+    told = "caution: at every point with a result: the shortest wavelength of body_1 has 2.2 points"
     assert told in first.stderr
     assert setting.format(210) in (tmp_path / "out" / "log.txt").read_text(encoding="utf-8")
     # points that are found finished are told of, too

@@ -27,7 +27,7 @@ def cut():
         count=4,
         needed=None,
         seed=0,
-        beside_map=False,
+        other_map=False,
         **settings,
     ):
         edges = tuple(n * PIXEL for n in heights.shape)
@@ -35,7 +35,7 @@ def cut():
         given = InstrumentSurface.model_validate({"file": "map.txt", **settings})
         cell = CellSettings.model_validate({"size": [size, size], "points": [points, points]})
         which = range(count)
-        return cut_windows(whole, given, cell, which, needed or count, seed, beside_map=beside_map)
+        return cut_windows(whole, given, cell, which, needed or count, seed, other_map=other_map)
 
     return of
 
@@ -214,7 +214,7 @@ def test_windows_of_a_small_map_repeat_in_a_cell_that_holds_the_waves_of_the_oth
     given = {"points": 400, "count": 4, "short_cutoff": "6.4 um"}
     with pytest.raises(CaseError, match="or measure 800 µm x 800 µm"):
         cut(fine(), "800 um", **given)
-    surfaces, held = cut(fine(), "800 um", **given, beside_map=True)
+    surfaces, held = cut(fine(), "800 um", **given, other_map=True)
     assert "windows of 100 µm x 100 µm" in held.cautions[0]
     assert "repeat 4 x 4 times in a cell" in held.cautions[0]
     parts, alone = cut(fine(), "200 um", 100, count=4, short_cutoff="6.4 um")
@@ -230,4 +230,4 @@ def test_windows_that_lack_the_long_waves_of_their_map_do_not_repeat(cut):
     x = np.arange(200)
     long = 1e-6 * np.cos(2.0 * np.pi * x / 200.0)[:, None] + fine()
     with pytest.raises(CaseError, match="or measure 800 µm x 800 µm"):
-        cut(long, "800 um", 400, count=4, short_cutoff="6.4 um", beside_map=True)
+        cut(long, "800 um", 400, count=4, short_cutoff="6.4 um", other_map=True)

@@ -138,7 +138,9 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     assert "At the end of the 1 with a result of 2 points: joint stiffness" in page
     refused = r"at points of cell = \[16, 16\]: no result: .body_1.surface. .*cannot carry"
     assert re.findall(rf"Caution:</strong> {refused}", page)
-    assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
+    assert re.findall(
+        r"Caution:</strong> at every point with a result: the shortest wavelength of", page
+    )
     (link,) = re.findall(r'<td><a href="(.*?)">1</a></td><td>\[64, 64\]</td>', page)
     assert (tmp_path / link).is_file()
     assert link.startswith("points/points-64-64-")

@@ -151,5 +151,5 @@ def test_joints_carry_what_the_damage_leaves(sections, tmp_path):
     lost, sound = float(law["interface_damage"]), law_from_dataset(law)
     gap = sound.gap_at(np.array(1e7))
     assert float(bed.normal.pressure(gap)) == pytest.approx((1.0 - lost) * 1e7)
-    with pytest.raises(CaseError, match="damage and damage_file, which both tell the damage"):
+    with pytest.raises(CaseError, match="damage and damage_file, which both state the damage"):
         case_of(tmp_path, text.replace('"rve.nc"', '"rve.nc"\ndamage = [0.1]'))

@@ -1,4 +1,4 @@
-"""Parts of bodies in a case: meshes, interfaces, stated laws, bolts and named loads."""
+"""Tables of bodies in a case: meshes, interfaces, stated laws, bolts and named loads."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -63,7 +63,7 @@ LARGE, SMALL = 10.0, 1e-3
 """Lengths of a body, m, beyond which the unit of its mesh must be given."""
 
 ANY_MODULUS = 1e9
-"""Young's modulus of a body of which only mesh and faces count, Pa."""
+"""Young's modulus of a body that is built only for its mesh and faces, Pa."""
 
 PLANE = 1e-6
 """Spread of the unit normals of a plane face."""
@@ -110,19 +110,19 @@ Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
 
 
-def doubt_density(what: str, density: float | None) -> list[str]:
+def doubt_density(name: str, density: float | None) -> list[str]:
     """Return a caution if no solid has a density, kg/m3."""
     low, high = SOLID_DENSITIES
     if density is None or low <= density <= high:
         return []
     return [
-        f"{what} has a density of {density:.4g} kg/m^3, and solids have {low:g} to {high:g} "
+        f"{name} has a density of {density:.4g} kg/m^3, and solids have {low:g} to {high:g} "
         f"kg/m^3; check its unit, as in 7.85 g/cm^3 or 7850 kg/m^3"
     ]
 
 
 class Material(Settings):
-    """What an elastic body is made of: moduli or a representative volume."""
+    """Material of an elastic body: moduli or a representative volume."""
 
     youngs_modulus: Pressure | None = None
     """Young's modulus, Pa; the stiffness of a representative volume if not given."""
@@ -131,22 +131,25 @@ class Material(Settings):
     density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     rve: Path | None = None
     """Representative volume: a dataset `rve`, the folder of a run, or a case, which is run in a
-    folder of its own; the `[rve]` of this case if not given, nor the moduli."""
+    separate folder; the `[rve]` of this case if neither it nor the moduli are given."""
     rve_axes: tuple[Direction, Direction] | None = None
-    """Directions of the x and the y axis of the volume in the body; its own axes if not given."""
+    """Directions of the x and the y axis of the volume in the body; the axes of the body if
+    not given."""
 
     @model_validator(mode="after")
     def _check_material(self) -> Self:
         if (self.youngs_modulus is None) != (self.poissons_ratio is None):
             raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
         if not self.porous and self.rve is not None:
-            raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
+            raise ValueError(
+                "takes either its moduli or rve, a volume with the moduli of its solid"
+            )
         if self.rve_axes is not None:
             first, second = np.array(self.rve_axes, dtype=float)
             norms = np.linalg.norm(first) * np.linalg.norm(second)
             if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
-                told = " and ".join(f"{list(one)}" for one in self.rve_axes)
-                raise ValueError(f"rve_axes are two directions at right angles, got {told}")
+                directions = " and ".join(f"{list(direction)}" for direction in self.rve_axes)
+                raise ValueError(f"rve_axes are two directions at right angles, got {directions}")
         return self
 
     @property
@@ -174,7 +177,7 @@ class Material(Settings):
 
 
 class MeshedBody(Material):
-    """An elastic body with a mesh of its own."""
+    """An elastic body with a mesh."""
 
     name: Name = Field(description="Name of the body, without dots.")
     mesh: Path
@@ -194,7 +197,7 @@ class MeshedBody(Material):
     both; or a face that it names, for the piece with this face in a mesh of several pieces. The
     whole mesh if not given."""
     unit: Unit | None = None
-    """Length of one unit of the mesh, such as `"mm"`; m if not given."""
+    """Length of the unit of the mesh, such as `"mm"`; m if not given."""
     order: Literal[1, 2] | None = None
     """Order of the elements: 2 puts nodes between the corners of the mesh, without which tetrahedra
     bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by incompatible modes, if not
@@ -204,7 +207,7 @@ class MeshedBody(Material):
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
     supports: dict[str, Axes] = Field({})
-    """Faces that are held: `"clamped"`, or the axes along which they do not move, such as `"z"` or
+    """Faces that are fixed: `"clamped"`, or the axes along which they do not move, such as `"z"` or
     `"xy"`."""
 
     @model_validator(mode="after")
@@ -213,7 +216,7 @@ class MeshedBody(Material):
             raise ValueError(
                 "a geometry, in a file that ends in .geo, needs the size of its elements by element"
                 if self.element is None
-                else "element is the size of the elements of a geometry, and mesh has its own"
+                else "element is the size of the elements of a geometry, and mesh has its elements"
             )
         if self.element is not None and self.coarser is not None:
             raise ValueError("coarser belongs to a mesh; a geometry is meshed twice anyway")
@@ -225,7 +228,7 @@ class MeshedBody(Material):
         return self.damage
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
-        """Make the law of the body; any law as long as its volume is missing."""
+        """Return the law of the body; an arbitrary law while its volume is missing."""
         E = (1.0 - self.damage) * (self.youngs_modulus or ANY_MODULUS)
         return Elastic(E, self.poissons_ratio or 0.0)
 
@@ -242,11 +245,11 @@ class MeshedBody(Material):
         coarse = None if self.coarser is None else self.coarsened()
         if coarse is None:
             return
-        meshes = [one.load() for one in (self, coarse)]
+        meshes = [body.load() for body in (self, coarse)]
         fine, few = (mesh.nelements for mesh in meshes)
-        own, larger = map(n_tetrahedra, meshes)
-        most = few * own / larger / COARSER**3
-        if own < COARSER**3 * larger:
+        tetrahedra, fewer = map(n_tetrahedra, meshes)
+        most = few * tetrahedra / fewer / COARSER**3
+        if tetrahedra < COARSER**3 * fewer:
             raise CaseError(
                 f"{self.coarser}: coarser of {self.name} has {few} elements and its mesh {fine}, "
                 f"and the error of the mesh takes at most {most:.0f}; give a mesh of "
@@ -274,7 +277,7 @@ class MeshedBody(Material):
             )
         extent = np.ptp(mesh.p, axis=1)
         if self.unit is None and not SMALL < extent.max() < LARGE:
-            box = " x ".join(f"{one:.4g}" for one in extent)
+            box = " x ".join(f"{length:.4g}" for length in extent)
             raise CaseError(
                 f"{self.mesh}: {self.name} would measure {box} m, as the mesh has no unit; give "
                 f'unit = "mm" if its coordinates are millimetres, or unit = "m" if it is so large'
@@ -284,7 +287,7 @@ class MeshedBody(Material):
     def build(
         self, mesh: "Mesh", tractions: Mapping[str, Mapping[int, np.ndarray]]
     ) -> "macro.Body":
-        """Make the body of its mesh, of faces with tractions, Pa, by the numbers of load cases."""
+        """Build the body on a mesh, with tractions on faces, Pa, by the number of the load case."""
         from multiscale.fe.elements import element_of_order
 
         supports = {
@@ -308,7 +311,9 @@ class MeshedBody(Material):
     def count_nodes(self, mesh: "Mesh") -> int:
         """Count the nodes of the body."""
         between = [mesh.edges] if mesh.t.shape[0] == 4 else [mesh.edges, mesh.facets, mesh.t]
-        return sum(one.shape[1] for one in (mesh.p, *between[: 3 * (self.order_on(mesh) - 1)]))
+        return sum(
+            indices.shape[1] for indices in (mesh.p, *between[: 3 * (self.order_on(mesh) - 1)])
+        )
 
     def count_face_nodes(self, mesh: "Mesh", boundary: str) -> int:
         """Count the nodes of the body on a boundary."""
@@ -344,7 +349,7 @@ class LinearLaw(Settings):
 
     stiffness: UncertainStiffness = Field(description="Stiffness K of the interface, Pa/m.")
     pressures: ClassVar[tuple[float, float]] = (1.0, 1e9)
-    """Pressures of the bed of sliders, Pa, which is one spring at any."""
+    """Pressures of the bed of sliders, Pa; its stiffness is the same at all."""
 
     def build(self) -> Tabulated:
         """Make the law."""
@@ -352,7 +357,7 @@ class LinearLaw(Settings):
 
 
 class StatedGap(Settings):
-    """The initial gap of an interface, beside the gap of its law."""
+    """The initial gap of an interface, added to the gap of its law."""
 
     form: Literal["map"] = Field(description="Where the gap comes from.")
     file: Path
@@ -377,19 +382,19 @@ class BodyInterface(Settings):
     sides: tuple[str, str]
     """Both faces, as `"BODY.FACE"`; the first may be `"ground"`."""
     law: Path | None = None
-    """Law of this interface: a dataset, the folder of a run, or a case, which is run in a folder of
-    its own; or a table of `pressure` and `overclosure` in a `.csv` file; if not given, the law of
+    """Law of this interface: a dataset, the folder of a run, or a case, which is run in a separate
+    folder; or a table of `pressure` and `overclosure` in a `.csv` file; if not given, the law of
     the cells or of `[interface]`."""
     law_error: LawError | None = None
     """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
     `"10 %"`; its error is unknown if not given."""
     exponential: StatedLaw | None = None
-    """Stated normal law, in place of `law`; takes a friction of its own."""
+    """Stated normal law, in place of `law`; needs `friction`."""
     linear: LinearLaw | None = None
     """Stated normal law of constant stiffness, as `exponential`."""
     asperities: StatedAsperities | None = None
-    """Statistics of asperities, in place of `law`; they take a friction of their own, and yield and
-    slip one height after the other."""
+    """Statistics of asperities, in place of `law`; they need `friction`, and yield and slip in the
+    order of their heights."""
     gap: StatedGap | None = None
     """Initial gap over the interface; even if not given."""
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
@@ -405,7 +410,7 @@ class BodyInterface(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         stated = self.exponential, self.linear, self.asperities
-        if sum(one is not None for one in (self.law, *stated)) > 1:
+        if sum(law is not None for law in (self.law, *stated)) > 1:
             raise ValueError("an interface takes one of law, exponential, linear and asperities")
         if self.law_error is not None and self.law is None:
             raise ValueError("law_error is of a table that law names, and the interface has no law")
@@ -422,10 +427,10 @@ class BodyInterface(Settings):
         return " on ".join(reversed(self.sides))
 
     def over(self, shared: JointLaw | None) -> JointLaw:
-        """Return the keys of ``[interface]``, if given, with those of this interface in place."""
+        """Return the keys of ``[interface]``, if given, replaced by the keys of this interface."""
         names = ("law", "law_error", "friction", "stiffness_ratio")
-        own = {name: getattr(self, name) for name in names}
-        given = {name: value for name, value in own.items() if value is not None}
+        keys = {name: getattr(self, name) for name in names}
+        given = {name: value for name, value in keys.items() if value is not None}
         if self.law is not None:  # of this law, whatever [interface] states
             given |= {"law_error": self.law_error, "quick": self.quick}
         return (shared or JointLaw()).model_copy(update=given)
@@ -444,7 +449,7 @@ class BodyBolt(Settings):
     meshed: bool = False
     """Whether the meshes of the bodies have the bolt, cut across its shank: there both faces move
     alike but along the axis, where the preload acts and stays as it is."""
-    preload: Size = Field(description="Force of the bolt at the factor one of `preload`, N.")
+    preload: Size = Field(description="Force of the bolt at the factor 1 of `preload`, N.")
     diameter: Length | None = Field(None, description="Diameter of the shank, m.")
     length: Length | None = None
     """Length of the shank, m; the distance of its washers if not given."""
@@ -455,7 +460,7 @@ class BodyBolt(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.meshed and (self.diameter or self.stiffness or self.length):
-            raise ValueError("a bolt that is meshed takes no diameter, length or stiffness")
+            raise ValueError("a bolt that is meshed must not have a diameter, length or stiffness")
         if not self.meshed and (self.diameter is None) == (self.stiffness is None):
             raise ValueError("a bolt takes either the diameter of its shank or its stiffness")
         if len({side.partition(".")[0] for side in self.sides}) == 1:
@@ -468,21 +473,21 @@ class BodyBolt(Settings):
     def build(
         self, sides: tuple[int, int], boundaries: tuple[str, str], bodies: "Sequence[macro.Body]"
     ) -> "tuple[macro.Bolt, str]":
-        """Make the bolt between faces of bodies, with a sentence on faces and shank."""
+        """Build the bolt between faces of bodies; return it and a sentence on faces and shank."""
         bolt = macro.Bolt(sides, boundaries, self.stiffness or 1.0, self.preload)
-        said = " to ".join(self.sides)
-        one, two = bolt.washers(bodies)
+        description = " to ".join(self.sides)
+        head, nut = bolt.washers(bodies)
         if self.diameter is None:
-            return bolt, said
-        assert one.point is not None
-        assert two.point is not None
-        length = self.length or abs(two.point[one.axis] - one.point[one.axis])
+            return bolt, description
+        assert head.point is not None
+        assert nut.point is not None
+        length = self.length or abs(nut.point[head.axis] - head.point[head.axis])
         between = "" if self.length else " between its washers"
-        said += (
+        description += (
             f", shank of {1e3 * length:.4g} mm{between} and {1e-9 * self.youngs_modulus:.4g} GPa"
         )
         k = macro.shank_stiffness(self.diameter, length, self.youngs_modulus)
-        return replace(bolt, stiffness=k), said
+        return replace(bolt, stiffness=k), description
 
 
 class NamedLoad(Settings):
@@ -491,15 +496,15 @@ class NamedLoad(Settings):
     name: Name = Field(description="Name of the load.")
     face: str = Field(description='Face that is loaded, as `"BODY.FACE"`.')
     traction: tuple[Stress, Stress, Stress] | None = None
-    """Force per area along x, y and z at the factor one, Pa."""
+    """Force per area along x, y and z at the factor 1, Pa."""
     force: tuple[Newton, Newton, Newton] | None = None
-    """Resultant along x, y and z, evenly spread, at the factor one, N."""
+    """Resultant along x, y and z, evenly spread, at the factor 1, N."""
     pressure: Stress | None = None
-    """Pressure on a plane face at the factor one, Pa."""
+    """Pressure on a plane face at the factor 1, Pa."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        given = [one for one in (self.traction, self.force, self.pressure) if one is not None]
+        given = [value for value in (self.traction, self.force, self.pressure) if value is not None]
         if len(given) != 1:
             raise ValueError("a load is either a traction, a force or a pressure")
         if not np.any(given[0]):
@@ -507,7 +512,7 @@ class NamedLoad(Settings):
         return self
 
     def traction_on(self, mesh: "Mesh", boundary: str) -> tuple[np.ndarray, float]:
-        """Return the traction at the factor one, Pa, and the area of the face, m²."""
+        """Return the traction at the factor 1, Pa, and the area of the face, m²."""
         face = face_of(mesh, boundary)
         normals = face.normals
         area = float(np.linalg.norm(normals, axis=1).sum())

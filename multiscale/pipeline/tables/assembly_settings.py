@@ -51,7 +51,7 @@ QUICK_ELEMENT = 1.5
 """Element size of quick geometries over the size stated."""
 
 STATED_HOW = "half-widths stated with +-"
-"""How errors of stated values are known."""
+"""Source of the errors of stated values."""
 
 
 class LoadSteps(SolverChoice):
@@ -64,11 +64,11 @@ class LoadSteps(SolverChoice):
 
 
 class LoadCycles(Settings):
-    """One named load to and fro, about its factor at the end of the steps."""
+    """Cycles of a named load about its factor at the end of the steps."""
 
     load: str = Field(description="Name of the load.")
     amplitude: Annotated[Number, Field(gt=0.0)] = 1.0
-    """By how much its factor rises, then falls."""
+    """Amplitude of its factor."""
     cycles: Positive = Field(description="Closed cycles after the first loading.")
     steps: Positive = Field(10, description="Load steps from the middle to the amplitude.")
 
@@ -83,7 +83,7 @@ class StructureParts:
 
     assembly: "macro.Assembly"
     path: "substructures.LoadPath"
-    facts: tuple[str, ...] = ()  # what is reported beside the answer
+    facts: tuple[str, ...] = ()  # facts that are reported with the answer
     loading: "substructures.JointLoading | None" = None  # has the path as its main part
 
 
@@ -116,9 +116,9 @@ class Bodies(StructureKind):
     @field_validator("bodies", "loads")
     @classmethod
     def _name_once(cls, parts: tuple[Any, ...]) -> tuple[Any, ...]:
-        names = [one.name for one in parts]
+        names = [part.name for part in parts]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"give the name {twice[0]!r} to one only, got {len(twice)} of them")
+            raise ValueError(f"names must differ, and {twice[0]!r} is given {len(twice)} times")
         return parts
 
     @model_validator(mode="after")
@@ -129,32 +129,34 @@ class Bodies(StructureKind):
             raise ValueError(
                 f"a load is named {PRELOAD!r}, which is the tightening of the bolts; rename it"
             )
-        for what, face in self._faces():
-            self._find(what, face)
-        pairs = [set(one.sides) for one in self.interfaces]
-        if double := [one for one, other in combinations(pairs, 2) if one == other]:
-            raise ValueError(f"{' and '.join(sorted(double[0]))} meet in two interfaces; give one")
+        for user, face in self._faces():
+            self._find(user, face)
+        pairs = [set(interface.sides) for interface in self.interfaces]
+        if double := [pair for pair, other in combinations(pairs, 2) if pair == other]:
+            raise ValueError(
+                f"{' and '.join(sorted(double[0]))} meet in two interfaces; delete one of them"
+            )
         return self
 
     def _faces(self) -> list[tuple[str, str]]:
         """Every face that is named outside a body, and by what."""
         named = [
             (f"interface {i}", face)
-            for i, one in enumerate(self.interfaces)
-            for face in one.sides[one.sides[0] == GROUNDED :]
+            for i, interface in enumerate(self.interfaces)
+            for face in interface.sides[interface.sides[0] == GROUNDED :]
         ]
-        named += [(f"bolt {i}", face) for i, one in enumerate(self.bolts) for face in one.sides]
-        return [*named, *((f"the load {one.name}", one.face) for one in self.loads)]
+        named += [(f"bolt {i}", face) for i, bolt in enumerate(self.bolts) for face in bolt.sides]
+        return [*named, *((f"the load {load.name}", load.face) for load in self.loads)]
 
-    def _find(self, what: str, face: str) -> tuple[int, str]:
-        """Find the number of the body of a face, and the name of the face in it."""
+    def _find(self, user: str, face: str) -> tuple[int, str]:
+        """Return the number of the body of a face, and the name of the face in it."""
         body, dot, boundary = face.partition(".")
-        names = [one.name for one in self.bodies]
+        names = [body.name for body in self.bodies]
         if not (dot and boundary):
-            raise ValueError(f'{what} names {face!r}, which is no face; write "BODY.FACE"')
+            raise ValueError(f'{user} names {face!r}, which is not a face; write "BODY.FACE"')
         if body not in names:
             raise ValueError(
-                f"{what} names {face!r}, and there is no body {body!r}; there are "
+                f"{user} names {face!r}, and there is no body {body!r}; there are "
                 f"{', '.join(names)}"
             )
         return names.index(body), boundary
@@ -166,13 +168,13 @@ class Bodies(StructureKind):
 
     def check(self, case: "Case") -> None:
         """Refuse a path over loads that do not exist, and joints without a friction."""
-        known = self.load_names
+        names = self.load_names
         given = [name for step in case.statics.steps for name in step]
         given += [case.cycles.load] if case.cycles else []
-        if unknown := [name for name in given if name not in known]:
+        if unknown := [name for name in given if name not in names]:
             raise ValueError(
                 f"the path names the load {unknown[0]!r}, which does not exist; there are "
-                f"{', '.join(known)}"
+                f"{', '.join(names)}"
             )
         if self.bolts and not case.statics.steps[0].get(PRELOAD, 0.0) > 0.0:
             raise ValueError(
@@ -180,39 +182,43 @@ class Bodies(StructureKind):
                 f"{{ {PRELOAD} = 1 }}, got {case.statics.steps[0]}"
             )
         if case.cycles and case.cycles.load == PRELOAD:
-            raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
+            raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened only by steps")
         check_bodies(self.bodies, case)
         if case.growth is not None and (case.cycles or case.vibration or not self.is_one):
             raise ValueError(
                 "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
                 "[growth], or the others"
             )
-        for number, one in enumerate(self.interfaces):
-            faces = one.sides[one.sides[0] == GROUNDED :]
-            if one.surface_damage and not any(
+        for number, interface in enumerate(self.interfaces):
+            faces = interface.sides[interface.sides[0] == GROUNDED :]
+            if interface.surface_damage and not any(
                 self.bodies[self._find("interface", face)[0]].porous for face in faces
             ):
                 raise ValueError(
                     f"surface_damage of interface {number} is of representative volumes, and "
-                    f"neither body has one; leave it out, or give damage"
+                    f"neither body has a volume; leave it out, or give damage"
                 )
         if case.has_cells:
-            told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
-            for number, one in enumerate(self.interfaces):
-                own = one.over(case.interface)
-                if one.law is None and (
-                    missing := own.tell_missing(told, case.strict, f"interface {number}")
+            measured = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
+            for number, interface in enumerate(self.interfaces):
+                law = interface.over(case.interface)
+                if interface.law is None and (
+                    missing := law.report_missing(measured, case.strict, f"interface {number}")
                 ):
                     raise ValueError(missing)
 
     def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
-        """Return laws that interfaces name, and whether one that is a case is quick."""
-        sources = [one.over(case.interface) for one in self.interfaces if not one.is_stated]
-        return {(one.law, one.quick) for one in sources if one.law is not None}
+        """Return files of laws that interfaces name, and whether a case among them is run quick."""
+        sources = [
+            interface.over(case.interface)
+            for interface in self.interfaces
+            if not interface.is_stated
+        ]
+        return {(source.law, source.quick) for source in sources if source.law is not None}
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:
-        """Return volumes that bodies name, and whether one that is a case is quick."""
-        return {(one.rve, one.quick) for one in self.bodies if one.rve is not None}
+        """Return files of volumes that bodies name, and whether a case among them is run quick."""
+        return {(body.rve, body.quick) for body in self.bodies if body.rve is not None}
 
     def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of interfaces and load steps."""
@@ -232,7 +238,7 @@ class Bodies(StructureKind):
         return len(self.bodies) == 1 and not self.interfaces and not self.bolts
 
     def path(self, case: "Case", forces: Sequence[float]) -> "substructures.LoadPath":
-        """Return the path over the loads, whose resultants at the factor one are given, N."""
+        """Return the path over the loads, from their resultants at the factor 1, N."""
         now, steps = dict.fromkeys(self.load_names, 0.0), []
         for step in case.statics.steps:
             now |= step
@@ -246,20 +252,22 @@ class Bodies(StructureKind):
             path, cycled=to.load, amplitude=to.amplitude, cycles=to.cycles, cycle_steps=to.steps
         )
 
-    def with_volumes(self, case: "Case", found: "Datasets", open_rve: OpenLaw) -> Self:
+    def with_volumes(self, case: "Case", datasets: "Datasets", open_rve: OpenLaw) -> Self:
         """Return the same bodies with their representative volumes, and damaged interfaces."""
         bodies = tuple(
-            PorousBody.of(one, open_rve(one.rve, one.quick) if one.rve else found[RVE.name])
-            if one.porous
-            else one
-            for one in self.bodies
+            PorousBody.of(body, open_rve(body.rve, body.quick) if body.rve else datasets[RVE.name])
+            if body.porous
+            else body
+            for body in self.bodies
         )
-        known = self.model_copy(update={"bodies": bodies})
+        structure = self.model_copy(update={"bodies": bodies})
         carried = [
-            one.model_copy(update={"damage": 1.0 - (1.0 - one.damage) * known.carried(number)[0]})
-            for number, one in enumerate(self.interfaces)
+            interface.model_copy(
+                update={"damage": 1.0 - (1.0 - interface.damage) * structure.carried(number)[0]}
+            )
+            for number, interface in enumerate(self.interfaces)
         ]
-        return known.model_copy(update={"interfaces": tuple(carried)})
+        return structure.model_copy(update={"interfaces": tuple(carried)})
 
     def carried(self, number: int) -> tuple[float, float]:
         """Share of an interface that sections of its bodies leave, and half-width over it."""
@@ -275,66 +283,68 @@ class Bodies(StructureKind):
         return share, error
 
     def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
-        """List what is unknown of values stated and volumes, and the structure with each stretched.
+        """List the errors of stated values and volumes, each with a structure of changed value.
 
-        Every parameter is larger by :data:`STRETCH` in a structure of its own. Bodies of one volume
-        err alike; the one that holds the fewest volumes tells by how much.
+        Every structure has a single parameter that is larger by :data:`STRETCH`. Bodies with the
+        same volume have a common error, which the body with the fewest volumes determines.
         """
         listed = []
         for key, half, stretched in self.uncertain(1.0 + STRETCH):
             name = f"{key} ± {100.0 * half:.3g} %"
             error = Uncertainty(name=name, half_width={STATED: half}, how={STATED: STATED_HOW})
             listed.append((error, stretched))
-        porous = [one for one in self.bodies if isinstance(one, PorousBody)]
-        for volume in dict.fromkeys(one.rve for one in porous):
-            alike = {one.name: one for one in porous if one.rve == volume}
-            errors = [one.error(one.load()) for one in alike.values()]
+        porous = [body for body in self.bodies if isinstance(body, PorousBody)]
+        for volume in dict.fromkeys(body.rve for body in porous):
+            alike = {body.name: body for body in porous if body.rve == volume}
+            errors = [body.error(body.load()) for body in alike.values()]
             worst = max(errors, key=lambda error: error.half_width[FEW_CELLS])
             name = f"volume of {' and '.join(alike)}"
             bodies = tuple(
-                one.model_copy(update={"factor": 1.0 + STRETCH}) if one.name in alike else one
-                for one in self.bodies
+                body.model_copy(update={"factor": 1.0 + STRETCH}) if body.name in alike else body
+                for body in self.bodies
             )
             changed = self.model_copy(update={"bodies": bodies})
             listed.append((replace(worst, name=name), changed))
-        for at, one in enumerate(self.interfaces):
-            if one.surface_damage:
-                less = 1.0 - (1.0 - one.damage) * (1.0 - STRETCH)
-                changed_one = one.model_copy(update={"damage": less})
-                interfaces = (*self.interfaces[:at], changed_one, *self.interfaces[at + 1 :])
-                told = "scatter of sections of the volume, over the area of the interface"
+        for at, interface in enumerate(self.interfaces):
+            if interface.surface_damage:
+                less = 1.0 - (1.0 - interface.damage) * (1.0 - STRETCH)
+                damaged = interface.model_copy(update={"damage": less})
+                interfaces = (*self.interfaces[:at], damaged, *self.interfaces[at + 1 :])
+                how = "scatter of sections of the volume, over the area of the interface"
                 error = Uncertainty(
                     name=f"sections at interface {at}",
                     half_width={FEW_CELLS: self.carried(at)[1]},
-                    how={FEW_CELLS: told},
+                    how={FEW_CELLS: how},
                 )
                 listed.append((error, self.model_copy(update={"interfaces": interfaces})))
         return listed
 
-    def read_laws(self, case: "Case", found: "Datasets", open_law: OpenLaw) -> list[Dataset | None]:
-        """Read the law of every interface, with its tangential branch; None of a stated one.
+    def read_laws(
+        self, case: "Case", datasets: "Datasets", open_law: OpenLaw
+    ) -> list[Dataset | None]:
+        """Read the law of every interface, with its tangential branch; None for a stated law.
 
-        Interfaces of one law and one friction share a dataset.
+        Interfaces of the same law and friction share a dataset.
         """
         read: dict[Any, Dataset | None] = {}
         laws = []
-        for number, one in enumerate(self.interfaces):
-            source = one.over(case.interface)
+        for number, interface in enumerate(self.interfaces):
+            source = interface.over(case.interface)
             key = (
-                one.asperities
-                or one.exponential
-                or one.linear
+                interface.asperities
+                or interface.exponential
+                or interface.linear
                 or (
                     *(source.law, source.quick, source.law_error),
                     *(source.friction, source.stiffness_ratio),
                 )
             )
             if key not in read:
-                ratio = self.poissons_ratio(one)
+                ratio = self.poissons_ratio(interface)
                 read[key] = None
-                if not one.is_stated:
+                if not interface.is_stated:
                     law = (
-                        case.interface_law(found, open_law)
+                        case.interface_law(datasets, open_law)
                         if source.law is None
                         else source.read(open_law)
                     )
@@ -357,19 +367,19 @@ class Bodies(StructureKind):
         normal: "Mapping[int, NormalLaw] | None" = None,
         slabs: int | None = None,
     ) -> list[InterfaceLaw]:
-        """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`."""
+        """Return the laws of all interfaces from :meth:`read_laws`, reduced by their damage."""
         beds = self.beds(case) | ({} if slabs is None else {"slabs": slabs})
         made: list[InterfaceLaw] = []
         changed = normal or {}
-        for number, (one, law) in enumerate(zip(self.interfaces, laws, strict=True)):
+        for number, (interface, law) in enumerate(zip(self.interfaces, laws, strict=True)):
             if law is None:
                 made.append(self._stated(case, number, beds["slabs"]))
                 continue
             sound = changed.get(number) or law_from_dataset(law)
-            damage = one.damage or float(law.get("interface_damage", 0.0))
+            damage = interface.damage or float(law.get("interface_damage", 0.0))
             worn = ModifiedLaw(sound, damage) if damage else sound
             bed = sliders_from_dataset(law, normal=worn, **beds)
-            made.append(replace(bed, **one.over(case.interface).given))
+            made.append(replace(bed, **interface.over(case.interface).given))
         return made
 
     def beds(self, case: "Case") -> dict[str, Any]:
@@ -378,19 +388,21 @@ class Bodies(StructureKind):
 
     def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
         """Law of an interface that is stated, with a friction that is given."""
-        one = self.interfaces[number]
-        source = one.over(case.interface)
-        if missing := source.tell_missing((), case.strict, f"interface {number}"):
+        interface = self.interfaces[number]
+        source = interface.over(case.interface)
+        if missing := source.report_missing((), case.strict, f"interface {number}"):
             raise CaseError(missing)
-        assert source.friction is not None  # else told as missing
-        if one.asperities is not None:
-            return one.asperities.build(source.friction, source.stiffness_ratio, one.damage)
-        theory = mindlin_ratio(self.poissons_ratio(one))
-        stated = one.exponential or one.linear
+        assert source.friction is not None  # else refused above
+        if interface.asperities is not None:
+            return interface.asperities.build(
+                source.friction, source.stiffness_ratio, interface.damage
+            )
+        theory = mindlin_ratio(self.poissons_ratio(interface))
+        stated = interface.exponential or interface.linear
         assert stated is not None
         normal = stated.build()
         return Sliders(
-            ModifiedLaw(normal, one.damage) if one.damage else normal,
+            ModifiedLaw(normal, interface.damage) if interface.damage else normal,
             source.friction,
             source.stiffness_ratio or theory,
             pressures=stated.pressures,
@@ -398,24 +410,28 @@ class Bodies(StructureKind):
         )
 
     def assumed(self, case: "Case") -> list[str]:
-        """Report what stated laws leave to theory, one sentence each."""
+        """Report the assumed stiffness ratios of stated laws, a sentence each."""
         return [
             f"interface {number}: the stiffness ratio of "
-            f"{mindlin_ratio(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
-            f"take the law of cells that are sheared"
-            for number, one in enumerate(self.interfaces)
-            if (one.exponential or one.linear) and one.over(case.interface).stiffness_ratio is None
+            f"{mindlin_ratio(self.poissons_ratio(interface)):.3g} is assumed; give "
+            f"stiffness_ratio, or take the law of cells that are sheared"
+            for number, interface in enumerate(self.interfaces)
+            if (interface.exponential or interface.linear)
+            and interface.over(case.interface).stiffness_ratio is None
         ]
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies, interfaces and bolts, and the path over the loads."""
         meshes = [body.load() for body in self.bodies]
         kinds = {
-            one.name: KINDS[mesh.t.shape[0]] for one, mesh in zip(self.bodies, meshes, strict=True)
+            body.name: KINDS[mesh.t.shape[0]]
+            for body, mesh in zip(self.bodies, meshes, strict=True)
         }
         if len(set(kinds.values())) > 1:
-            said = " and ".join(f"{name} {kind}" for name, kind in kinds.items())
-            raise CaseError(f"the bodies have elements of two kinds, {said}; mesh all by one kind")
+            description = " and ".join(f"{name} {kind}" for name, kind in kinds.items())
+            raise CaseError(
+                f"the bodies have elements of two kinds, {description}; use the same kind for all"
+            )
         pulls: list[dict[str, dict[int, np.ndarray]]] = [{} for _ in meshes]
         forces = [sum(bolt.preload for bolt in self.bolts)] * bool(self.bolts)
         for number, load in enumerate(self.loads):
@@ -423,12 +439,12 @@ class Bodies(StructureKind):
             traction, area = load.traction_on(meshes[body], boundary)
             pulls[body].setdefault(boundary, {})[number] = traction
             forces.append(float(np.linalg.norm(traction)) * area)
-        for one in self.bodies:
-            for boundary in one.supports:
-                self.place(meshes, f"supports of {one.name}", f"{one.name}.{boundary}")
+        for supported in self.bodies:
+            for boundary in supported.supports:
+                self.place(meshes, f"supports of {supported.name}", f"{supported.name}.{boundary}")
         bodies = [
-            one.build(mesh, pull)
-            for one, mesh, pull in zip(self.bodies, meshes, pulls, strict=True)
+            body.build(mesh, pull)
+            for body, mesh, pull in zip(self.bodies, meshes, pulls, strict=True)
         ]
         interfaces = []
         for number, (joint, law) in enumerate(zip(self.interfaces, laws, strict=True)):
@@ -442,7 +458,10 @@ class Bodies(StructureKind):
             sides = (lower[0], upper[0]), (lower[1], upper[1])
             gap = None if joint.gap is None else joint.gap.build()
             interfaces.append(macro.Interface(*sides, law, gap=gap))
-        facts = [f"Interface {number}: {one.name}." for number, one in enumerate(self.interfaces)]
+        facts = [
+            f"Interface {number}: {interface.name}."
+            for number, interface in enumerate(self.interfaces)
+        ]
         bolts, sections = [], []
         for number, bolt in enumerate(self.bolts):
             head, nut = (self.place(meshes, f"bolt {number}", face) for face in bolt.sides)
@@ -450,9 +469,9 @@ class Bodies(StructureKind):
                 cut = (head[0], nut[0]), (head[1], nut[1])
                 sections.append(macro.BoltSection(*cut, bolt.preload))
                 continue
-            made, said = bolt.build((head[0], nut[0]), (head[1], nut[1]), bodies)
+            made, description = bolt.build((head[0], nut[0]), (head[1], nut[1]), bodies)
             bolts.append(made)
-            facts.append(f"Bolt {number}, {said}: {1e-6 * made.stiffness:.4g} N/µm.")
+            facts.append(f"Bolt {number}, {description}: {1e-6 * made.stiffness:.4g} N/µm.")
         times = tuple(map(float, range(len(self.loads))))
         return StructureParts(
             macro.Assembly(
@@ -466,23 +485,23 @@ class Bodies(StructureKind):
             tuple(facts),
         )
 
-    def place(self, meshes: "Sequence[Mesh]", what: str, face: str) -> tuple[int, str]:
-        """Find the number of a body and the name of its face, which its mesh must have."""
-        body, boundary = self._find(what, face)
-        known = sorted(meshes[body].boundaries)
-        if boundary not in known:
-            hint = suggest(boundary, known, f"its faces are {', '.join(known)}")
+    def place(self, meshes: "Sequence[Mesh]", user: str, face: str) -> tuple[int, str]:
+        """Return the number of a body and the name of its face, which its mesh must have."""
+        body, boundary = self._find(user, face)
+        names = sorted(meshes[body].boundaries)
+        if boundary not in names:
+            hint = suggest(boundary, names, f"its faces are {', '.join(names)}")
             raise CaseError(
-                f"{what} names {face!r}, and the mesh of {self.bodies[body].name} has no face "
+                f"{user} names {face!r}, and the mesh of {self.bodies[body].name} has no face "
                 f"{boundary!r}; {hint}"
             )
         return body, boundary
 
     def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
         """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
-        for one in self.bodies:
-            one.check_coarser()
-        frictions = [one.over(case.interface).friction for one in self.interfaces]
+        for body in self.bodies:
+            body.check_coarser()
+        frictions = [interface.over(case.interface).friction for interface in self.interfaces]
         any_law = Exponential(1e9, 1e-6)
         laws = [
             Sliders(any_law, 1.0 if mu is None else mu, 1.0, pressures=(1e6, 1e8))
@@ -495,8 +514,8 @@ class Bodies(StructureKind):
         if not self.interfaces:
             return []
         meshes = [body.load() for body in self.bodies]
-        places = [self.place(meshes, f"the load {one.name}", one.face) for one in self.loads]
-        # resultants at the factor one, bolts first, where they act, and on which bodies
+        places = [self.place(meshes, f"the load {load.name}", load.face) for load in self.loads]
+        # resultants at the factor 1, bolts first, and the faces on which they act
         acting: list[list[tuple[np.ndarray, Face]]] = [[]] * bool(self.bolts)
         for bolt in self.bolts:
             ends = [Face.at(meshes, self.place(meshes, "a bolt", side)) for side in bolt.sides]
@@ -508,21 +527,30 @@ class Bodies(StructureKind):
         faces_of = [
             [
                 (place[0], Face.at(meshes, place))
-                for side in one.sides
+                for side in interface.sides
                 if side != GROUNDED
-                for place in [self.place(meshes, one.name, side)]
+                for place in [self.place(meshes, interface.name, side)]
             ]
-            for one in self.interfaces
+            for interface in self.interfaces
         ]
-        shared = np.zeros(len(factors))  # what bolts press for sure, unless supports hold it apart
-        laws = [(one.law, one.exponential, one.is_stated, one.gap) for one in self.interfaces]
+        shared = np.zeros(
+            len(factors)
+        )  # certain pressure by bolts, if no supports carry their force
+        laws = [
+            (interface.law, interface.exponential, interface.is_stated, interface.gap)
+            for interface in self.interfaces
+        ]
         alike = all(law == laws[0] for law in laws)  # else the interface that they press is unknown
         if self.bolts and alike and sum(bool(body.supports) for body in self.bodies) < 2:
             area = sum(faces[-1][1].area for faces in faces_of)
             shared = factors[:, 0] * sum(bolt.preload for bolt in self.bolts) / area
-        found = []
-        for number, one in enumerate(self.interfaces):
-            if one.asperities is not None or one.linear is not None or one.gap is not None:
+        pressed = []
+        for number, interface in enumerate(self.interfaces):
+            if (
+                interface.asperities is not None
+                or interface.linear is not None
+                or interface.gap is not None
+            ):
                 continue  # heights or a gap press it, too, and a constant stiffness has no limits
             faces = faces_of[number]
             smallest = min((face for _, face in faces), key=lambda face: face.area)
@@ -535,46 +563,50 @@ class Bodies(StructureKind):
                         for forces, place in zip(acting, places, strict=True)
                     ]
                     least = np.maximum(least, factors @ on_it / face.area)
-            damaged = 1.0 - one.damage
-            found.append(
+            damaged = 1.0 - interface.damage
+            pressed.append(
                 Pressed(
-                    f"the loads press interface {number}, {one.name},",
+                    f"the loads press interface {number}, {interface.name},",
                     [
                         (low / damaged, high / damaged)
                         for low, high in zip(least, most, strict=True)
                     ],
-                    one.law,
-                    one.exponential.pressures if one.exponential else None,
+                    interface.law,
+                    interface.exponential.pressures if interface.exponential else None,
                 )
             )
-        return found
+        return pressed
 
     def _hangs_on(self, body: int, number: int) -> bool:
-        """Whether an interface is all that holds a body."""
+        """Whether an interface is the only support of a body."""
         name = f"{self.bodies[body].name}."
-        touching = [one for one in self.interfaces if any(s.startswith(name) for s in one.sides)]
-        alone = touching == [self.interfaces[number]] and not self.bodies[body].supports
-        return alone and not self.bolts
+        touching = [
+            interface
+            for interface in self.interfaces
+            if any(s.startswith(name) for s in interface.sides)
+        ]
+        only = touching == [self.interfaces[number]] and not self.bodies[body].supports
+        return only and not self.bolts
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, by the ratio of the element sizes.
 
-        Nothing if a body has none, or they are hardly coarser: gmsh makes no elements larger than
-        about a tenth of a geometry.
+        Empty if a body has no coarser mesh, or it is hardly coarser: gmsh makes no elements larger
+        than about a tenth of a geometry.
         """
-        coarse = [one.coarsened() for one in self.bodies]
-        bodies = tuple(one for one in coarse if one is not None)
+        coarse = [body.coarsened() for body in self.bodies]
+        bodies = tuple(body for body in coarse if body is not None)
         if len(bodies) < len(coarse):
             return {}
         fine, few = (
-            sum(n_tetrahedra(one.load()) for one in each) for each in (self.bodies, bodies)
+            sum(n_tetrahedra(body.load()) for body in each) for each in (self.bodies, bodies)
         )
         ratio = (fine / few) ** (1.0 / 3.0)
         return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
 
     def quick_title(self) -> str:
         """Report whether elements have a lower order than the whole case takes."""
-        lower = any(one.element is None and one.order_on(one.load()) > 1 for one in self.bodies)
+        lower = any(body.element is None and body.order_on(body.load()) > 1 for body in self.bodies)
         return "quick, elements of first order" if lower else "quick"
 
     def quick(self, case: "Case") -> Self:
@@ -583,35 +615,36 @@ class Bodies(StructureKind):
         Meshes that are read cannot be made coarser: their elements are of first order.
         """
         interfaces = tuple(
-            one.model_copy(update={"quick": one.law is not None}) for one in self.interfaces
+            interface.model_copy(update={"quick": interface.law is not None})
+            for interface in self.interfaces
         )
         bodies = tuple(
-            one.model_copy(
+            body.model_copy(
                 update={
-                    "quick": one.rve is not None,
-                    "element": one.element and QUICK_ELEMENT * one.element,
-                    "order": one.order if one.element else 1,
+                    "quick": body.rve is not None,
+                    "element": body.element and QUICK_ELEMENT * body.element,
+                    "order": body.order if body.element else 1,
                 }
             )
-            for one in self.bodies
+            for body in self.bodies
         )
         return self.model_copy(update={"bodies": bodies, "interfaces": interfaces})
 
 
 def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
-    """Refuse bodies that lack what the other tables of their case ask for.
+    """Refuse bodies without the data that the other tables of their case need.
 
-    That is stiffness, mass to vibrate, a cycle and a body that fatigue may follow; and a volume
-    that no body takes.
+    These are stiffness, the mass for vibration, a cycle and a body for fatigue. A volume that no
+    body takes is refused, too.
     """
-    takers = [one.name for one in bodies if one.porous and one.rve is None]
+    takers = [body.name for body in bodies if body.porous and body.rve is None]
     if takers and case.rve is None:
         raise ValueError(
             f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of them"
         )
     if case.rve is not None and not takers and case.growth is None:
         raise ValueError(
-            "every body has moduli or an rve of its own, and none takes the [rve] of this case"
+            "every body has moduli or rve, and so no body takes the [rve] of this case"
         )
     without = [body.name for body in bodies if body.density is None]
     if case.vibration is not None and without:
@@ -626,13 +659,13 @@ def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
     for table in ("vibration", "growth"):
         if getattr(case, table) is not None:
             raise ValueError(
-                f'method = "{method}" in [statics] is not for [{table}], which has a solver of its '
-                f"own; leave out method"
+                f'method = "{method}" in [statics] is not for [{table}], which has a different '
+                f"solver; leave out method"
             )
     if method == "newton" and case.substructures is not None:
         raise ValueError(
-            'method = "newton" in [statics] solves the whole, and [substructures] cut it for '
-            "LATIN; leave out one of them"
+            'method = "newton" in [statics] solves the whole structure, and [substructures] cut it '
+            "for LATIN; leave out one of them"
         )
 
 
@@ -643,7 +676,7 @@ def _check_fatigue(bodies: Sequence[MeshedBody], case: "Case") -> None:
             "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
             "[cycles]"
         )
-    names = [one.name for one in bodies]
+    names = [body.name for body in bodies]
     if case.fatigue.body is None and len(names) > 1:
         raise ValueError(
             f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
@@ -655,6 +688,6 @@ def _check_fatigue(bodies: Sequence[MeshedBody], case: "Case") -> None:
     followed = bodies[names.index(case.fatigue.body or names[0])]
     if followed.porous:
         raise ValueError(
-            f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
+            f"[fatigue] follows {followed.name}, and its inclusions need moduli; give it "
             f"youngs_modulus and poissons_ratio in place of a representative volume"
         )

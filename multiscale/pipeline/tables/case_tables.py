@@ -43,17 +43,17 @@ __all__ = [
 ]
 
 ABSENT: Any = None
-"""Default of tables that a case need not have: what reads them runs only where they are given."""
+"""Default of optional tables, which are read only where they are given."""
 
 POINTS_PER_WAVE = 8
-"""Points of a grid to the shortest wave of a measured surface, if the case names no cut-off."""
+"""Grid points per shortest wavelength of a measured surface, if the case gives no cut-off."""
 
 Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
 
 class GridSettings(Settings):
-    """A piece of a surface, and its grid."""
+    """A rectangle of a surface, and its grid."""
 
     size: tuple[Length, Length] = Field(description="Edge lengths along x and y, m.")
     points: tuple[Points, Points] = Field(description="Grid points along x and y.")
@@ -65,11 +65,11 @@ class GridSettings(Settings):
 
     @property
     def scope(self) -> str:
-        """What belongs to one run folder, in a few words."""
+        """Short description of the cases of the same run folder."""
         return f"{self.points[0]} x {self.points[1]} points"
 
     def quick(self) -> Self:
-        """Return the same piece on a coarser grid."""
+        """Return the same rectangle on a coarser grid."""
         points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.points)
         return self.model_copy(update={"points": points})
 
@@ -82,10 +82,10 @@ class VolumeSettings(Settings):
 
 
 class CellPores(Settings):
-    """Spherical pores below the surface of a mesh, other ones in every realisation.
+    """Spherical pores below the surface of a mesh, different in every realisation.
 
-    They lie whole between the base and the cover, so that their share of the layer is smaller than
-    the porosity.
+    Pores lie entirely between the base and the cover, so that their share of the layer is smaller
+    than the porosity.
     """
 
     porosity: Number = Field(gt=0.0, lt=1.0, description="Volume fraction of pores in the depth.")
@@ -96,18 +96,18 @@ class CellPores(Settings):
     def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
         """Draw the pores of a layer of a size, m."""
         recipe = Recipe(self.porosity, self.radius, self.spread)
-        found = []
+        drawn = []
         for pores in recipe.draw(size, seed).bodies:
             low, high = (pores.centre[:, 2] + s * pores.reach[:, 2] for s in (-1.0, 1.0))
             whole = np.flatnonzero((low >= 0.0) & (high <= size[2] - self.cover))
-            found.append(pores.take(whole, np.zeros(3)))
-        if not any(len(pores.centre) for pores in found):
+            drawn.append(pores.take(whole, np.zeros(3)))
+        if not any(len(pores.centre) for pores in drawn):
             cover, depth = (readable(f"{length:.4g} m") for length in (self.cover, size[2]))
             raise CaseError(
                 f"no pore of [cell.pores] fits whole below a cover of {cover} in a depth of "
                 f"{depth}; make cover smaller, or the cell deeper"
             )
-        return Cavities(size, found)
+        return Cavities(size, drawn)
 
 
 class CellSettings(GridSettings):
@@ -129,7 +129,7 @@ class CellSettings(GridSettings):
     mesh: Path | None = None
     """File of gmsh, or any that meshio reads, with the mesh of body 1 in place of a surface. It
     fills the cell along x and y; overhangs and pores are allowed."""
-    unit: Length | None = Field(None, description="Length of one unit of the file `mesh`, m.")
+    unit: Length | None = Field(None, description="Length of the unit of the file `mesh`, m.")
     contact_face: str | None = None
     """Name of the contact face in the file `mesh`; `"top"` if not given."""
     base_face: str | None = None
@@ -150,14 +150,14 @@ class CellSettings(GridSettings):
     def _check(self) -> Self:
         if self.slope_order != 1 and self.geometry != "flat":
             raise ValueError(
-                "slope_order belongs to flat cells, as conforming ones follow the surface; leave "
+                "slope_order belongs to flat cells, as conforming cells follow the surface; leave "
                 'it out, or set geometry = "flat"'
             )
         return self
 
     @model_validator(mode="after")
     def _check_mesh(self) -> Self:
-        """Refuse keys that mean nothing to the geometry."""
+        """Refuse keys that do not apply to the geometry."""
         of_file = ("unit", "contact_face", "base_face", "volumes")
         of_mesh = ("element", "mesh", "sides", "pores", *of_file)
         given = [name for name in of_mesh if getattr(self, name) is not None]
@@ -168,11 +168,11 @@ class CellSettings(GridSettings):
             )
         stray = [name for name in of_file if name in given]
         if self.mesh is None and stray:
-            raise ValueError(f"{stray[0]} says something of a file; name it with mesh")
+            raise ValueError(f"{stray[0]} describes a file; name it by mesh")
         if self.mesh is not None and self.depth is not None:
-            raise ValueError("the file mesh has a depth of its own; leave out depth")
+            raise ValueError("the file mesh determines the depth; leave out depth")
         if self.mesh is not None and self.pores is not None:
-            raise ValueError("the file mesh has pores of its own; leave out [cell.pores]")
+            raise ValueError("the file mesh determines the pores; leave out [cell.pores]")
         if self.pores is not None and self.pores.radius < 1.5 * self.spacing:
             raise ValueError(
                 f"pores with a radius of {self.pores.radius:.3g} m are smaller than three elements "
@@ -242,9 +242,11 @@ class MicroSettings(Settings):
 
     realisations: Positive = Field(description="Number of cells.")
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
-    seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
+    seed: Natural = Field(
+        0, description="Seed of the first realisation; realisation k has seed + k."
+    )
     unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
-    """Whether to unload through the same pressures, or the falling ones, Pa."""
+    """Whether to unload through the same pressures, or falling pressures for unloading, Pa."""
     coarser: Natural = 0
     """Number of the first cells that are also solved on half of their points, pressed and, with
     [micro.shear], sheared, for the error of the grid; each costs an eighth of a cell."""
@@ -267,7 +269,7 @@ class MicroSettings(Settings):
 
     @field_validator("unload", mode="before")
     @classmethod
-    def _say_what(cls, value: Any) -> Any:
+    def _check_unload(cls, value: Any) -> Any:
         if not isinstance(value, bool | list | tuple):
             raise ValueError(f"should be true, or a list of pressures that falls, got {value!r}")
         return value
@@ -291,7 +293,7 @@ class MicroSettings(Settings):
         return self
 
     def _check_control(self) -> None:
-        """Refuse control cells that are too few to follow."""
+        """Refuse too few realisations or control cells."""
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             raise ValueError(
@@ -323,7 +325,7 @@ class MicroSettings(Settings):
         if shear.realisations > self.realisations:
             raise ValueError(
                 f"realisations in [micro.shear] is {shear.realisations}, more than the "
-                f"{self.realisations} cells whose surfaces they have"
+                f"{self.realisations} cells with these surfaces"
             )
 
     @property
@@ -369,7 +371,7 @@ class SealSettings(Settings):
     width: Length = Field(description="Width of its contact, over which the liquid leaks, m.")
     viscosity: Viscosity = Field(description="Dynamic viscosity of the liquid, Pa s.")
     pressure_difference: Pressure
-    """Pressure of the liquid on one side above that on the other, Pa."""
+    """Pressure difference of the liquid between both sides, Pa."""
     direction: Literal["x", "y"] | None = None
     """Axis of the cells across the ring, along which the liquid leaks; both are taken as alike if
     not given."""
@@ -399,8 +401,8 @@ class SealSettings(Settings):
 class SlideSettings(Settings):
     """Body 2 slides over body 1 along x: friction against pressure and distance.
 
-    Both bodies are deformable, at large strain, with the surfaces of the first realisation; what
-    they resist more than the friction of their points is ploughing.
+    Both bodies are deformable, at large strain, with the surfaces of the first realisation. The
+    resistance beyond the friction of points of contact is ploughing.
     """
 
     distance: Length = Field(description="Length of the slide, m; at most 20 lengths of the cell.")
@@ -436,7 +438,7 @@ class AccuracySettings(Settings):
 
     @field_validator("target", mode="before")
     @classmethod
-    def _say_percent(cls, value: Any) -> Any:
+    def _require_percent(cls, value: Any) -> Any:
         if re.fullmatch(r"[1-9]\d*", str(value)):
-            raise ValueError(f'{value!r} is no part of one; write it as "{value} %"')
+            raise ValueError(f'{value!r} is not a share; write it as "{value} %"')
         return value

@@ -51,10 +51,10 @@ class FatigueSettings(Settings):
     """Damage D_c at which an inclusion cracks."""
     closure: Share = Field(1.0, description="Share h of the damage that acts in compression.")
     feedback: bool = True
-    """Whether the damage of an inclusion changes its own stress."""
+    """Whether the damage of an inclusion changes its stress."""
     scatter: Deviation = 0.0
     """Standard deviation of the logarithm of the fatigue limit among the inclusions of an element;
-    with 0 an element has one inclusion."""
+    with 0 an element has a single inclusion."""
     part_deviation: Deviation | None = None
     """Relative standard deviation of the fatigue limit from part to part, for the interval of the
     next part."""
@@ -72,16 +72,16 @@ class FatigueSettings(Settings):
             raise ValueError(
                 f"strength is {1e-6 * self.strength:g} MPa and fatigue_limit "
                 f"{1e-6 * self.fatigue_limit:g} MPa; fatigue is damage between both, so that the "
-                f"strength must be the larger one"
+                f"strength must be larger"
             )
         return self
 
     def material(self, youngs_modulus: float, poissons_ratio: float) -> FatigueMaterial:
-        """Make the two-scale material of a body of such moduli, Pa and dimensionless."""
+        """Return the two-scale material of a body with these moduli, Pa and dimensionless."""
         names = ("fatigue_limit", "damage_strength", "damage_exponent", "hardening", "threshold")
         names += ("critical_damage", "closure", "feedback")  # type: ignore[assignment]
-        own = {name: getattr(self, name) for name in names}
-        return FatigueMaterial(youngs_modulus, poissons_ratio, **own)
+        parameters = {name: getattr(self, name) for name in names}
+        return FatigueMaterial(youngs_modulus, poissons_ratio, **parameters)
 
 
 UNIT = "Pa*m^0.5"
@@ -91,7 +91,7 @@ Toughness = Annotated[float, quantity(UNIT), Field(gt=0.0), with_unit(UNIT)]
 class GrowthSettings(Settings):
     """Penny-shaped cracks of [rve] that grow where K_I reaches K_Ic, under tension along an axis.
 
-    A structure of one body cracks by their softening law.
+    The body of a structure cracks by their softening law.
     """
 
     toughness: Toughness
@@ -102,8 +102,8 @@ class GrowthSettings(Settings):
     """Growth of a crack over which it rises, m; together with `rise`."""
     pull: Literal["x", "y", "z"] = Field("z", description="Axis of the tension.")
     through: bool = False
-    """Whether a crack that reaches another crack grows on as if it were alone; otherwise its volume
-    has no softening law."""
+    """Whether a crack that reaches another crack grows on as an isolated crack; otherwise its
+    volume has no softening law."""
 
     @model_validator(mode="after")
     def _check(self) -> "Self":
@@ -112,17 +112,17 @@ class GrowthSettings(Settings):
         return self
 
     def volumes(self, rve: RveSettings) -> list[tuple[float, Microcracks]]:
-        """Make the cracks of all periodic volumes, with their edges over the whole one."""
+        """Return the size over the whole volume, and the cracks, of all periodic volumes."""
         solid = {name: getattr(rve, name) for name in ("youngs_modulus", "poissons_ratio")}
         solid |= {"toughness": self.toughness, "rise": self.rise}
         solid |= {"bridging": self.bridging} if self.bridging else {}
-        found = []
+        volumes = []
         for share, volume in rve.jobs():
             if not isinstance(volume, Cavities):
-                raise CaseError("[growth] takes the cracks of [rve], and an image has none")
-            if volume.periodic:  # parts of a listed volume have cut cracks
+                raise CaseError("[growth] takes the cracks of [rve], and an image has no cracks")
+            if volume.periodic:  # smaller volumes of a listed volume have cut cracks
                 try:
-                    found.append((share, Microcracks.of(volume, **solid)))
+                    volumes.append((share, Microcracks.of(volume, **solid)))
                 except CaseError as error:
                     raise CaseError(f"[growth] {error}") from error
-        return found
+        return volumes

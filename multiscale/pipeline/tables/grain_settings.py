@@ -51,7 +51,7 @@ StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")
 
 
 class GrainSettings(Settings):
-    """The grains and how they touch."""
+    """The grains and their contacts."""
 
     number: Positive = Field(description="Number of grains.")
     radius: tuple[Length, Length]
@@ -71,12 +71,12 @@ class GrainSettings(Settings):
 
     @property
     def law(self) -> "granulate.ContactLaw":
-        """How two grains touch."""
+        """Contact law of two grains."""
         return granulate.ContactLaw(self.friction, self.restitution, self.compliance)
 
     @property
     def options(self) -> dict[str, Any]:
-        """What else an arrangement of grains takes."""
+        """Further options of an arrangement of grains."""
         return {"density": self.density, "seed": self.seed}
 
     @property
@@ -90,17 +90,17 @@ class GrainSettings(Settings):
 
 
 class Motion(TimeSteps):
-    """How the grains are followed; see :func:`multiscale.macro.granulate.simulate_grains`."""
+    """Steps and solver of the motion; see :func:`multiscale.macro.granulate.simulate_grains`."""
 
     accuracy: Tolerance | None = None
     """Approach in the step of an impact, over the smaller radius."""
     tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
     max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")
-    frames: Count = Field(11, ge=2, description="Instants whose grains and forces are kept.")
+    frames: Count = Field(11, ge=2, description="Instants with stored grains and forces.")
 
     @property
     def solver(self) -> "granulate.Solver":
-        """How the contacts are solved."""
+        """Solver of the contacts."""
         return granulate.Solver(self.tolerance, self.max_iterations)
 
     def quick(self) -> Self:
@@ -115,13 +115,13 @@ class Granulate(StructureKind):
     stage: ClassVar[str] = "grains"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("grains", "motion"),)
     strained: ClassVar[bool] = False
-    """Whether they lie in a periodic cell that strains under a pressure."""
+    """Whether the grains lie in a periodic cell that strains under a pressure."""
     question: ClassVar[str] = "How do the grains move, and what do their contacts carry?"
     """Question that the motion answers."""
 
     @property
     def roughest_wall(self) -> float:
-        """Largest friction coefficient of a wall that has one of its own."""
+        """Largest friction coefficient of a wall."""
         return 0.0
 
     @abstractmethod
@@ -142,7 +142,7 @@ class Deposit(Granulate):
     size: tuple[Length, Length] = Field(description="Edges of the box along x and y, m.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
-        """Let the grains fall into the box."""
+        """Build the grains above the box, into which they fall."""
         return granulate.deposit(grains.radii, self.size, grains.law, **grains.options)
 
     def measured(self, result: Dataset) -> Dataset:
@@ -161,7 +161,7 @@ class Silo(Granulate):
     sinking: Speed = Field(0.0, description="Speed of the bottom, m/s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
-        """Let the grains fall into the pipe."""
+        """Build the grains above the pipe, into which they fall."""
         walls: dict[str, Any] = {"wall_friction": self.wall_friction, "sinking": self.sinking}
         return granulate.silo(grains.radii, self.diameter, grains.law, **walls, **grains.options)
 
@@ -171,7 +171,7 @@ class Silo(Granulate):
 
     @property
     def roughest_wall(self) -> float:
-        """That of the pipe."""
+        """Friction coefficient of the pipe."""
         return self.wall_friction
 
 
@@ -185,7 +185,7 @@ class ColumnCollapse(Granulate):
     settling: Duration = Field(description="Time before the gate is taken away, s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
-        """Let the column settle, and take the gate away."""
+        """Settle the column, and remove the gate."""
         model = granulate.column(grains.radii, self.width, grains.law, **grains.options)
         still = granulate.simulate_grains(model, self.settling, motion.step, solver=motion.solver)
         return granulate.release(model, granulate.final_grains(model, still))

@@ -94,29 +94,29 @@ class StatedAsperities(Settings):
             raise ValueError("asperities take either rms_height or heights with their weights")
         if len(self.heights) != len(self.weights):
             raise ValueError(
-                f"asperities take one weight for each height, got {len(self.heights)} heights and "
+                f"asperities take a weight for each height, got {len(self.heights)} heights and "
                 f"{len(self.weights)} weights"
             )
         return self
 
     def build(self, friction: float, stiffness_ratio: float | None, damage: float) -> AsperityLaw:
-        """Make the law of an interface with fewer asperities by its damage."""
+        """Return the law of an interface, with fewer asperities by its damage."""
         density = (1.0 - damage) * self.density
-        height, own = (
+        height, densities = (
             class_densities(np.array(self.heights), np.array(self.weights), density)
             if self.rms_height is None
             else gaussian_asperities(self.rms_height, density)
         )
-        one = Asperities(
+        asperities = Asperities(
             self.height_factor * height,
-            own,
+            densities,
             self.radius,
             self.youngs_modulus,
             self.poissons_ratio,
             self.yield_stress or np.inf,
             self.tangent_modulus,
         )
-        return AsperityLaw(one, friction, stiffness_ratio)
+        return AsperityLaw(asperities, friction, stiffness_ratio)
 
 
 QUICK_STEPS = 2
@@ -126,11 +126,12 @@ LEAST, MOST = 0.1, 3.0
 """Pressures of a joint that count, relative to the least and the largest preload."""
 
 SLABS, FEW_SLABS = 48, 8
-"""Slabs of the law of a joint under cycles, whose loss is a small difference, and of a joint that
-is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
+"""Slabs of the law of a joint under cycles, with a loss that is a small difference, and of a joint
+that is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see
+:class:`Sliders`."""
 
 OpenLaw = Callable[[Path, bool], Dataset]
-"""From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
+"""Maps a file, and whether a case is run quick, to an interface law, or to a volume."""
 
 Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
 
@@ -144,7 +145,7 @@ LawError = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
 
 class Substructures(Settings):
-    """The cut, and the solver of the parts; see :func:`multiscale.macro.solve_latin`."""
+    """The cut, and the solver of the substructures; see :func:`multiscale.macro.solve_latin`."""
 
     parts: tuple[Positive, Positive] = (1, 1)
     """Substructures along x and y, of every body."""
@@ -162,24 +163,24 @@ class Substructures(Settings):
         return self.parts[0] * self.parts[1]
 
     def stop(self, team: "ProcessGroup | None") -> dict[str, Any]:
-        """When the solver stops, and who shares its work."""
+        """Return the stopping criteria of the solver, and the processes that share it."""
         return {"tolerance": self.tolerance, "max_iterations": self.max_iterations, "team": team}
 
     def method(self, team: "ProcessGroup | None") -> "macro.LatinMethod":
-        """How elastic bodies are solved."""
+        """Return the solver of elastic bodies."""
         return macro.LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
 
     def quick(self) -> Self:
-        """Return a cut into two parts each way, at most."""
+        """Return a cut into at most two substructures along each axis."""
         return self.model_copy(update={"parts": tuple(min(2, number) for number in self.parts)})
 
 
 class SolverChoice(Settings):
-    """How the bodies of a case are solved."""
+    """The solver of the bodies of a case."""
 
     method: Literal["newton", "latin"] | None = None
-    """Solver of the bodies: `"newton"` on the whole, or `"latin"` on its parts, which
-    `[substructures]` may cut; if not given, what their size makes cheaper."""
+    """Solver of the bodies: `"newton"` on the whole structure, or `"latin"` on
+    substructures, which `[substructures]` may cut; if not given, the cheaper method."""
 
 
 class LawSource(Settings):
@@ -187,7 +188,7 @@ class LawSource(Settings):
 
     law: Path | None = None
     """Law: dataset of a run or fit, folder of a run, case, by its file or the name of a shipped
-    one, which is run in a folder of its own, or table of `pressure` and `overclosure` in a `.csv`
+    case, which is run in a separate folder, or table of `pressure` and `overclosure` in a `.csv`
     file; needless with cells, or if the command names a file."""
     law_error: LawError | None = None
     """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
@@ -212,7 +213,7 @@ class LawSource(Settings):
         return self.with_error(open_law(self.source, self.quick))
 
     def with_error(self, law: Dataset) -> Dataset:
-        """Return the law with the error that the case states; a table without one is cautioned."""
+        """Return the law with the error that the case states, or with a caution for a table."""
         if self.law_error is not None:
             return with_stated_error(law, self.law_error)
         return with_cautions(law, UNKNOWN_ERROR) if law.attrs.get("family") == TABLE else law
@@ -233,17 +234,19 @@ class JointLaw(LawSource):
         """Parameters of the sliders that the case gives, by their names."""
         return self.model_dump(include={"friction", "stiffness_ratio"}, exclude_none=True)
 
-    def tell_missing(self, known: Collection[str], strict: bool, where: str = "[interface]") -> str:
-        """Report which values joints lack beside those known of their law; empty if none."""
-        if self.friction is None and "friction" not in known:
+    def report_missing(
+        self, measured: Collection[str], strict: bool, where: str = "[interface]"
+    ) -> str:
+        """Report a missing value of the joints that is not measured by their law, either."""
+        if self.friction is None and "friction" not in measured:
             return (
-                f"{where} has no friction and the law of the joints has none either: shear the "
+                f"{where} has no friction, and neither has the law of the joints: shear the "
                 f"cells by [micro.shear], slide them over their length or more by [slide], or give "
                 f"friction"
             )
-        if strict and self.stiffness_ratio is None and "stiffness_ratio" not in known:
+        if strict and self.stiffness_ratio is None and "stiffness_ratio" not in measured:
             return (
-                f"{where} has no stiffness_ratio and the law of the joints has none either, and "
+                f"{where} has no stiffness_ratio, and neither has the law of the joints, and "
                 f"strict = true assumes nothing: shear the cells by [micro.shear], or give "
                 f"stiffness_ratio"
             )
@@ -257,25 +260,25 @@ class JointLaw(LawSource):
         strict: bool,
         where: str = "[interface]",
     ) -> Dataset:
-        """Return the law with a tangential branch: given, else as measured, else by theory."""
-        known = tangential_values(law)
+        """Return the law with a tangential branch: stated, else measured, else by theory."""
+        measured = tangential_values(law)
         if strict and branch_origins(law).get("shear", "").startswith("assumed"):
-            known = {}
-        if self.friction is None and "friction" not in known and "sliding_friction" in law:
+            measured = {}
+        if self.friction is None and "friction" not in measured and "sliding_friction" in law:
             law = take_sliding_friction(law, pressure)
-            known = tangential_values(law)
-        if missing := self.tell_missing(known, strict, where):
+            measured = tangential_values(law)
+        if missing := self.report_missing(measured, strict, where):
             raise CaseError(missing)
-        if self.stiffness_ratio is None and "stiffness_ratio" not in known:
+        if self.stiffness_ratio is None and "stiffness_ratio" not in measured:
             if coated := law.attrs.get("coatings"):
                 raise CaseError(
-                    f"the law of the joints has no stiffness_ratio, and theory knows none for the "
-                    f"coatings of {coated}; shear the cells by [micro.shear], or give "
+                    f"the law of the joints has no stiffness_ratio, and theory has no ratio for "
+                    f"the coatings of {coated}; shear the cells by [micro.shear], or give "
                     f"stiffness_ratio in {where}"
                 )
             law = assume_shear(law, stiffness_ratio=mindlin_ratio(poissons_ratio))
         law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
-        return with_cautions(law, *_say_lay(law))
+        return with_cautions(law, *_lay_caution(law))
 
 
 class RoughInterface(JointLaw):
@@ -285,11 +288,11 @@ class RoughInterface(JointLaw):
     """Damage of interfaces from below: each carries 1 - D of the law; 0 if not given."""
     damage_file: Path | None = None
     """Dataset `damage_sections` of the material near the surface, instead of damage: every
-    interface carries 1 - D of the law, with the mean of D over the sections whose normal is z."""
+    interface carries 1 - D of the law, with the mean of D over the sections with normal z."""
 
 
-def _say_lay(law: Dataset) -> list[str]:
-    """Report the mean stiffness that joints take of a law with two along x and y."""
+def _lay_caution(law: Dataset) -> list[str]:
+    """Report the mean ratio of a law with different stiffness ratios along x and y."""
     x, y = law["shear_stiffness_ratio"].to_numpy()
     if not np.isfinite(x + y) or np.isclose(x, y, rtol=1e-9):
         return []
@@ -303,7 +306,7 @@ class Preloads(Settings):
     """Pressures on the pressed face of stacked blocks and lap joints."""
 
     preloads: tuple[Pressure, ...] = Field(min_length=1)
-    """Pressures on the pressed face, Pa; the last one stays."""
+    """Pressures on the pressed face, Pa; the last pressure stays."""
 
     @property
     def joint_pressures(self) -> tuple[float, float]:
@@ -330,7 +333,7 @@ class RisingPreloads(Preloads):
 
 
 class Cycles(Settings):
-    """Shear to and fro after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
+    """Cycles of shear after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
 
     shear: Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
     amplitudes: tuple[Pressure, ...] = ()
@@ -342,10 +345,10 @@ class Cycles(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if any(low >= high for low, high in pairwise(self.all_amplitudes)):
-            said = ", ".join(f"{1e-6 * one:g}" for one in self.amplitudes)
+            listed = ", ".join(f"{1e-6 * amplitude:g}" for amplitude in self.amplitudes)
             raise ValueError(
-                f"amplitudes ({said} MPa) should rise and stay below shear "
-                f"({1e-6 * self.shear:g} MPa), which needs no entry of its own"
+                f"amplitudes ({listed} MPa) should rise and stay below shear "
+                f"({1e-6 * self.shear:g} MPa), which is solved in any case"
             )
         return self
 
@@ -361,6 +364,6 @@ class Cycles(Settings):
         )
 
     def quick(self) -> Self:
-        """Return one cycle of few steps, and one smaller amplitude at most."""
+        """Return a single cycle of few steps, and at most one smaller amplitude."""
         few = {"cycles": 1, "steps": min(QUICK_STEPS, self.steps)}
         return self.model_copy(update=few | {"amplitudes": self.amplitudes[:1]})

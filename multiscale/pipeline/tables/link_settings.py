@@ -83,7 +83,7 @@ class Statics(Settings):
     """Whether to add smallest eigenvalues of the tangent."""
 
     def refuse_large(self) -> None:
-        """Refuse what substructures do not solve."""
+        """Refuse options that substructures do not have."""
         if self.exact or self.stability:
             raise ValueError("substructures move little: leave out exact and stability")
 
@@ -99,13 +99,13 @@ class LinkStructure(StructureKind):
     def build(self) -> "macro.LinkSystem":
         """Build the structure."""
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
+    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the links into boxes."""
         system = self.build()
         return macro.cut_links(system, substructures.split_grid(system, case.cut.parts))
 
     def check(self, case: "Case") -> None:
-        """Refuse what a cut structure cannot do."""
+        """Refuse options that a cut structure does not have."""
         if case.substructures is None:
             return
         if case.dynamics and (case.dynamics.theta, case.dynamics.restitution) != (1.0, 0.0):
@@ -130,7 +130,7 @@ class TensegrityGrid(LinkStructure):
     height: Length = Field(0.5, description="Height of a module, m.")
     cable_rigidity: Rigidity = Field(4e6, description='EA of the cables, N, or `"inextensible"`.')
     bar_rigidity: Rigidity = Field(8e7, description='EA of the bars, N, or `"inextensible"`.')
-    nodal_load: Force = Field(40.0, description="Weight on every node at load factor one, N.")
+    nodal_load: Force = Field(40.0, description="Weight on every node at load factor 1, N.")
 
     def build(self) -> "macro.LinkSystem":
         """Build the grid."""
@@ -162,7 +162,7 @@ class CableNet(LinkStructure):
     """Horizontal part of every tension at load factor 0, N."""
     cable_rigidity: Rigidity = Field(1e7, description='EA of the cables, N, or `"inextensible"`.')
     nodal_load: Force = 100.0
-    """Weight on every inner node at load factor one, N."""
+    """Weight on every inner node at load factor 1, N."""
 
     def build(self) -> "macro.LinkSystem":
         """Build the net."""
@@ -238,10 +238,10 @@ class LinkMesh(GivenLinks):
     kind: Literal["mesh"]
     file: Path
     """Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."""
-    unit: Length = Field(description="Length of one unit of the file, m.")
-    supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are held.")
+    unit: Length = Field(description="Length of the unit of the file, m.")
+    supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are fixed.")
     load: tuple[Force, Force, Force]
-    """Force on every free node at load factor one, N."""
+    """Force on every free node at load factor 1, N."""
 
     def read(self, laws: dict[str, LinkLaw]) -> "macro.LinkSystem":
         """Read the mesh."""

@@ -1,4 +1,4 @@
-"""Bodies that a case describes by their dimensions: blocks, plate, stacked blocks and lap joint."""
+"""Bodies that a case defines by dimensions: blocks, plate, stacked blocks and lap joint."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -90,13 +90,13 @@ class Blocks(StructureKind):
             return
         p = case.micro.pressures
         low, high = p[0] / FAR_FACTOR, p[-1] * FAR_FACTOR
-        far = [preload for preload in case.statics.preloads if not low <= preload <= high]
-        if far:
+        if far := [preload for preload in case.statics.preloads if not low <= preload <= high]:
+            listed = ", ".join(f"{1e-6 * preload:g}" for preload in far)
             raise ValueError(
-                f"preloads in [statics] of {', '.join(f'{1e-6 * one:g}' for one in far)} MPa lie "
-                f"more than a factor of {FAR_FACTOR:g} outside the pressures in [micro], "
-                f"{1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: "
-                f"the joint would be unknown there; press the cells at such pressures"
+                f"preloads in [statics] of {listed} MPa lie more than a factor of "
+                f"{FAR_FACTOR:g} outside the pressures in [micro], {1e-6 * p[0]:g} to "
+                f"{1e-6 * p[-1]:g} MPa: the joint would be unknown there; press the cells at such "
+                f"pressures"
             )
 
     def pressed(self, case: "Case") -> list[Pressed]:
@@ -117,7 +117,7 @@ class Plate(StructureKind):
     elements: Elements = Field(description="Hexahedra along x, y and z.")
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    pressure: Pressure = Field(description="Pressure on the top at load factor one, Pa.")
+    pressure: Pressure = Field(description="Pressure on the top at load factor 1, Pa.")
 
     def build(self) -> "macro.Assembly":
         """Clamp the plate and load it."""
@@ -130,7 +130,7 @@ class Plate(StructureKind):
         )
         return macro.Assembly((plate,))
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
+    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the plate into boxes."""
         return substructures.cut_assembly(self.build(), case.cut.parts)
 
@@ -156,7 +156,7 @@ def fewer(elements: Elements) -> Elements:
 
 
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
-"""Nodes of the plan of a lap joint over those of a grid, and those that hole and washer add; as
+"""Nodes of the plan of a lap joint over the nodes of a grid, and nodes added by hole and washer, as
 counted at four sizes of elements."""
 
 Elasticity = Elastic | AnisotropicElastic
@@ -212,10 +212,10 @@ class RoughBodies(StructureKind, Material):
     @property
     def bodies(self) -> tuple[MeshedBody, ...]:
         """All bodies, from below."""
-        own = self.model_dump(include=set(Material.model_fields)) | {"quick": self.quick_rve}
+        material = self.model_dump(include=set(Material.model_fields)) | {"quick": self.quick_rve}
         damages = self.damage or (0.0,) * (self.joints + 1)
         return tuple(
-            BuiltBody.model_construct(name=f"body {k}", damage=D, source=self, number=k, **own)
+            BuiltBody.model_construct(name=f"body {k}", damage=D, source=self, number=k, **material)
             for k, D in enumerate(damages)
         )
 
@@ -234,31 +234,31 @@ class RoughBodies(StructureKind, Material):
         """Return the representative volume that it names, and whether a case is run quick."""
         return set() if self.rve is None else {(self.rve, self.quick_rve)}
 
-    def with_volumes(self, case: "Case", found: "Datasets", open_rve: OpenLaw) -> Bodies:
+    def with_volumes(self, case: "Case", datasets: "Datasets", open_rve: OpenLaw) -> Bodies:
         """Return bodies and interfaces of a case with their representative volumes."""
-        return self.as_bodies(case).with_volumes(case, found, open_rve)
+        return self.as_bodies(case).with_volumes(case, datasets, open_rve)
 
     def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
-        """Refuse dimensions that do not fit, and free bodies, whatever the laws."""
+        """Refuse dimensions that do not fit, and unconstrained bodies, for any laws."""
         self.as_bodies(case).try_to_build(case, require)
 
     def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of joints and load steps."""
         (nodes, face), count = self.nodes, self.joints + 1
-        own = len(case.statics.preloads)
+        n_steps = len(case.statics.preloads)
         if case.cycles is not None:  # at the last preload, and one cycle at each amplitude
-            short = own * len(case.cycles.all_amplitudes) * (1 + 4 * substructures.FEW_STEPS)
-            own += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
-        return substructures.JointSize(3 * nodes * count, face * self.joints, count, own)
+            short = n_steps * len(case.cycles.all_amplitudes) * (1 + 4 * substructures.FEW_STEPS)
+            n_steps += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
+        return substructures.JointSize(3 * nodes * count, face * self.joints, count, n_steps)
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
         return SLABS if case.cycles else FEW_SLABS
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
+    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut every body into boxes."""
-        bodies = self.with_volumes(case, found, job.read_rve)
-        laws = bodies.sliders(case, bodies.read_laws(case, found, job.read_law))
+        bodies = self.with_volumes(case, datasets, job.read_rve)
+        laws = bodies.sliders(case, bodies.read_laws(case, datasets, job.read_law))
         return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
 
     @model_validator(mode="after")
@@ -271,20 +271,20 @@ class RoughBodies(StructureKind, Material):
         return self
 
     def check(self, case: "Case") -> None:
-        """Refuse damages that are not one for each joint, and joints without a friction."""
+        """Refuse a wrong number of damages, and joints without a friction."""
         check_bodies(self.bodies, case)
         refuse_far_cells(self, case)
         if case.has_cells:
             slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
-            known = {"friction"} if slid else set()
+            measured = {"friction"} if slid else set()
             if case.micro.shear is not None:
-                known = {"friction", "stiffness_ratio"}
-            if missing := case.interface.tell_missing(known, case.strict):
+                measured = {"friction", "stiffness_ratio"}
+            if missing := case.interface.report_missing(measured, case.strict):
                 raise ValueError(missing)
         damage = case.interface.damage
         if damage and case.interface.damage_file is not None:
             raise ValueError(
-                "[interface] has damage and damage_file, which both tell the damage of the "
+                "[interface] has damage and damage_file, which both state the damage of the "
                 "interfaces; leave out one of them"
             )
         if damage and len(damage) != self.joints:
@@ -295,7 +295,7 @@ class RoughBodies(StructureKind, Material):
 
 
 class BuiltBody(MeshedBody):
-    """A body whose mesh is built by its source; no case has such a table."""
+    """A body with a mesh that its source builds; no case has such a table."""
 
     source: Any
     number: int  # from below
@@ -311,11 +311,15 @@ class JointedBodies(Bodies):
 
     source: Any
 
-    def read_laws(self, case: "Case", found: "Datasets", open_law: OpenLaw) -> list[Dataset | None]:
+    def read_laws(
+        self, case: "Case", datasets: "Datasets", open_law: OpenLaw
+    ) -> list[Dataset | None]:
         """Read the law of all joints, with friction, and with the damage near the surface."""
         interface: RoughInterface = case.interface
         ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]
-        law = interface.complete(case.interface_law(found, open_law), ratio, pressure, case.strict)
+        law = interface.complete(
+            case.interface_law(datasets, open_law), ratio, pressure, case.strict
+        )
         if interface.damage_file is not None:
             law = with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
         return [law] * len(self.interfaces)
@@ -431,10 +435,12 @@ class LapJoint(RoughBodies):
         )
 
     def coarser(self) -> Mapping[float, Self]:
-        """Return the same joint on larger elements in plan, as far as its hole lets them grow."""
+        """Return the same joint on larger elements in plan, as far as its hole allows."""
         larger = self.model_copy(update={"element": 2.0 * self.element})
-        own, coarse = (macro.bodies.lap_meshes(one.shape)[0].nelements for one in (self, larger))
-        ratio = sqrt(own / coarse)
+        fine, coarse = (
+            macro.bodies.lap_meshes(joint.shape)[0].nelements for joint in (self, larger)
+        )
+        ratio = sqrt(fine / coarse)
         return {ratio: larger} if ratio >= COARSER else {}
 
     @model_validator(mode="after")
@@ -446,8 +452,8 @@ class LapJoint(RoughBodies):
             )
         if self.bolt is not None and self.porous:
             raise ValueError(
-                "bolt has the modulus of the plates, and those of a representative volume have "
-                "none; leave it out, and the force of the bolt is constant"
+                "bolt takes the modulus of the plates, and a representative volume has none; "
+                "leave it out, and the force of the bolt is constant"
             )
         return self
 
@@ -457,7 +463,7 @@ class LapJoint(RoughBodies):
         washer, wide = (pi / 4.0 * (edge**2 - self.hole**2) for edge in (self.washer, cone))
         overlap = self.overlap * self.width - pi / 4.0 * self.hole**2
         shares = washer / overlap, washer / min(wide, overlap)
-        steps = [(shares[0] * one, shares[1] * one) for one in case.statics.preloads]
+        steps = [(shares[0] * preload, shares[1] * preload) for preload in case.statics.preloads]
         return [Pressed("preloads in [statics], under the washers, press the joint", steps)]
 
     def meshes(self) -> "Sequence[Mesh]":

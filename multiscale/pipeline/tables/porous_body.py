@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 __all__ = ["PorousBody", "SurfaceDamage"]
 
 FEWEST_ACROSS = 3.0
-"""Representative volumes across a body below which it is no continuum of many."""
+"""Representative volumes across a body that a continuum needs."""
 
 
 @dataclass(frozen=True)
 class SurfaceDamage:
-    """Damage of sections beside a face, and the half-width of its interval on such a face."""
+    """Damage of sections near a face, and the half-width of its interval."""
 
     mean: float
     half_width: float
@@ -39,7 +39,7 @@ class PorousBody(MeshedBody):
 
     @classmethod
     def of(cls, body: MeshedBody, rve: Dataset) -> "PorousBody":
-        """Give a body its representative volume, and the Poisson's ratio of the solid."""
+        """Return a body with its representative volume and the Poisson's ratio of the solid."""
         ratio = float(rve.attrs["poissons_ratio"])
         volume = {"poissons_ratio": ratio, "volume_data": rve, "plain": body}
         return cls.model_construct(**dict(body) | volume)
@@ -54,7 +54,7 @@ class PorousBody(MeshedBody):
         return None if plain is None else self.model_copy(update={"plain": plain})
 
     def elasticity(self) -> AnisotropicElastic:
-        """Make the law of the volume, turned to its axes."""
+        """Return the law of the volume, rotated to its axes."""
         C = self.factor * (1.0 - self.damage) * self.volume_data["stiffness"].to_numpy()
         return AnisotropicElastic(C).turned(self.axes)
 
@@ -69,7 +69,7 @@ class PorousBody(MeshedBody):
         return np.asarray(self.volume_data["box_size"].to_numpy())
 
     def error(self, mesh: "Mesh") -> Uncertainty:
-        """Errors of the stiffness, the largest ones of all directions, in a body of a size."""
+        """Return the errors of the stiffness, the largest of all directions, in a body."""
         rve = self.volume_data
         sampling, sides, elements = rve["modulus_error"].max("direction").to_numpy()
         scatter = float(rve["scatter"].max())
@@ -95,21 +95,21 @@ class PorousBody(MeshedBody):
         extent, edge = float(np.ptp(mesh.p, axis=1).min()), float(self.box.max())
         if extent > FEWEST_ACROSS * edge:
             return []
-        told = "is larger than" if edge > extent else "is hardly smaller than"
+        comparison = "is larger than" if edge > extent else "is hardly smaller than"
         return [
-            f"the representative volume of {self.name} {told} the body is thick, "
+            f"the representative volume of {self.name} {comparison} the body is thick, "
             f"{readable(f'{edge:.3g} m')} against {readable(f'{extent:.3g} m')}: scales do not "
             f"separate, and the stiffness of a continuum may not hold"
         ]
 
     def surface_damage(self, mesh: "Mesh", boundary: str) -> SurfaceDamage:
-        """Damage of sections along a face: the mean one, as a face is one section of many."""
+        """Return the damage of sections along a face: the mean, as a face is any section."""
         face = face_of(mesh, boundary)
         normals = face.normals
         area = float(np.linalg.norm(normals, axis=1).sum())
-        own = self.axes.T @ normals.sum(axis=0)
+        normal = self.axes.T @ normals.sum(axis=0)
         rve = self.volume_data
-        at = int(np.argmax(np.abs(rve["normal"].to_numpy() @ own)))
+        at = int(np.argmax(np.abs(rve["normal"].to_numpy() @ normal)))
         whole = rve["share"].to_numpy() == 1.0
         mean, low, high = (
             float(rve[f"{name}_damage"].to_numpy()[whole, at].mean())

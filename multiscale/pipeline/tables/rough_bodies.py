@@ -44,10 +44,10 @@ UnitOfLength = Annotated[
 
 
 class AnisotropySettings(Settings):
-    """Lay of a synthetic surface, along which its waves are longer."""
+    """Lay of a synthetic surface, along which its wavelengths are longer."""
 
     ratio: Annotated[Number, Field(ge=1.0, le=100.0)]
-    """Length of the waves along the lay over their length across it."""
+    """Wavelength along the lay over the wavelength across it."""
     direction: Angle = 0.0
     """Angle of ridges and grooves to the x axis, rad; it may be `"30 deg"`."""
 
@@ -61,11 +61,11 @@ class SyntheticSurface(Settings):
     """Root mean square slope; this or `rms_height`."""
     hurst_exponent: Share
     """Hurst exponent: 0 rough at every scale, 1 smooth in the small; often 0.8."""
-    long_cutoff: Length = Field(description="Longest wave, m; cells should be several wide.")
+    long_cutoff: Length = Field(description="Longest wavelength, m; cells should be several wide.")
     short_cutoff: Length
-    """Shortest wave, m; it wants eight grid points or more."""
+    """Shortest wavelength, m; it needs eight grid points or more."""
     roll_off: Length | None = None
-    """Wave above which the spectrum is flat, m; the longest wave if not given."""
+    """Wavelength above which the spectrum is flat, m; the longest if not given."""
     anisotropy: AnisotropySettings | None = None
     """Lay, across which the wavelengths above hold; none if not given."""
 
@@ -93,13 +93,13 @@ class SyntheticSurface(Settings):
 
 
 class InstrumentSurface(Settings):
-    """A measured map, cut into one window per realisation."""
+    """A measured map, cut into a window for each realisation."""
 
     file: Path
     """Instrument file of any format that SurfaceTopography reads, a NumPy array, or text with a
     matrix, or with points `x y z`."""
     channel: int | str | None = None
-    """Number, from 0, or name of a channel; the channel of heights if one."""
+    """Number, from 0, or name of a channel; the only channel of heights if not given."""
     size: tuple[Length, ...] | None = Field(None, min_length=1, max_length=2)
     """Edge lengths along x and y, or the length of a line scan, m, in place of the size in the
     file."""
@@ -116,13 +116,13 @@ class InstrumentSurface(Settings):
     fill_undefined: bool = Field(False, description="Fills undefined points; refused otherwise.")
     spikes: Literal["keep", "remove"] = "keep"
     """`remove` fills points that stand out of their surroundings, by the median test of
-    `multiscale.surfaces.find_spikes`, and says how many."""
+    `multiscale.surfaces.find_spikes`, and reports their number."""
     filled: Share = Field(0.1, description="Largest share of filled points in a window.")
     periodic: Literal["mirror", "window"] = "mirror"
     """Reflects a window (into a quarter of the cell) or fades its edges."""
     short_cutoff: Length | None = None
-    """Shortest wave kept, m; eight points of the cell's grid if not given, so that another grid has
-    another surface."""
+    """Shortest wavelength, m; eight points of the grid of the cell if not given, so that another
+    grid has another surface."""
 
     @model_validator(mode="after")
     def _check_turn(self) -> Self:
@@ -159,7 +159,7 @@ class CoatingSettings(Settings):
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
     hardness: Pressure | None = None
     """Hardness, Pa, the largest local pressure of flat cells; if not given, the hardness of the
-    layer below, or of the body, counts."""
+    layer below, or of the body."""
 
 
 class RoughBody(Settings):
@@ -170,15 +170,15 @@ class RoughBody(Settings):
     surface: Rough | None = None
     """Synthetic or measured roughness; smooth if not given."""
     hardness: Pressure | None = None
-    """Hardness H of a metal, Pa; the softer body's counts. In flat cells the largest local
-    pressure; in conforming ones H/2.8 is the flow stress at a plastic strain of .08. Elastic if not
-    given."""
+    """Hardness H of a metal, Pa; the hardness of the softer body counts. In flat cells the largest
+    local pressure; in conforming cells H/2.8 is the flow stress at a plastic strain of .08. Elastic
+    if not given."""
     hardening_modulus: Hardening | None = None
     """Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."""
     thermal_conductivity: Conductivity | None = None
     """Thermal conductivity, W/m/K; with both bodies' the interface conducts."""
     electrical_conductivity: ElectricalConductivity | None = None
-    """Electrical conductivity, S/m; as the thermal one, without films."""
+    """Electrical conductivity, S/m; as the thermal conductivity, without films."""
     coating: tuple[CoatingSettings, ...] = ()
 
     @field_validator("hardening_modulus")
@@ -198,7 +198,7 @@ class RoughBody(Settings):
         if self.hardness is not None and not (self.yield_stress or 0.0) > 0.0:
             hardening, given = (1e-9 * (v or 0.0) for v in (self.hardening_modulus, self.hardness))
             raise ValueError(
-                f"a hardening_modulus of {hardening:g} GPa alone gives more than the hardness of "
+                f"a hardening_modulus of {hardening:g} GPa already gives more than the hardness of "
                 f"{given:g} GPa and leaves no yield stress; give less than "
                 f"{given / TABOR / INDENTED:.3g} GPa"
             )
@@ -206,8 +206,8 @@ class RoughBody(Settings):
 
     @property
     def surface_hardness(self) -> float | None:
-        """Hardness of the outermost layer that has one, or of the body below, Pa."""
-        given = [one.hardness for one in self.coating if one.hardness is not None]
+        """Hardness of the outermost layer with a hardness, or of the body below, Pa."""
+        given = [layer.hardness for layer in self.coating if layer.hardness is not None]
         return given[0] if given else self.hardness
 
     @property
@@ -216,21 +216,22 @@ class RoughBody(Settings):
         from multiscale.micro import Coating
 
         return tuple(
-            Coating(one.thickness, one.youngs_modulus, one.poissons_ratio) for one in self.coating
+            Coating(layer.thickness, layer.youngs_modulus, layer.poissons_ratio)
+            for layer in self.coating
         )
 
     @property
     def moduli(self) -> tuple[tuple[float, float], ...]:
         """Young's moduli, Pa, and Poisson's ratios, from the outermost layer to the body."""
-        outer = [(one.youngs_modulus, one.poissons_ratio) for one in self.coating]
+        outer = [(layer.youngs_modulus, layer.poissons_ratio) for layer in self.coating]
         return (*outer, (self.youngs_modulus, self.poissons_ratio))
 
     @property
     def yield_stress(self) -> float | None:
         r"""Yield stress of conforming cells, Pa: :math:`\sigma_y = H/2.8 - 0.08\, h`.
 
-        The indenter meets the stress to which its own plastic strain, of .08 in the mean, has
-        raised the yield stress by the hardening modulus :math:`h`.
+        The plastic strain under the indenter, .08 in the mean, raises the yield stress by the
+        hardening modulus :math:`h`.
         """
         if self.hardness is None:
             return None

@@ -52,7 +52,7 @@ WIDEST = 1.0 / 3.0
 
 
 def edge_for(number: float, count: float, size: tuple[float, float, float]) -> float:
-    """Geometric mean of the edges of a volume with a number of parts, of one with a count, m."""
+    """Mean edge, m, of a volume with ``number`` inclusions, if a volume of a size has ``count``."""
     return float(np.cbrt(number / count * np.prod(size)))
 
 
@@ -103,7 +103,7 @@ class RecipeSettings(Settings):
     crack_normal: Direction | None = None
     """Normal of all cracks; evenly distributed directions if not given."""
     realisations: Positive = Field(6, description="Number of volumes of every size.")
-    seed: Natural = Field(0, description="Seed of the first volume; the next ones count on.")
+    seed: Natural = Field(0, description="Seed of the first volume; volume k has seed + k.")
 
     @field_validator("crack_normal")
     @classmethod
@@ -123,43 +123,43 @@ class RecipeSettings(Settings):
 
     def counts(self, size: tuple[float, float, float]) -> dict[str, float]:
         """Return how many pores and cracks a volume of a size, m, holds in the mean."""
-        volume, found = float(np.prod(size)), {}
+        volume, counts = float(np.prod(size)), {}
         if self.pore_radius is not None:  # of log-normal radii
             pore = 4.0 / 3.0 * np.pi * self.pore_radius**3 * np.exp(4.5 * self.pore_spread**2)
             share = -np.log(1.0 - self.porosity) if self.overlap else self.porosity
-            found["pores"] = float(share * volume / pore)
+            counts["pores"] = float(share * volume / pore)
         if self.crack_radius is not None:
             crack = self.crack_radius**3 * np.exp(4.5 * self.crack_spread**2)
-            found["cracks"] = float(self.crack_density * volume / crack)
-        return found
+            counts["cracks"] = float(self.crack_density * volume / crack)
+        return counts
 
     def check_size(self, size: tuple[float, float, float]) -> None:
-        """Refuse a volume into which its pores and cracks do not fit, or too many."""
+        """Refuse a volume that is too small, or has too many pores and cracks."""
         widest = {"pores": self.pore_radius, "cracks": self.crack_radius}
         for name, count in self.counts(size).items():
             across = 2.0 * (widest[name] or 0.0)
             enough = _length(edge_for(FEWEST, count, size))
             if across > min(size):
                 raise ValueError(
-                    f"{name} {_length(across)} across do not fit into a volume whose shortest edge "
-                    f"is {_length(min(size))}; {FEWEST} of them need edges of about {enough}"
+                    f"{name} {_length(across)} across do not fit into a volume with a shortest "
+                    f"edge of {_length(min(size))}; {FEWEST} of them need edges of about {enough}"
                 )
             if count < 1.0:
                 raise ValueError(
-                    f"a volume holds {count:.2g} {name} in the mean, fewer than one, and one alone "
-                    f"is {1.0 / count:.3g} times what is asked; {FEWEST} of them need edges of "
-                    f"about {enough}"
+                    f"a volume holds {count:.2g} {name} in the mean, fewer than one, and a volume "
+                    f"with one has {1.0 / count:.3g} times the density asked for; {FEWEST} of them "
+                    f"need edges of about {enough}"
                 )
         if not (total := sum(self.counts(size).values())) <= MOST:
             raise ValueError(
                 f"size holds {total:.3g} pores and cracks of [rve.recipe], more than {MOST:g}; "
-                f"give a smaller size, or larger ones"
+                f"give a smaller size, or larger radii"
             )
 
     def build(self) -> Recipe:
-        """Make the law."""
-        said = self.model_dump(exclude={"realisations", "seed"}, exclude_none=True)
-        return Recipe(**said)
+        """Return the recipe."""
+        options = self.model_dump(exclude={"realisations", "seed"}, exclude_none=True)
+        return Recipe(**options)
 
     def quick(self) -> Self:
         """Return three volumes at most."""
@@ -170,7 +170,7 @@ class ImageStack(Settings):
     """A binary image of a volume, by a tomograph."""
 
     file: Path
-    """TIFF file of many pages, or folder of TIFF slices, with two values alone."""
+    """TIFF file of many pages, or folder of TIFF slices, with only two values."""
     void_value: Number = Field(0.0, description="Value of voxels without material.")
     voxel_size: Length | tuple[Length, Length, Length] | None = None
     """Edge of cubic voxels, or edges along x, y and z, m; from the file if not given."""
@@ -189,7 +189,7 @@ class RveSettings(Settings):
     youngs_modulus: Pressure = Field(description="Young's modulus of the solid, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio of the solid.")
     size: tuple[Length, Length, Length] | None = None
-    """Lengths along x, y and z, m, or one of a cube; an image has its own."""
+    """Lengths along x, y and z, m, or the edge of a cube; not for an image."""
     recipe: RecipeSettings | None = None
     pores: tuple[Pore, ...] = ()
     cracks: tuple[Crack, ...] = ()
@@ -213,7 +213,7 @@ class RveSettings(Settings):
     def _refuse_meshes(cls, table: object) -> object:
         if isinstance(table, dict) and "element" in table:
             raise ValueError(
-                "element is no key any more, as volumes have voxels in place of a mesh; write "
+                "element is not a key any more, as volumes have voxels in place of a mesh; write "
                 "voxels, their number along the longest edge, at least ten across a pore or crack"
             )
         return table
@@ -265,14 +265,14 @@ class RveSettings(Settings):
         return self.image.read().without_floating()
 
     def first(self) -> Volume:
-        """Make the first representative volume."""
+        """Return the first representative volume."""
         return self.volumes(1.0)[0]
 
     def volumes(self, share: float) -> list[Volume]:
-        """Make the volumes of a size: further ones of a recipe, parts at the corners of others."""
+        """Return the volumes of a size: drawn by the recipe, or cut from the corners."""
         if self.recipe is not None:
             assert self.size is not None
-            # seeds of smaller volumes lie far from those of larger ones
+            # smaller and larger volumes have different seeds
             seed = self.recipe.seed + round(1e6 * (1.0 - share))
             box = self._box(share)
             recipe = self.recipe.build()
@@ -289,22 +289,22 @@ class RveSettings(Settings):
         """Lengths of a smaller volume of whole voxels, m."""
         assert self.size is not None
         n = [max(1, round(share * k)) / k for k in self.grid]
-        x, y, z = (part * edge for part, edge in zip(n, self.size, strict=True))
+        x, y, z = (fraction * edge for fraction, edge in zip(n, self.size, strict=True))
         return x, y, z
 
     def _listed(self) -> Cavities:
-        """Make the volume of the lists."""
+        """Return the volume of the lists."""
         assert self.size is not None
         bodies: list[Bodies] = []
         if self.pores:
-            radii = np.array([one.radius for one in self.pores])
-            bodies.append(spheres(np.array([one.centre for one in self.pores]), radii))
+            radii = np.array([pore.radius for pore in self.pores])
+            bodies.append(spheres(np.array([pore.centre for pore in self.pores]), radii))
         if self.cracks:
             centres, normals = (
-                np.array([getattr(one, name) for one in self.cracks])
+                np.array([getattr(crack, name) for crack in self.cracks])
                 for name in ("centre", "normal")
             )
-            radii = np.array([one.radius for one in self.cracks])
+            radii = np.array([crack.radius for crack in self.cracks])
             bodies.append(penny_cracks(centres, normals, radii))
         return Cavities(self.size, bodies)
 
@@ -318,13 +318,15 @@ class RveSettings(Settings):
         return {name: count for name, count in listed.items() if count}
 
     def limits(self, porosity: float) -> Iterator[str]:
-        """Report what keeps volumes of some mean porosity from representing their material."""
+        """Report why volumes of some mean porosity do not represent their material."""
         if self.size is None:
             return
-        of = self.recipe
+        recipe = self.recipe
         radii = {
-            "pores": [one.radius for one in self.pores] + [(of and of.pore_radius) or 0.0],
-            "cracks": [one.radius for one in self.cracks] + [(of and of.crack_radius) or 0.0],
+            "pores": [pore.radius for pore in self.pores]
+            + [(recipe and recipe.pore_radius) or 0.0],
+            "cracks": [crack.radius for crack in self.cracks]
+            + [(recipe and recipe.crack_radius) or 0.0],
         }
         for name, count in self.counts.items():
             share = 2.0 * max(radii[name]) / min(self.size)
@@ -333,26 +335,26 @@ class RveSettings(Settings):
                 yield f"a volume holds {count:.2g} {name}, and {FEWEST} need edges of about {edge}"
             elif share > WIDEST:
                 yield f"{name} are {share:.2g} of the shortest edge across, more than a third"
-        if of is not None and abs(porosity - of.porosity) > OFF * of.porosity:
+        if recipe is not None and abs(porosity - recipe.porosity) > OFF * recipe.porosity:
             yield (
                 f"the volumes have a porosity of {100.0 * porosity:.3g} %, and "
-                f"{100.0 * of.porosity:.3g} % is asked"
+                f"{100.0 * recipe.porosity:.3g} % is asked"
             )
 
     @property
     def smallest(self) -> float:
-        """Smallest median diameter of pores, m; infinite without any, or in an image."""
-        radii = [one.radius for one in self.pores]
+        """Smallest median diameter of pores, m; infinite without pores, or in an image."""
+        radii = [pore.radius for pore in self.pores]
         radii += [self.recipe.pore_radius] if self.recipe and self.recipe.pore_radius else []
         return 2.0 * min(radii, default=np.inf)
 
     def jobs(self) -> Iterator[tuple[float, Volume]]:
-        """Yield all volumes with their size over the representative one, the largest first."""
+        """Yield all volumes with their size over the representative volume, the largest first."""
         for share in (1.0, *self.parts[::-1]):
-            yield from ((share, one) for one in self.volumes(share))
+            yield from ((share, volume) for volume in self.volumes(share))
 
     def voxels_of(self, volume: Volume) -> int:
-        """Voxels along the longest edge of a volume, all of one size."""
+        """Voxels along the longest edge of a volume; all voxels have the same size."""
         return round(max(volume.size) / self.spacing) if self.size else 0
 
     @property

@@ -103,11 +103,11 @@ KINDS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get
 
 CONDUCTIVITIES = ("thermal_conductivity", "electrical_conductivity")
 
-BESIDE = {"realisations", "coarser", "shear", "control", "control_realisations"}
-"""Keys of [micro] on which no pressed cell depends."""
+OTHER_MICRO_KEYS = {"realisations", "coarser", "shear", "control", "control_realisations"}
+"""Keys of [micro] that do not change pressed cells."""
 
 CELLS = ("body_1", "body_2", "cell", "micro")
-"""Tables of cells, of which a case has all, or none of the last two."""
+"""Tables of cells; a case has all of them, or neither of the last two."""
 
 OF_CELLS = ("cell", "micro", "law", "slide", "seal", "accuracy")
 """Tables that only a case with cells has."""
@@ -128,7 +128,7 @@ WITH_QUICK = (
     "sliding",
     "tread",
 )
-"""Tables that a quick answer has coarser or with fewer parts."""
+"""Tables that a quick case makes coarser or smaller."""
 
 WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "vibration", "grains", "motion")
 """Tables that a kind of structure may ask for."""
@@ -139,8 +139,8 @@ class Case(Settings):
 
     The tables that are given ask for the stages. Cells take both bodies, cell and micro, and give
     the law of the interfaces of the structure. Without cells the law comes from a file, or the
-    structure has no interfaces. Which further tables a structure takes depends on its kind. Rubber
-    slides on a road instead, whose cells and law take fewer keys, and a tread block brakes on it.
+    structure has no interfaces. Which further tables a structure takes depends on its kind. A
+    case of rubber has a road and a tread block instead; its cells and law take fewer keys.
     """
 
     title: str = Field(description="Title of report and tables.")
@@ -196,7 +196,9 @@ class Case(Settings):
             check_rubber(self)
             return self
         if self.growth is not None and self.rve is None:
-            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
+            raise ValueError(
+                "[growth] takes the cracks of [rve], and the case has no [rve]; give it"
+            )
         asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
         if missing and (asked or (self.structure is None and self.rve is None)):
@@ -243,18 +245,18 @@ class Case(Settings):
             )
         if self.has_cells and self.interface is not None and self.interface.law is not None:
             raise ValueError(
-                "[interface] law names a file beside cells whose law the structure takes; leave "
+                "[interface] law names a file, and the structure takes the law of the cells; leave "
                 "out law, or the cells"
             )
         if self.has_cells and self.interface is not None and self.interface.law_error is not None:
             raise ValueError(
-                "[interface] law_error is of a table, and the law is of the cells, with their own "
-                "errors; leave out law_error"
+                "[interface] law_error is of a table, and the law of the cells has an error "
+                "budget; leave out law_error"
             )
         kind.check(self)
 
     def _check_cells(self) -> None:
-        """Refuse what cells cannot do."""
+        """Refuse tables and keys that cells cannot have."""
         rough = [k for k, body in enumerate(self.bodies, 1) if body.surface is not None]
         if self.cell.mesh is not None and rough:
             raise ValueError(
@@ -278,14 +280,14 @@ class Case(Settings):
             self._check_target()
 
     def _check_target(self) -> None:
-        """Refuse what a planner does not do, or does by itself."""
+        """Refuse keys that a planner does not use, or chooses."""
         micro = self.micro
         for asked, key, planner in (
-            (micro.shear, "[micro.shear]", "presses its cells alone"),
-            (micro.control_realisations, "control_realisations", "chooses their number itself"),
-            (micro.leakage, "leakage", "keeps no gaps of its cells"),
-            (micro.coarser, "coarser", "chooses grids of its own"),
-            (micro.unload is not False, "unload", "loads its cells alone"),
+            (micro.shear, "[micro.shear]", "only presses its cells"),
+            (micro.control_realisations, "control_realisations", "chooses their number"),
+            (micro.leakage, "leakage", "stores no gaps of its cells"),
+            (micro.coarser, "coarser", "chooses the grids"),
+            (micro.unload is not False, "unload", "only loads its cells"),
         ):
             if asked:
                 where = key if key.startswith("[") else f"{key} in [micro]"
@@ -299,7 +301,7 @@ class Case(Settings):
             )
 
     def _check_mesh(self) -> None:
-        """Refuse what cells on meshes cannot do."""
+        """Refuse tables and keys that cells on meshes cannot have."""
         if self.cell.mesh is not None and self.micro.realisations != 1:
             raise ValueError(
                 f"mesh in [cell] is one cell, and [micro] asks for {self.micro.realisations} "
@@ -307,8 +309,8 @@ class Case(Settings):
             )
         if self.cell.mesh is not None and self.micro.shear is not None:
             raise ValueError(
-                "[micro.shear] shears cells on surfaces of two bodies, and mesh in [cell] has "
-                "none; leave out one of them"
+                "[micro.shear] shears cells on surfaces of two bodies, and mesh in [cell] has no "
+                "surfaces; leave out one of them"
             )
         if self.hardness is not None and self.cell.volumes:
             raise ValueError(
@@ -327,7 +329,7 @@ class Case(Settings):
             )
 
     def _check_slide(self) -> None:
-        """Refuse what cells cannot slide, or not in reasonable time."""
+        """Refuse slides that cells cannot have, or that are too long."""
         if self.cell.geometry == "flat":
             raise ValueError(
                 'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] '
@@ -341,13 +343,13 @@ class Case(Settings):
             )
 
     def _check_shear(self) -> None:
-        """Refuse what cells cannot shear, and a choice that needs cells that are sheared."""
+        """Refuse cells that cannot be sheared, and options of sheared cells without shear."""
         shear = self.micro.shear
         if shear is None:
             if self.law.apart is not None:
                 raise ValueError(
-                    "apart in [law] says how cells are fitted that are sheared, and there are "
-                    "none; give [micro.shear], or leave it out"
+                    "apart in [law] is an option of the fit to sheared cells, and no cells are "
+                    "sheared; give [micro.shear], or leave it out"
                 )
             return
         if self.hardness is not None:
@@ -356,20 +358,23 @@ class Case(Settings):
                 "a body has a hardness; leave out one of them"
             )
         points = shear.points or self.cell.points
-        if any(mine > all_cells for mine, all_cells in zip(points, self.cell.points, strict=True)):
+        if any(
+            n_sheared > all_cells
+            for n_sheared, all_cells in zip(points, self.cell.points, strict=True)
+        ):
             raise ValueError(
                 f"points in [micro.shear] are {points[0]} x {points[1]}, more than the "
                 f"{self.cell.scope} in [cell]; cells that are sheared may be coarser"
             )
 
     def _check_control(self) -> None:
-        """Refuse control cells that cannot be, or that a planner chooses."""
+        """Refuse control cells that cannot be built, or that a planner chooses."""
         if not (self.micro.control or self.micro.control_realisations):
             return
         if self.cell.geometry == "flat" or self.cell.mesh is not None:
-            here = "flat already" if self.cell.mesh is None else "one mesh without a surface"
+            here = "flat already" if self.cell.mesh is None else "on a mesh without a surface"
             raise ValueError(
-                f"control in [micro] has flat cells on the surfaces of dearer ones, and the cells "
+                f"control in [micro] has flat cells on the surfaces of dearer cells, and the cells "
                 f"are {here}; leave it out"
             )
         if self.accuracy is not None and self.measured:
@@ -379,7 +384,7 @@ class Case(Settings):
             )
 
     def _check_leakage(self) -> None:
-        """Refuse a gap that nothing flows through, or that no cell keeps."""
+        """Refuse a ring without leakage, and leakage of cells that have no gap."""
         if not self.micro.leakage:
             if self.seal is not None:
                 raise ValueError(
@@ -394,7 +399,7 @@ class Case(Settings):
             )
 
     def _check_coarser(self) -> None:
-        """Refuse cells that half of the points cannot hold, or that a planner chooses."""
+        """Refuse cells that half of the points cannot resolve."""
         if not self.micro.coarser:
             return
         shear = self.micro.shear
@@ -402,7 +407,7 @@ class Case(Settings):
         for points in sorted(grids):
             if any(n % 4 for n in points):
                 raise ValueError(
-                    f"coarser in [micro] halves the points, whose half should be even, got "
+                    f"coarser in [micro] halves the points, and half of them should be even, got "
                     f"{points[0]} x {points[1]}; give multiples of 4"
                 )
             spacing = 2.0 * max(map(truediv, self.cell.size, points))
@@ -418,7 +423,7 @@ class Case(Settings):
                     )
 
     def _check_metal(self) -> None:
-        """Refuse metals and unloading that the cells do not have."""
+        """Refuse metals and unloading that the cells do not support."""
         flat = self.cell.geometry == "flat"
         for number, body in enumerate(self.bodies, start=1):
             if flat and body.hardening_modulus is not None:
@@ -427,15 +432,15 @@ class Case(Settings):
                     f'the pressure; set geometry = "conforming" in [cell], or leave it out'
                 )
             parts: tuple[RoughBody | CoatingSettings, ...] = (body, *body.coating)
-            for one in parts:
-                ratio = (one.hardness or 0.0) / one.youngs_modulus
-                where = f"body_{number}" if one is body else f"a coating of body_{number}"
+            for material in parts:
+                ratio = (material.hardness or 0.0) / material.youngs_modulus
+                where = f"body_{number}" if material is body else f"a coating of body_{number}"
                 if ratio > HARDEST:
                     raise ValueError(
-                        f"hardness of {where} is {1e-9 * (one.hardness or 0.0):g} GPa, "
+                        f"hardness of {where} is {1e-9 * (material.hardness or 0.0):g} GPa, "
                         f"{ratio:.2g} of its youngs_modulus, and nothing is harder than "
                         f"{HARDEST:g}; the hardness of a metal is about a hundredth, and a body "
-                        f"that does not flow has none"
+                        f"that does not flow has no hardness"
                     )
         if self.elastic and self.hardness is not None:
             raise ValueError("elastic = true and a hardness exclude each other; leave one out")
@@ -446,7 +451,7 @@ class Case(Settings):
             )
 
     def _check_coating(self) -> None:
-        """Refuse coatings where something is not derived for them."""
+        """Refuse coatings where the theory is not derived for them."""
         if not self.coated:
             return
         if self.cell.geometry == "mesh":
@@ -479,7 +484,7 @@ class Case(Settings):
             )
 
     def _check_conductivities(self) -> None:
-        """Refuse a conductivity of one body alone, and of bodies with coatings."""
+        """Refuse a conductivity of a single body, and of bodies with coatings."""
         for name in CONDUCTIVITIES:
             given = [k for k, body in enumerate(self.bodies, 1) if getattr(body, name) is not None]
             if len(given) == 1:
@@ -489,7 +494,7 @@ class Case(Settings):
             if given and self.coated:
                 raise ValueError(
                     f"the conductance of an interface is derived for bodies of one material, and a "
-                    f"body has coatings; leave out them or {name}"
+                    f"body has coatings; leave out the coatings or {name}"
                 )
 
     @property
@@ -515,7 +520,7 @@ class Case(Settings):
 
     @property
     def tables(self) -> frozenset[str]:
-        """Tables that are given, and what the structure, its cut and the cells ask for."""
+        """Tables that are given, and the stages of structure, cut and cells."""
         solved = self.structure is not None and self.vibration is None
         asked = {self.structure.stage} if self.structure is not None and solved else set()
         condensed = {"homogenise"} if self.cut.homogenise and solved else set()
@@ -535,18 +540,18 @@ class Case(Settings):
 
     @property
     def beside_flat(self) -> bool:
-        """Whether the cells are dearer than flat ones, which may stand beside them."""
+        """Whether the cells are dearer than flat cells and may have flat control cells."""
         dear = self.has_cells and self.cell.geometry != "flat" and self.cell.mesh is None
         return dear and self.micro.control is not False and not self.measured
 
     @property
     def measured(self) -> bool:
-        """Whether a surface is a measured map, which holds only so many cells."""
+        """Whether a surface is a measured map, with a limited number of cells."""
         return any(isinstance(body.surface, InstrumentSurface) for body in self.bodies)
 
     @property
     def has_cells(self) -> bool:
-        """Whether the case has cells of its own."""
+        """Whether the case has cells."""
         return self.micro is not None
 
     @property
@@ -556,12 +561,12 @@ class Case(Settings):
 
     @property
     def hardness(self) -> float | None:
-        """Hardness of the softer body, Pa, if one is given."""
+        """Hardness of the softer body, Pa; None if no body has a hardness."""
         return None if self.softer is None else self.softer.surface_hardness
 
     @property
     def softer(self) -> RoughBody | None:
-        """The body of least hardness at its surface, if one is given."""
+        """The body of least hardness at its surface; None if no body has a hardness."""
         given = [body for body in self.bodies if body.surface_hardness is not None]
         return min(given, key=lambda body: body.surface_hardness or 0.0, default=None)
 
@@ -574,7 +579,7 @@ class Case(Settings):
 
     @property
     def interface_width(self) -> float | None:
-        """Edge of an interface under even pressure, m; none in other structures, or without one."""
+        """Edge of an interface under even pressure, m; None in other structures."""
         return None if self.structure is None else self.structure.interface_width
 
     @property
@@ -585,19 +590,19 @@ class Case(Settings):
 
     @property
     def cut(self) -> Substructures:
-        """How the structure is cut; in one part if it is not."""
+        """The cut of the structure; a single substructure if not given."""
         return self.substructures or Substructures()
 
-    def interface_law(self, found: "Datasets", open_law: OpenLaw) -> Dataset:
-        """Law of the interfaces of the structure: of the cells of the case, or of another one.
+    def interface_law(self, datasets: "Datasets", open_law: OpenLaw) -> Dataset:
+        """Law of the interfaces of the structure, from the cells of the case or from another case.
 
         Raises
         ------
         MultiscaleError
-            If there is no law, or it is refused.
+            If there is no law, or the law is refused.
         """
         if self.has_cells:
-            return found[INTERFACE_LAW.name]
+            return datasets[INTERFACE_LAW.name]
         return (self.interface or LawSource()).read(open_law)
 
     def from_structure(self, law: Path | None) -> Self:
@@ -606,7 +611,7 @@ class Case(Settings):
         Raises
         ------
         CaseError
-            If there is no structure, or a law and no interface that it could be of.
+            If there is no structure, or a law is given and the structure has no interface.
         """
         if self.structure is None:
             raise CaseError(f"{self.title}: the case has no [structure]; use multiscale run")
@@ -617,13 +622,11 @@ class Case(Settings):
             )
         source = self.structure.models.get("interface")
         if law is not None and source is None:
-            raise CaseError(
-                f"{self.title}: the structure has no joint that the law {law} could be of"
-            )
+            raise CaseError(f"{self.title}: the structure has no joint for the law {law}")
         changes = dict.fromkeys((*OF_CELLS, *(() if self.structure.of_bodies else CELLS[:2])))
         if source is not None:
-            own = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
-            changes["interface"] = (self.interface or source()).model_copy(update=own)
+            update = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
+            changes["interface"] = (self.interface or source()).model_copy(update=update)
         return self.model_copy(update=changes)
 
     def coarser(self) -> Self:
@@ -645,7 +648,7 @@ class Case(Settings):
         return self.model_copy(update={"cell": cell, "micro": micro})
 
     def control(self, count: int) -> Self:
-        """Return the case of flat cells on the same surfaces and on further ones."""
+        """Return the case of flat cells on the same and on further surfaces."""
         plain = dict.fromkeys(("element", "sides"))
         cell = self.cell.model_copy(update={"geometry": "flat", **plain})
         micro = self.micro.model_copy(update={"realisations": count})
@@ -686,9 +689,9 @@ class Case(Settings):
             grid = zip(shear.points, changes["cell"].points, strict=True)
             shear = shear.model_copy(update={"points": tuple(map(min, grid))})
             changes["micro"] = changes["micro"].model_copy(update={"shear": shear})
-        told = self.structure.quick_title() if self.structure else "quick"
+        remark = self.structure.quick_title() if self.structure else "quick"
         small = self.model_copy(
-            update={"title": f"{self.title} ({told})", "accuracy": None} | changes
+            update={"title": f"{self.title} ({remark})", "accuracy": None} | changes
         )
         if self.interface is not None:
             quick = {"quick": self.interface.law is not None}
@@ -697,20 +700,20 @@ class Case(Settings):
         return small.model_copy(update={"structure": structure})
 
     def cautions(self) -> list[str]:
-        """Return cautions about the cells, one sentence each."""
+        """Return cautions about the cells, a sentence each."""
         if self.rubber is not None:
             return caution_road(self)
-        found, spacing = [], self.cell.spacing
+        cautions, spacing = [], self.cell.spacing
         for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
             if cutoff is not None and cutoff < 0.99 * POINTS_PER_WAVE * spacing:
-                found.append(
-                    f"the shortest wave of body_{number} has {cutoff / spacing:.1f} points; "
+                cautions.append(
+                    f"the shortest wavelength of body_{number} has {cutoff / spacing:.1f} points; "
                     f"gap and contact area need {POINTS_PER_WAVE} or more"
                 )
             if body.hardness is not None and (self.hardness or 0.0) > body.hardness:
-                thick = readable(f"{sum(one.thickness for one in body.coating):.3g} m")
-                found.append(
+                thick = readable(f"{sum(layer.thickness for layer in body.coating):.3g} m")
+                cautions.append(
                     f"local pressures reach {readable(f'{self.hardness:.3g} Pa')}, above the "
                     f"hardness of body_{number} below its coating: spots wider than the coating is "
                     f"thick, {thick}, press that softer body, which is not computed"
@@ -718,23 +721,23 @@ class Case(Settings):
         if self.cell.depth is not None and (
             shallow := depth_caution(self.cell.depth, max(self.cell.size))
         ):
-            found.append(shallow)
+            cautions.append(shallow)
         if self.cell.depth is not None and self.accuracy is not None:
-            found.append(
+            cautions.append(
                 f"depth in [cell] stays {readable(f'{self.cell.depth:.4g} m')} under the cells of "
                 f"all sizes that [accuracy] compares, and their errors mix with the errors of "
                 f"the depth; leave it out, and it grows with the cells"
             )
         if self.micro.realisations < FEWEST_REALISATIONS:
-            found.append(
-                f"{self.micro.realisations} realisation(s) say too little about the scatter: there "
-                f"are no bands below {FEWEST_REALISATIONS}"
+            cautions.append(
+                f"{self.micro.realisations} realisation(s) are too few for the scatter: there are "
+                f"no bands below {FEWEST_REALISATIONS}"
             )
-        return found
+        return cautions
 
     @property
     def scope(self) -> str:
-        """What belongs to one run folder, in a few words."""
+        """Short description of the cases of the same run folder."""
         if self.cell is not None:
             return self.cell.scope
         if self.structure is None:
@@ -742,17 +745,17 @@ class Case(Settings):
         return f"a structure of kind {self.structure.kind!r}"
 
     def identity(self) -> str:
-        """Checksum of what a run folder belongs to: its cells, or its structure without cells.
+        """Checksum of the case of a run folder: its cells, or its structure without cells.
 
-        Instrument files count with their content; the number of realisations does not count, and
-        cells that are sheared are not those that are pressed.
+        Instrument files count with their content. The number of realisations and the sheared cells
+        do not count.
         """
         if self.rubber is not None:
             return self.checksum(
                 include={*OF_RUBBER[:3], "cell"}, exclude={"sliding": {"realisations"}}
             )
-        own = {"structure", "grains"} if self.structure else {"rve"}
-        own = set(CELLS) if self.has_cells else own
-        beside: dict[str, Any] = {"micro": BESIDE}
-        beside |= {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
-        return self.checksum(include=own, exclude=beside)
+        tables = {"structure", "grains"} if self.structure else {"rve"}
+        tables = set(CELLS) if self.has_cells else tables
+        excluded: dict[str, Any] = {"micro": OTHER_MICRO_KEYS}
+        excluded |= {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
+        return self.checksum(include=tables, exclude=excluded)

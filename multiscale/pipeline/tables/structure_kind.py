@@ -1,4 +1,4 @@
-"""What every kind of structure reports of itself, and the pressures of its interfaces."""
+"""Base class of the kinds of structures, and the pressures of their interfaces."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import pi, radians, sqrt, tan
@@ -27,7 +27,7 @@ __all__ = [
     "StructureKind",
     "highest_pressure",
     "refuse_far_cells",
-    "tell_far",
+    "report_far",
 ]
 
 SPREAD = tan(radians(30.0))
@@ -46,7 +46,7 @@ class Face(NamedTuple):
 
     @classmethod
     def at(cls, meshes: "Sequence[Mesh]", place: tuple[int, str]) -> "Face":
-        """Measure a boundary of one of several meshes, which its number and name give."""
+        """Measure a boundary, given by the number of its mesh and its name."""
         mesh = meshes[place[0]]
         surface = face_of(mesh, place[1])
         x, normals = surface.position[surface.facets], surface.normals
@@ -77,7 +77,7 @@ OF_CELLS = (
     "pressures in [micro]",
     "press the cells at such pressures by pressures in [micro], or set extrapolate = true in [law]",
 )
-"""Where the data of a law of cells come from, and what to change."""
+"""Source of the data of a law of cells, and the remedy for a narrow range."""
 
 Range = tuple[float, float]
 
@@ -85,22 +85,22 @@ Range = tuple[float, float]
 class Pressed(NamedTuple):
     """Nominal pressures of an interface, estimated from the loads before anything is solved."""
 
-    what: str  # loads and interface, in words, up to the verb
+    loading: str  # loads and interface, in words, up to the verb
     steps: Sequence[Range]  # least and largest pressure at each load step, Pa
     law: Path | None = None  # of this interface, in place of the law of the case
     stated: Range | None = None  # pressures of a law that the case states itself, Pa
 
 
-def tell_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
-    """Report that loads press an interface far outside the data of its law at every step, if so."""
+def report_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
+    """Report loads that press an interface far outside the data of its law at every step."""
     least, most = data[0] / FAR_FACTOR, data[1] * FAR_FACTOR
     if any(high >= least and low <= most for low, high in pressed.steps):
         return ""
     ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
     return (
-        f"{pressed.what} by about {_say_range(ends)}, more than a factor of {FAR_FACTOR:g} outside "
-        f"the pressures of its law, {_say_range(data)} ({source}), so that all answers would be "
-        f"unknown; {remedy}"
+        f"{pressed.loading} by about {_format_range(ends)}, more than a factor of {FAR_FACTOR:g} "
+        f"outside the pressures of its law, {_format_range(data)} ({source}), so that all "
+        f"answers would be unknown; {remedy}"
     )
 
 
@@ -108,13 +108,17 @@ def refuse_far_cells(kind: "StructureKind", case: "Case") -> None:
     """Refuse loads that press every step far outside the pressures of the cells of the case."""
     if not case.has_cells or case.extrapolate:
         return
-    for one in kind.pressed(case):
+    for pressed in kind.pressed(case):
         data = case.micro.pressures[0], case.micro.pressures[-1]
-        if one.law is None and one.stated is None and (said := tell_far(one, data, *OF_CELLS)):
-            raise ValueError(said)
+        if (
+            pressed.law is None
+            and pressed.stated is None
+            and (message := report_far(pressed, data, *OF_CELLS))
+        ):
+            raise ValueError(message)
 
 
-def _say_range(ends: Range) -> str:
+def _format_range(ends: Range) -> str:
     return " to ".join(dict.fromkeys(readable(f"{end:.2g} Pa") for end in ends))
 
 
@@ -122,7 +126,7 @@ class StructureKind(Settings):
     """The table ``[structure]`` of a case; a kind also has a method ``build``."""
 
     stage: ClassVar[str]  # name of the stage that solves it
-    asks: ClassVar[tuple[tuple[str, ...], ...]]  # tables that go with it: all of one of these sets
+    asks: ClassVar[tuple[tuple[str, ...], ...]]  # allowed sets of tables
     models: ClassVar[Mapping[str, type[Settings]]] = {}
     """Models of tables with keys that depend on the kind."""
     may_be_cut: ClassVar[bool] = False  # whether ``[substructures]`` may cut it
@@ -132,31 +136,31 @@ class StructureKind(Settings):
 
     @property
     def interface_width(self) -> float | None:
-        """Edge of an interface under even pressure, m, if that is what the structure is."""
+        """Edge of an interface under even pressure, m; None for other structures."""
         return None
 
     def check(self, case: "Case") -> None:
-        """Refuse what the other tables ask for and the structure cannot do."""
+        """Refuse other tables that the structure does not support."""
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""
         return []
 
     def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
-        """Return laws that it takes from elsewhere, and whether one that is a case is quick."""
+        """Return files of laws, and whether a case among them is run quick."""
         source = None if case.has_cells else case.interface
         return set() if source is None or source.law is None else {(source.law, source.quick)}
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:
-        """Return volumes that it takes from elsewhere, and whether one that is a case is quick."""
+        """Return files of volumes, and whether a case among them is run quick."""
         return set()
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
+    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the structure into its substructures, if it may be cut."""
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 
     def quick_title(self) -> str:
-        """Report after the title of a quick case what is quick in it."""
+        """Return the remark behind the title of a quick case."""
         return "quick"
 
     def quick(self, case: "Case") -> Self:

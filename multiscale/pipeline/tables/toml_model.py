@@ -57,14 +57,11 @@ __all__ = [
 
 
 class Typed(float):
-    """A float in an SI unit that a file has given as a text; both are kept.
-
-    The half-width of its 95 % interval, which the text may state, is relative to it.
-    """
+    """A float in an SI unit, with the text of the file from which it was read."""
 
     text: str
     unit: str
-    half_width: float = 0.0
+    half_width: float = 0.0  # of its 95 % interval, over the value
 
 
 def quantity(unit: str, *, uncertain: bool = False) -> WrapValidator:
@@ -132,7 +129,7 @@ def list_tables(names: Iterable[str]) -> str:
 
 
 def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Refuse values that do not rise from one to the next."""
+    """Refuse values that do not rise."""
     for early, late in pairwise(values):
         if late <= early:
             raise ValueError(f"must rise from one to the next, but {late:g} follows {early:g} (SI)")
@@ -159,12 +156,12 @@ class Settings(BaseModel):
         exclude: set[str] | dict[str, Any] | None = None,
     ) -> str:
         """Return the checksum of all values, with the content of the files that are named."""
-        said = self.model_dump(include=include, exclude=exclude)
-        text = json.dumps(said, default=_content)
+        values = self.model_dump(include=include, exclude=exclude)
+        text = json.dumps(values, default=_content)
         return sha256(text.encode()).hexdigest()
 
     def uncertain(self, factor: float) -> Iterator[tuple[str, float, Self]]:
-        """Yield every value with a half-width: its key, both, and all with the value changed.
+        """Yield key and half-width of every uncertain value, and the settings with it changed.
 
         The half-width is relative to the value, which is multiplied by the factor.
         """
@@ -172,14 +169,16 @@ class Settings(BaseModel):
             if isinstance(value, Typed) and value.half_width:
                 yield name, value.half_width, self.model_copy(update={name: factor * value})
             listed = isinstance(value, tuple)
-            for k, part in enumerate(value if listed else (value,)):
-                for key, half, one in part.uncertain(factor) if isinstance(part, Settings) else ():
+            for k, entry in enumerate(value if listed else (value,)):
+                for key, half, changed in (
+                    entry.uncertain(factor) if isinstance(entry, Settings) else ()
+                ):
                     at = f"{name}[{k}]" if listed else name
-                    new = (*value[:k], one, *value[k + 1 :]) if listed else one
+                    new = (*value[:k], changed, *value[k + 1 :]) if listed else changed
                     yield f"{at}.{key}", half, self.model_copy(update={name: new})
 
     def to_toml(self) -> str:
-        """Return a file of these settings, quantities as they were given."""
+        """Return these settings as TOML, with quantities as they were given."""
         import tomli_w
 
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
@@ -202,7 +201,7 @@ class TimeSteps(Settings):
 
 @dataclass(frozen=True)
 class OneOf:
-    """Models of which another table of the file chooses one, as metadata of a table of any type."""
+    """Possible models of a table, as metadata; another table of the file chooses the model."""
 
     models: tuple[type[Settings], ...]
 
@@ -213,11 +212,13 @@ Kinds = Mapping[str, type[BaseModel]]
 
 def _content(file: Path) -> str:
     """Checksum of a file, and of the files that it names if it is a case."""
-    own = sha256(read_bytes(file)).hexdigest()
+    checksum = sha256(read_bytes(file)).hexdigest()
     if file.suffix != ".toml":
-        return own
+        return checksum
     named = [file.parent / text for text in _texts(read_toml(file))]
-    return " ".join([own, *(_content(one) for one in named if one != file and one.is_file())])
+    return " ".join(
+        [checksum, *(_content(other) for other in named if other != file and other.is_file())]
+    )
 
 
 def _texts(value: Any) -> Iterator[str]:
@@ -237,15 +238,15 @@ def read_toml(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         place = re.search(r"\(at line (\d+),", str(error))
         line = f": {text.splitlines()[int(place[1]) - 1].strip()}" if place else ""
-        said = str(error).replace("Cannot overwrite a value", "the key is given twice")
-        raise CaseError(f"{path}: not valid TOML: {said}{line}") from error
+        message = str(error).replace("Cannot overwrite a value", "the key is given twice")
+        raise CaseError(f"{path}: not valid TOML: {message}{line}") from error
 
 
 def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
-    """Turn the content of a file into settings; messages name its path.
+    """Return the content of a file as settings; messages name its path.
 
     ``kinds`` are the models behind the tags of tables that come in several kinds, and behind the
-    names of tables whose model another table chooses.
+    names of tables with a model that another table chooses.
     """
     try:
         return model.model_validate(content)
@@ -263,29 +264,29 @@ def _key_lines(lines: Sequence[str]) -> dict[str, str]:
     """Return the line of every table and key, by its full name, with a caret below its name."""
     marked, table, entries = dict[str, str](), "", dict[str, int]()
     for number, line in enumerate(lines, 1):
-        if found := HEADER.match(line):
-            table = name = found[2]
-            if found[1]:
+        if match := HEADER.match(line):
+            table = name = match[2]
+            if match[1]:
                 entries[name] = entries.get(name, -1) + 1
                 table = f"{name}[{entries[name]}]"
-        elif found := ENTRY.match(line):
-            name = f"{table}.{found[1]}" if table else found[1]
+        elif match := ENTRY.match(line):
+            name = f"{table}.{match[1]}" if table else match[1]
         else:
             continue
-        begin, end = found.span(found.lastindex or 0)
-        said = f"  line {number}: "
-        caret = f"{' ' * (len(said) + begin)}{'^' * (end - begin)}"
-        marked.setdefault(name, f"\n{said}{line}\n{caret}")
+        begin, end = match.span(match.lastindex or 0)
+        prefix = f"  line {number}: "
+        caret = f"{' ' * (len(prefix) + begin)}{'^' * (end - begin)}"
+        marked.setdefault(name, f"\n{prefix}{line}\n{caret}")
     return marked
 
 
 def _faults(
     error: ValidationError, model: type[BaseModel], kinds: Kinds, marked: Mapping[str, str]
 ) -> Iterator[str]:
-    """Turn pydantic's report into sentences, one for each fault, each with its line."""
+    """Turn pydantic's report into sentences, one per fault, each with its line."""
     for fault in sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
         if fault["type"] == "too_short" and len(fault["input"]) >= fault["ctx"]["min_length"]:
-            continue  # an entry has a fault of its own
+            continue  # an entry is faulty, which is reported
         place, found_in = _locate(fault["loc"], model, kinds)
         if fault["type"] == "value_error" and isinstance(fault["input"], dict):
             place.append("")  # a check of the whole table
@@ -294,15 +295,15 @@ def _faults(
         full = re.sub(r"\[\d+\]$", "", ".".join(place))
         mark = marked.get(f"sweep.{full}", marked.get(full, ""))
         if fault["type"] == "extra_forbidden":
-            known = list(found_in.model_fields)
-            hint = suggest(key, known, f"known keys: {', '.join(known)}")
+            keys = list(found_in.model_fields)
+            hint = suggest(key, keys, f"known keys: {', '.join(keys)}")
             yield f"{where}has no key {key!r}; {hint}{mark}"
         elif fault["type"] == "missing":
             yield f"{where}{key} is missing"
         else:
-            told = fault["type"] in TOLD or isinstance(fault["input"], dict)
-            found = "" if told else f", got {fault['input']!r}"
-            yield f"{where}{key + ' ' if key else ''}{_message(fault)}{found}{mark}"
+            repeated = fault["type"] in REPEATING or isinstance(fault["input"], dict)
+            given = "" if repeated else f", got {fault['input']!r}"
+            yield f"{where}{key + ' ' if key else ''}{_message(fault)}{given}{mark}"
 
 
 def _locate(
@@ -318,7 +319,7 @@ def _locate(
             model = _model_in(model.model_fields[part].annotation) or kinds.get(part) or model
         elif part in kinds:
             model = kinds[part]
-        elif "[" not in part:  # else one of several types that a value may have
+        elif "[" not in part:  # else a type in a union
             place.append(part)
     return place, model
 
@@ -326,11 +327,11 @@ def _locate(
 def _model_in(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    found = (_model_in(part) for part in get_args(annotation))
-    return next((model for model in found if model is not None), None)
+    models = (_model_in(argument) for argument in get_args(annotation))
+    return next((model for model in models if model is not None), None)
 
 
-TOLD = ("value_error", "union_tag_not_found", "union_tag_invalid")
+REPEATING = ("value_error", "union_tag_not_found", "union_tag_invalid")
 """Faults with a message that repeats the input."""
 
 MESSAGES: dict[str, Callable[[Any], str]] = {

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from multiscale.laws import wlf_shift
 from multiscale.micro.flat.viscoelastic import RelaxingSolid
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE
-from multiscale.pipeline.tables.structure_kind import Pressed, tell_far
+from multiscale.pipeline.tables.structure_kind import Pressed, report_far
 from multiscale.pipeline.tables.toml_model import (
     Count,
     Duration,
@@ -38,7 +38,7 @@ QUICK_SAMPLES = 80
 """Bootstrap samples of a quick friction law, at most."""
 
 TABLES = ("rubber", "road", "cell", "sliding", "tread")
-"""Tables of rubber on a road, which a case has all, beside ``[law]``."""
+"""Tables of rubber on a road; a case has all of them, and ``[law]``."""
 
 KEYS = {"cell": ("size", "points"), "law": ("samples", "extrapolate")}
 """Keys of tables of joints that rubber on a road takes, too."""
@@ -54,7 +54,7 @@ class Rubber(Settings):
     poissons_ratio: Ratio = Field(0.49, description="Poisson's ratio at all times.")
     moduli: tuple[Pressure, ...] = Field((), description="Young's moduli of the Prony series, Pa.")
     times: tuple[Duration, ...] = ()
-    """Relaxation times, s; one for each modulus."""
+    """Relaxation times, s, of the moduli."""
     reference_temperature: Temperature
     """Temperature of the times, K, as `"20 degC"`."""
     wlf_c1: Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
@@ -69,7 +69,7 @@ class Rubber(Settings):
             )
         if len(self.moduli) != len(self.times):
             raise ValueError(
-                f"give one of times for each of moduli, got {len(self.times)} times and "
+                f"give as many times as moduli, got {len(self.times)} times and "
                 f"{len(self.moduli)} moduli"
             )
         return self
@@ -92,7 +92,9 @@ class Slides(Settings):
     speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
     temperatures: tuple[Temperature, ...] = Field(min_length=3)
     """Temperatures, K, rising; such as `"20 degC"`."""
-    seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
+    seed: Natural = Field(
+        0, description="Seed of the first realisation; realisation k has seed + k."
+    )
 
     _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
 
@@ -119,7 +121,7 @@ class Tread(Settings):
 
 
 def check_rubber(case: "Case") -> None:
-    """Refuse what rubber on a road lacks, and tables and keys that belong to joints."""
+    """Refuse missing tables of rubber on a road, and tables and keys of joints."""
     if missing := [name for name in TABLES if getattr(case, name) is None]:
         raise ValueError(
             f"rubber on a road takes {list_tables(TABLES)}, and there is no {list_tables(missing)}"
@@ -133,8 +135,8 @@ def check_rubber(case: "Case") -> None:
         strange = [key for key, value in table if key not in keys and value != defaults[key]]
         if strange:
             raise ValueError(
-                f"{strange[0]} in [{name}] means nothing to rubber on a road, whose [{name}] takes "
-                f"{' and '.join(keys)}; leave it out"
+                f"{strange[0]} in [{name}] means nothing to rubber on a road, and its [{name}] "
+                f"takes only {' and '.join(keys)}; leave it out"
             )
     rubber, slides = case.rubber, case.sliding
     coldest = rubber.reference_temperature - rubber.wlf_c2
@@ -144,30 +146,30 @@ def check_rubber(case: "Case") -> None:
             f"[rubber] has no meaning; stay above {coldest:g} K"
         )
     even = (case.tread.pressure, case.tread.pressure)
-    said = tell_far(
+    message = report_far(
         Pressed("pressure in [tread] presses the road", [even]),
         (slides.pressures[0], slides.pressures[-1]),
         "pressures in [sliding]",
         "give such pressures in [sliding], or set extrapolate = true in [law]",
     )
-    if said and not case.extrapolate:
-        raise ValueError(said)
+    if message and not case.extrapolate:
+        raise ValueError(message)
 
 
 def caution_road(case: "Case") -> list[str]:
-    """Return cautions about the friction law, one sentence each."""
-    found, spacing, slides = [], case.cell.spacing, case.sliding
+    """Return cautions about the friction law, a sentence each."""
+    cautions, spacing, slides = [], case.cell.spacing, case.sliding
     if case.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
-        found.append(
-            f"the shortest wave of the road has {case.road.short_cutoff / spacing:.1f} points; its "
-            f"contact needs {POINTS_PER_WAVE} or more"
+        cautions.append(
+            f"the shortest wavelength of the road has {case.road.short_cutoff / spacing:.1f} "
+            f"points; its contact needs {POINTS_PER_WAVE} or more"
         )
     if slides.realisations < FEWEST_REALISATIONS:
-        found.append(
-            f"{slides.realisations} realisation(s) say too little about the scatter: there are no "
+        cautions.append(
+            f"{slides.realisations} realisation(s) are too few for the scatter: there are no "
             f"bands below {FEWEST_REALISATIONS}"
         )
     wide = [speed for speed, late in pairwise(slides.speeds) if late > 31.0 * speed]
     if wide:
-        found.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
-    return found
+        cautions.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
+    return cautions

@@ -63,7 +63,7 @@ class VibrationSettings(Settings):
     def _check(self) -> Self:
         if bool(self.amplitudes) == bool(self.modal_amplitudes):
             given = "both are given" if self.amplitudes else "neither is given"
-            raise ValueError(f"one of amplitudes and modal_amplitudes should be given, and {given}")
+            raise ValueError(f"either amplitudes or modal_amplitudes should be given, and {given}")
         if twice := [mode for mode in self.modes if self.modes.count(mode) > 1]:
             raise ValueError(f"modes should name mode {twice[0]} once, got {list(self.modes)}")
         return self
@@ -103,11 +103,14 @@ class VibrationSettings(Settings):
         return small
 
     def left_out(self) -> str:
-        """Report which modes and amplitudes a quick run leaves out; nothing if it has all."""
+        """Report the modes and amplitudes that a quick run leaves out; empty if it has all."""
         if self._whole is None:
             return ""
         modes = [str(mode) for mode in self._whole.modes if mode not in self.modes]
-        few, all_of = (len(one.amplitudes or one.modal_amplitudes) for one in (self, self._whole))
-        said = [f"mode{'s' if len(modes) > 1 else ''} {', '.join(modes)}"] if modes else []
-        said += [f"{all_of - few} of {all_of} amplitudes"] if few < all_of else []
-        return f"--quick leaves out {' and '.join(said)}." if said else ""
+        few, all_of = (
+            len(settings.amplitudes or settings.modal_amplitudes)
+            for settings in (self, self._whole)
+        )
+        omitted = [f"mode{'s' if len(modes) > 1 else ''} {', '.join(modes)}"] if modes else []
+        omitted += [f"{all_of - few} of {all_of} amplitudes"] if few < all_of else []
+        return f"--quick leaves out {' and '.join(omitted)}." if omitted else ""
