@@ -1,6 +1,6 @@
 r"""Fourier modes of a surface: mean squares of height and slope, density, mean spectrum.
 
-The modes of a periodic surface are those of the series (1) of :mod:`multiscale.surfaces`.
+The modes of a periodic surface are the terms of the series (1) of :mod:`multiscale.surfaces`.
 """
 
 from collections.abc import Sequence
@@ -72,7 +72,7 @@ def breadth(q: np.ndarray, power: np.ndarray) -> float:
         float(np.sum(weight)) for weight in (power, q**2 * power, (q**2) ** 2 * power)
     )
     if slope_square == 0.0:
-        raise CaseError("a flat surface has no Nayak parameter; give a rough one")
+        raise CaseError("a flat surface has no Nayak parameter; give a rough surface")
     m0, m2, m4 = height_square, slope_square / 2.0, 3.0 / 8.0 * curvature_square
     return float(m0 * m4 / m2**2)  # (3)
 
@@ -132,14 +132,14 @@ def _weights(surface: Surface) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Roughness:
-    """Statistics of one or several surfaces.
+    """Roughness of a surface or a mean spectrum.
 
     Attributes
     ----------
     rms_height, rms_slope : float, root mean square height, m, and slope, dimensionless
     longest_wave, shortest_wave : float
-        Wavelengths, m, beyond which a hundredth of the mean square height remains, and below which
-        a hundredth of the mean square slope does.
+        Wavelengths, m: longer wavelengths have a hundredth of the mean square height, and shorter
+        wavelengths a hundredth of the mean square slope.
     """
 
     rms_height: float
@@ -150,7 +150,7 @@ class Roughness:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Modes of surfaces of one grid, in rising order.
+    """Modes of surfaces on the same grid, in rising order.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ class Spectrum:
         )
 
     def cutoff_holding(self, share: float, *, order: int) -> float:
-        """Find the longest cut-off that leaves a share of the rms height (order 0) or slope (2), m.
+        """Longest cut-off that leaves a share of the rms height (order 0) or slope (2), m.
 
         By Parseval's identity this is exact for :func:`low_pass` of periodic surfaces.
         """
@@ -189,7 +189,7 @@ class Spectrum:
     def share(self, long: float, short: float, *, order: int) -> float:
         """Share of the rms height (order 0) or slope (2) in wavelengths from long to short, m."""
         ends = np.searchsorted(self.wavenumber, (2.0 * np.pi / long, 2.0 * np.pi / short))
-        below = self._sums[order]  # of the modes before each
+        below = self._sums[order]  # mean square of the modes up to each
         first, last = (below[end - 1] if end else 0.0 for end in ends)
         return float(np.sqrt(max(last - first, 0.0) / below[-1]))
 
@@ -199,7 +199,7 @@ class Spectrum:
         return {order: np.cumsum(self.wavenumber**order * self.power) for order in (0, 2)}
 
     def length_holding(self, share: float) -> float:
-        """Find the shortest length below which wavelengths have a share of the rms height, m."""
+        """Shortest length below which wavelengths have a share of the rms height, m."""
         return self._reach(self.wavenumber[::-1], np.cumsum(self.power[::-1]), share)
 
     @staticmethod
@@ -210,7 +210,7 @@ class Spectrum:
 
 
 def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
-    r"""Mean spectrum of surfaces of one grid and size.
+    r"""Average the spectra of surfaces with the same grid and size.
 
     Parameters
     ----------
@@ -222,8 +222,8 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
     """
     measured = (1.0, 1.0)
     if periodic:
-        found = [wave_power(surface) for surface in surfaces]
-        q, power = found[0][0], np.mean([power for _, power in found], axis=0)
+        spectra = [wave_power(surface) for surface in surfaces]
+        q, power = spectra[0][0], np.mean([power for _, power in spectra], axis=0)
     else:
         first = surfaces[0]
         i, j = (
@@ -233,28 +233,29 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
         q = np.hypot(i[:, None], j)
         level = []  # heights about the mean of the measured points, m; zero at filled points
         for surface in surfaces:
-            known = np.s_[:] if surface.filled is None else ~surface.filled
+            measured_points = np.s_[:] if surface.filled is None else ~surface.filled
+            heights = surface.heights[measured_points]
             level.append(np.zeros(surface.heights.shape))
-            level[-1][known] = surface.heights[known] - surface.heights[known].mean()
+            level[-1][measured_points] = heights - heights.mean()
         modes = [scipy.fft.dctn(heights, norm="ortho") for heights in level]
         power = np.mean(np.square(modes), axis=0) / first.heights.size
         if any(surface.filled is not None for surface in surfaces):
-            parts = [_measured(*pair) for pair in zip(surfaces, level, strict=True)]
-            height, slope, height_of_all, slope_of_all = np.sum(parts, axis=0)
+            squares = [_mean_squares(*pair) for pair in zip(surfaces, level, strict=True)]
+            height, slope, height_of_all, slope_of_all = np.sum(squares, axis=0)
             measured = (height / height_of_all, slope / slope_of_all)
     order = np.argsort(q, axis=None)[1:]  # the first is the mean
     return Spectrum(q.ravel()[order], power.ravel()[order], measured)
 
 
-def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float, float]:
-    """Mean squares of heights, m², and slopes, first of measured points, then of all points."""
-    known = np.ones(level.shape, dtype=bool) if surface.filled is None else ~surface.filled
+def _mean_squares(surface: Surface, level: np.ndarray) -> tuple[float, float, float, float]:
+    """Mean squares of height, m², and slope, over measured points, then over all points."""
+    measured = np.ones(level.shape, dtype=bool) if surface.filled is None else ~surface.filled
     slopes = [0.0, 0.0]
     for axis, step in enumerate(surface.spacing):
         if level.shape[axis] == 1:  # a profile
             continue
         square = (np.diff(level, axis=axis) / step) ** 2
-        both = np.logical_and(*(np.delete(known, end, axis=axis) for end in (0, -1)))
+        both = np.logical_and(*(np.delete(measured, end, axis=axis) for end in (0, -1)))
         slopes[0] += float(np.mean(square[both])) if both.any() else 0.0
         slopes[1] += float(np.mean(square))
-    return float(np.mean(level[known] ** 2)), slopes[0], float(np.mean(level**2)), slopes[1]
+    return float(np.mean(level[measured] ** 2)), slopes[0], float(np.mean(level**2)), slopes[1]

@@ -22,35 +22,37 @@ __all__ = [
 AROUND = 5  # points across the surroundings of a point that may be a spike
 
 SPIKE, GAUSSIAN = 10.0, 1.4826
-"""Distance of a spike over a standard deviation, and this over the median of a Gaussian."""
+"""Height of a spike over the standard deviation; standard deviation over the median distance from
+the mean in a Gaussian distribution."""
 
 _ROUND_OFF = 1e-9  # relative: a mode exactly on a cut-off belongs to the band
 
 
 def detrend(surface: Surface) -> Surface:
-    """Remove the plane that is nearest to the heights, by least squares.
+    """Subtract the least-squares plane of the heights.
 
-    A piece of a map has its own mean and tilt: remove them after :func:`crop`. Size and filled
-    points stay.
+    A cropped map has another mean and tilt: remove them after :func:`crop`. Size and filled points
+    stay.
     """
     return Surface(remove_trend(surface.heights, 1), surface.size, surface.filled)
 
 
 def find_spikes(heights: np.ndarray) -> np.ndarray:
-    r"""Find points that stand out of their surroundings, bool of the shape of the heights.
+    r"""Mark points that stand out of their surroundings: bool, with the shape of the heights.
 
-    ``heights`` has the shape (nx, ny), m, NaN where undefined, where the result is false; a line
-    scan has ``ny = 1``. With the median :math:`m` of the 5 x 5 points about it, a point is a spike
-    if
+    ``heights`` has the shape (nx, ny), m, and is NaN at undefined points, where the result is
+    false; a line scan has ``ny = 1``. With the median :math:`m` of the 5 x 5 points about it, a
+    point is a spike if
 
     .. math:: |h - m| > 10 \cdot 1.4826\, \mathrm{median}(|h - m| \ne 0),
 
-    ten times the standard deviation of Gaussian differences. Clusters of more than three points
-    across are their own surroundings, and stay.
+    ten times the standard deviation of Gaussian differences. Clusters wider than three points
+    dominate the median around them and are not marked.
     """
     undefined = ~np.isfinite(heights)
     if undefined.all():
         return np.zeros_like(undefined)
+    # undefined points copy the nearest defined height
     nearest = scipy.ndimage.distance_transform_edt(
         undefined, return_distances=False, return_indices=True
     )
@@ -64,7 +66,7 @@ def find_spikes(heights: np.ndarray) -> np.ndarray:
 
 
 def mirror(surface: Surface) -> Surface:
-    """Make a map periodic by reflecting it about its edges; the cell doubles in both directions.
+    """Reflect a map about its edges to a periodic map, twice as long in both directions.
 
     The heights are continuous across the seams and keep their distribution, but the slope normal
     to a seam jumps. The four quarters are copies: the cell is twice as long but contains no more
@@ -81,15 +83,15 @@ def mirror(surface: Surface) -> Surface:
 
 
 def window(surface: Surface, *, taper: float = 0.1) -> Surface:
-    r"""Make a map periodic by fading it to its mean height along the edges.
+    r"""Fade a map to its mean height along the edges, so that it is periodic.
 
     Parameters
     ----------
     surface : Surface
-        The map. Detrend it first.
+        Detrended map.
     taper : float
         Share of each edge length over which the heights fade, at either end; dimensionless,
-        :math:`0 < \theta \le 1/2`. One half is the Hann window.
+        :math:`0 < \theta \le 1/2`. A taper of 1/2 is the Hann window.
 
     Returns
     -------
@@ -114,7 +116,7 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
 
 
 def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> Surface:
-    """Cut out the piece of a map from a node (i, j), with (nx, ny) points, at least 2 each."""
+    """Cut a rectangle out of a map from a node (i, j), with (nx, ny) points, at least 2 each."""
     shape = surface.heights.shape
     if any(
         first < 0 or n < 2 or first + n > total
@@ -141,6 +143,7 @@ def rotate(surface: Surface, angle: float) -> Surface:
     """
     from scipy.ndimage import map_coordinates
 
+    # nearest multiple of a right angle, and the remaining turn
     quarters = round(angle / (0.5 * np.pi))
     heights = np.rot90(surface.heights, quarters)
     a, b = surface.size
@@ -149,6 +152,7 @@ def rotate(surface: Surface, angle: float) -> Surface:
     turn = angle - 0.5 * np.pi * quarters
     if abs(turn) < _ROUND_OFF:
         return Surface(heights, size, filled)
+    # largest rectangle in the turned map
     dx, dy = size[0] / heights.shape[0], size[1] / heights.shape[1]
     lx, ly = (heights.shape[0] - 1) * dx, (heights.shape[1] - 1) * dy
     c, s = np.cos(turn), np.sin(turn)
@@ -157,6 +161,7 @@ def rotate(surface: Surface, angle: float) -> Surface:
     x, y = np.meshgrid(
         (np.arange(nx) - 0.5 * (nx - 1)) * dx, (np.arange(ny) - 0.5 * (ny - 1)) * dy, indexing="ij"
     )
+    # interpolate at the turned nodes
     middle = 0.5 * np.array(heights.shape) - 0.5
     places = np.stack([(c * x + s * y) / dx + middle[0], (c * y - s * x) / dy + middle[1]])
     turned = map_coordinates(heights, places, order=3, mode="nearest")
@@ -166,7 +171,7 @@ def rotate(surface: Surface, angle: float) -> Surface:
 
 
 def resample(surface: Surface, points: tuple[int, int]) -> Surface:
-    """Put a periodic surface on another grid of the same cell, by its Fourier series.
+    """Interpolate a periodic surface to another grid of the same cell by its Fourier series.
 
     A finer grid samples the same surface (1). For a coarser grid the modes that it cannot
     represent are removed first, in each direction, so that no mode is aliased. A map that is not
@@ -199,21 +204,21 @@ def low_pass(surface: Surface, short_cutoff: float) -> Surface:
 
 
 def composite(surface_1: Surface, surface_2: Surface) -> Surface:
-    r"""Sum of two rough surfaces that face each other.
+    r"""Add two rough surfaces that face each other.
 
-    Both have one grid and size, and heights positive out of their bodies, at the same points of the
-    joint, so that the gap at the mean-plane distance :math:`d` is :math:`d - h_1 - h_2`: the sum
-    :math:`h_1 + h_2`, m, pressed against a plane, has the same gaps. A side 2 measured from outside
-    must first be mirrored in one direction.
+    Both have the same grid and size, and heights positive out of their bodies, at the same points
+    of the joint, so that the gap at the mean-plane distance :math:`d` is :math:`d - h_1 - h_2`: the
+    sum :math:`h_1 + h_2`, m, pressed against a plane, has the same gaps. A side 2 measured from
+    outside must first be mirrored in x or in y.
     """
     if surface_1.heights.shape != surface_2.heights.shape:
         raise CaseError(
             f"the two surfaces must have the same points, got {surface_1.heights.shape} and "
-            f"{surface_2.heights.shape}; resample one of them"
+            f"{surface_2.heights.shape}; resample a surface"
         )
     if not np.allclose(surface_1.size, surface_2.size, rtol=_ROUND_OFF, atol=0.0):
         raise CaseError(
             f"the two surfaces must have the same size, got {surface_1.size} and "
-            f"{surface_2.size} m; crop the larger one"
+            f"{surface_2.size} m; crop the larger surface"
         )
     return Surface(surface_1.heights + surface_2.heights, surface_1.size)

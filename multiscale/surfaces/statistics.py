@@ -20,9 +20,9 @@ __all__ = [
     "fit_self_affine",
 ]
 
-PIXELS_PER_WAVE = 4  # of the shortest reliable wavelength
-BINS_PER_DECADE = 12  # of the density that is fitted
-FEWEST_BINS = 6
+PIXELS_PER_WAVELENGTH = 4  # at the shortest reliable wavelength
+BINS_PER_DECADE = 12  # of the fitted density
+FEWEST_BINS = 6  # of a fit
 DRAWN_POINTS = 512  # along an edge of the picture
 SHARES = np.linspace(0.0, 1.0, 101)
 FITTED = ("hurst_exponent", "roll_off", "fit_level", "fit_deviation")  # the fields of a fit
@@ -38,7 +38,7 @@ class SelfAffineFit:
         :math:`H`, between 0 and 1.
     roll_off : float, wavelength :math:`\lambda_r` above which the density is flat, m
     level : float
-        Density of the flat part, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).
+        Density of the flat range, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).
     deviation : float, root mean square deviation of the density from the fit, in decades
     dimensions : int, 2 for a map and 1 for a profile
     """
@@ -57,7 +57,7 @@ class SelfAffineFit:
     def rms_height(self, long_cutoff: float, short_cutoff: float) -> float:
         """Root mean square height of an isotropic surface with wavelengths of a band only, m.
 
-        The spectrum of the surface that belongs to a profile falls faster by one power.
+        With the fit of a profile, the exponent of the surface spectrum is -2 - 2 H.
         """
         q = 2.0 * np.pi * np.geomspace(1.0 / long_cutoff, 1.0 / short_cutoff, 2001)
         weight = self.density(q) * (q / (2.0 * np.pi) if self.dimensions == 2 else 1.0 / np.pi)
@@ -77,13 +77,14 @@ def fit_self_affine(
 
     Returns
     -------
-    SelfAffineFit or None, none if fewer than six intervals of a twelfth of a decade have modes
+    SelfAffineFit or None
+        None if fewer than six intervals of a twelfth of a decade have modes.
     """
     q, C = _logarithmic_bins(wavenumber, density)
     if q.size < FEWEST_BINS:
         return None
-    x, y, found = np.log(q), np.log(C), []
-    for first in range(q.size - FEWEST_BINS + 1):  # the bin at which the flat part ends
+    x, y, fits = np.log(q), np.log(C), []
+    for first in range(q.size - FEWEST_BINS + 1):  # the bin at which the flat range ends
         bent = np.maximum(x, x[first])
         slope, level = np.polyfit(bent, y, 1)
         hurst = float(np.clip(0.5 * (-slope - dimensions), 0.0, 1.0))
@@ -92,8 +93,8 @@ def fit_self_affine(
         error = float(np.sqrt(np.mean((y - shape - level) ** 2)))
         roll_off = float(2.0 * np.pi / q[first])
         decades = error / np.log(10.0)
-        found.append(SelfAffineFit(hurst, roll_off, float(np.exp(level)), decades, dimensions))
-    return min(found, key=lambda fit: fit.deviation)
+        fits.append(SelfAffineFit(hurst, roll_off, float(np.exp(level)), decades, dimensions))
+    return min(fits, key=lambda fit: fit.deviation)
 
 
 def describe_surface(
@@ -104,10 +105,10 @@ def describe_surface(
     Parameters
     ----------
     surface : Surface
-        Map, or line scan of one point across, without trend. Statistics of heights and slopes
+        Detrended map, or line scan with ``ny = 1``. Statistics of heights and slopes
         leave out filled points; the density counts them.
     resolution : float, optional, shortest wavelength that the instrument resolves, m
-    waves : Spectrum, optional, known spectrum of the surface, not periodic
+    waves : Spectrum, optional, spectrum of the surface if already computed, not periodic
 
     Returns
     -------
@@ -116,30 +117,35 @@ def describe_surface(
 
     Notes
     -----
-    The density is that of the map under Hann's window, whose loss 9/64 (3/8 of a line scan) of
-    the mean square is given back. Wavelengths are reliable from half of the shorter edge down
-    to four pixels, the resolution of the instrument, or the wavelength beyond which the density no
-    longer falls as fast as a Hurst exponent of zero would, as of noise, whichever is longest.
+    The density is the density of the map under Hann's window, divided by the factor 9/64 (3/8 for
+    a line scan) by which the window reduces the mean square. Wavelengths are reliable from half of
+    the shorter edge down to the longest of three: four pixels, the resolution of the instrument,
+    and the wavelength below which the density falls more slowly than with a Hurst exponent of
+    zero, as noise does.
     """
     waves = waves or spectrum([surface], periodic=False)
+    # heights of the measured points
     roughness = waves.roughness()
     if not roughness.rms_height > 0.0:
         raise CaseError("all heights are equal; give a rough surface")
-    known = surface.heights if surface.filled is None else surface.heights[~surface.filled]
-    level = (known - known.mean()) / roughness.rms_height
+    measured = surface.heights if surface.filled is None else surface.heights[~surface.filled]
+    level = (measured - measured.mean()) / roughness.rms_height
     square, profile = level**2, surface.heights.shape[1] == 1
+    # density under Hann's window, and the range of reliable wavelengths
     faded = window(surface, taper=0.5)
     wavenumber, power = wave_power(faded)
     q, C = _density(faded, wavenumber, power)
     longest = 0.5 * (surface.size[0] if profile else min(surface.size))
     pixel = surface.spacing[0] if profile else max(surface.spacing)
-    shortest = max(PIXELS_PER_WAVE * pixel, resolution or 0.0)
+    shortest = max(PIXELS_PER_WAVELENGTH * pixel, resolution or 0.0)
     shortest = max(shortest, _noise_from(q, C, shortest, 1 if profile else 2))
+    # self-affine fit
     fitted_to = max(shortest, 1.25 * roughness.shortest_wave)
     fitted_from = min(longest, roughness.longest_wave)
     band = (q >= 2.0 * np.pi / fitted_from) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
     fit = fit_self_affine(q[band], C[band], dimensions=1 if profile else 2)
     fitted = [np.nan] * 4 if fit is None else list(astuple(fit))[:4]
+    # breadth and lay of the reliable modes
     last = 2.0 * np.pi / shortest * (1.0 + 1e-9)  # a mode exactly on the limit is reliable
     reliable = np.where(wavenumber <= last, power, 0.0)
     broad = breadth(wavenumber, reliable) if reliable.any() else np.nan
@@ -150,7 +156,7 @@ def describe_surface(
         "wavenumber": q,
         ("profile_density" if profile else "power_spectral_density"): C,
         "bearing_share": SHARES,
-        "bearing_height": np.quantile(known, 1.0 - SHARES) - known.mean(),
+        "bearing_height": np.quantile(measured, 1.0 - SHARES) - measured.mean(),
         "dimensions": 1 if profile else 2,
         "size": [*surface.size],
         "rms_height": roughness.rms_height,
@@ -161,7 +167,7 @@ def describe_surface(
         "shortest_reliable": shortest,
         "skewness": np.mean(level * square),
         "kurtosis": np.mean(square**2),
-        "peak_to_valley": np.ptp(known),
+        "peak_to_valley": np.ptp(measured),
         "nayak_parameter": broad / 1.5 if profile else broad,  # (3) without the factors 1/2, 3/8
         "filled_share": surface.filled_share,
         "fitted_to": fitted_to,
@@ -173,7 +179,7 @@ def describe_surface(
 
 
 def fit_of_statistics(statistics: Dataset) -> SelfAffineFit | None:
-    """Return the self-affine fit that a dataset of :func:`describe_surface` holds, if any."""
+    """Return the self-affine fit in a dataset of :func:`describe_surface`, if there is a fit."""
     hurst, roll_off, level, deviation = (float(statistics[name]) for name in FITTED)
     if not np.isfinite(level):
         return None
@@ -188,30 +194,31 @@ def _density(
         q, C, _ = ring_density(faded, wavenumber, power)
         return q, C / (3.0 / 8.0) ** 2
     length = faded.size[0]
-    square = Surface(faded.heights, (length, length))  # rings of one mode
+    square = Surface(faded.heights, (length, length))  # each ring has a single mode
     q, C, _ = ring_density(square, wavenumber, power)
     return q, C / length / (3.0 / 8.0)
 
 
 def _logarithmic_bins(q: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Average wavenumber and density over equal parts of a decade that have modes."""
-    place = np.floor(BINS_PER_DECADE * np.log10(q)).astype(int)
-    parts = [place == bin_ for bin_ in np.unique(place)]
-    return np.array([q[part].mean() for part in parts]), np.array(
-        [C[part].mean() for part in parts]
+    """Average wavenumber and density over the logarithmic bins that have modes."""
+    number = np.floor(BINS_PER_DECADE * np.log10(q)).astype(int)
+    bins = [number == k for k in np.unique(number)]
+    return np.array([q[in_bin].mean() for in_bin in bins]), np.array(
+        [C[in_bin].mean() for in_bin in bins]
     )
 
 
 def _noise_from(q: np.ndarray, C: np.ndarray, shortest: float, dimensions: int) -> float:
-    """Longest wavelength beyond which the density is as flat as noise, m; 0 if it falls on."""
-    seen = (q <= 2.0 * np.pi / shortest) & (C > 0.0) & (q > 0.0)
-    if np.count_nonzero(seen) < FEWEST_BINS:
+    """Longest wavelength below which the density is as flat as noise, m; 0 without noise."""
+    resolved = (q <= 2.0 * np.pi / shortest) & (C > 0.0) & (q > 0.0)
+    if np.count_nonzero(resolved) < FEWEST_BINS:
         return 0.0
-    x, y = map(np.log, _logarithmic_bins(q[seen], C[seen]))
+    x, y = map(np.log, _logarithmic_bins(q[resolved], C[resolved]))
+    # last window of a third of a decade in which the density falls
     width, start = BINS_PER_DECADE // 3, 0
     for first in range(x.size - width - 1, -1, -1):
-        part = slice(first, first + width + 1)
-        if np.polyfit(x[part], y[part], 1)[0] < -dimensions:
+        bins = slice(first, first + width + 1)
+        if np.polyfit(x[bins], y[bins], 1)[0] < -dimensions:
             start = first + width
             break
     return 0.0 if start >= x.size - 1 or start == 0 else float(2.0 * np.pi / np.exp(x[start]))
@@ -226,7 +233,7 @@ class Lay:
     angle : float, angle of the lay to the x axis, rad, from 0 to pi
     ratio : float, root mean square slope across the lay over the slope along it, at least 1
     oblique : float
-        Share of the lay that a mirror image loses: 0 for an isotropic map and for a lay along an
+        Share of the lay lost in a mirror image: 0 for an isotropic map and for a lay along an
         axis, :math:`|\sin 2\theta|` for parallel ridges.
     """
 
@@ -236,19 +243,19 @@ class Lay:
 
 
 def find_lay(surface: Surface, short_cutoff: float) -> Lay:
-    r"""Find the direction of the lay of a map, and how much of it a mirror image loses.
+    r"""Compute the direction of the lay of a map, and the share of it lost in a mirror image.
 
-    The map is detrended, Hann's window makes it periodic, and wavelengths count from
-    ``short_cutoff`` up, m. Of :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla
-    h^T \rangle` the eigenvalues are the mean square slopes across and along the lay. A mirror
-    image, which has the modes :math:`(\pm q_x, \pm q_y)` for a mode :math:`(q_x, q_y)`, loses the
-    share :math:`2 |T_{xy}| / (T_{xx} + T_{yy})`: ridges become a herringbone.
+    The map is detrended, Hann's window makes it periodic, and wavelengths below ``short_cutoff``,
+    m, are left out. The eigenvalues of :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\,
+    \nabla h^T \rangle` are the mean square slopes across and along the lay. A mirror image, which
+    has the modes :math:`(\pm q_x, \pm q_y)` for a mode :math:`(q_x, q_y)`, loses the share
+    :math:`2 |T_{xy}| / (T_{xx} + T_{yy})`: ridges become a herringbone.
     """
     return _lay_of(surface, *wave_power(window(surface, taper=0.5)), short_cutoff)
 
 
 def _lay_of(surface: Surface, q: np.ndarray, power: np.ndarray, short_cutoff: float) -> Lay:
-    """Lay of a map with known modes under a window; see :func:`find_lay`."""
+    """Lay of a map with given modes under a window; see :func:`find_lay`."""
     power = np.where(q <= 2.0 * np.pi / short_cutoff, power, 0.0)
     (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
     qx = 2.0 * np.pi * scipy.fft.fftfreq(nx, dx)[:, None]

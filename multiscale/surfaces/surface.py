@@ -16,7 +16,7 @@ __all__ = ["Surface", "remove_trend"]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Heights of a surface on a regular grid of one rectangular cell.
+    """Heights of a surface on a regular grid of a rectangular cell.
 
     Parameters
     ----------
@@ -25,8 +25,8 @@ class Surface:
         is copied.
     size : tuple of float
         Edge lengths (Lx, Ly) of the cell, m, with ``dx = Lx / nx``: in a periodic surface node
-        ``nx`` is node 0 again. ``nx`` and ``ny``, ``dx`` and ``dy`` may differ. One point across
-        means a profile, whose cell is in plane strain; its width is arbitrary.
+        ``nx`` is node 0 again. ``nx`` and ``ny``, ``dx`` and ``dy`` may differ. A profile has
+        ``ny = 1``: its cell is in plane strain, and its width is arbitrary.
     filled : ndarray of bool, shape (nx, ny), optional
         Whether a point of a map was filled instead of measured; no point if not given. Detrended
         and cropped maps keep it.
@@ -118,9 +118,8 @@ def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
         sums = np.array([weighted[power] for power in powers])
         fitted = np.zeros((order + 1, order + 1))
         fitted[tuple(zip(*powers, strict=True))] = np.linalg.lstsq(matrix, sums, rcond=1e-12)[0]
-        along_y = np.ascontiguousarray(
-            fitted @ y[:, : order + 1].T
-        )  # or it takes six times as long
+        # contiguous arrays: six times faster
+        along_y = np.ascontiguousarray(fitted @ y[:, : order + 1].T)
         heights = heights - np.ascontiguousarray(x[:, : order + 1]) @ along_y
     detrended: np.ndarray = heights
     return detrended

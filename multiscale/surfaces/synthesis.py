@@ -46,7 +46,7 @@ def self_affine(
     rms_slope: float | None = None,
     anisotropy: Anisotropy | None = None,
 ) -> Surface:
-    r"""Make a periodic, self-affine surface with a band-limited spectrum.
+    r"""Generate a periodic, self-affine surface with a band-limited spectrum.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ def self_affine(
         Wavelength :math:`\lambda_r`, m, above which the spectrum is flat, else ``long_cutoff``.
     rms_height, rms_slope : float, optional
         Root mean square height, m, or slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`,
-        dimensionless; exactly one of them.
+        dimensionless; exactly one is given.
     anisotropy : Anisotropy, optional
-        Lay of the surface, whose cut-offs and roll-off then hold across it; isotropic if not given.
+        Lay of the surface; cut-offs and roll-off then apply across it. Isotropic if not given.
 
     Notes
     -----
@@ -103,7 +103,8 @@ def self_affine(
         if value is not None and not 0.0 < value < np.inf:
             raise CaseError(f"{name} must be positive, got {value:g}")
 
-    i, j, q = _waves(size, short_cutoff)
+    # modes of the band, with random phases
+    i, j, q = _modes(size, short_cutoff)
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=q.size)
     across = q  # wavenumbers with the component along the lay stretched by its ratio, rad/m
     if anisotropy is not None:
@@ -114,10 +115,11 @@ def self_affine(
     band &= across <= 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)
     if not band.any():
         raise CaseError(
-            f"no wave of the {size[0]:g} m x {size[1]:g} m cell lies between short_cutoff "
+            f"no mode of the {size[0]:g} m x {size[1]:g} m cell lies between short_cutoff "
             f"{short_cutoff:g} m and long_cutoff {long_cutoff:g} m; widen the band"
         )
     i, j, q, across, phase = i[band], j[band], q[band], across[band], phase[band]
+    # moduli of the spectrum
     q_roll_off = 2.0 * np.pi / roll_off
     modulus = (np.maximum(across, q_roll_off) / q_roll_off) ** (-1.0 - hurst_exponent)  # (2)
     if rms_height is not None:
@@ -125,6 +127,7 @@ def self_affine(
     else:
         modulus *= rms_slope / np.sqrt(2.0 * np.sum((q * modulus) ** 2))
 
+    # inverse transform
     nx, ny = points
     spectrum = np.zeros((nx, ny // 2 + 1), dtype=complex)
     spectrum[i % nx, j] = modulus * np.exp(1j * phase)
@@ -133,10 +136,10 @@ def self_affine(
     return Surface(scipy.fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
 
 
-def _waves(
+def _modes(
     size: tuple[float, float], short_cutoff: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """List one mode of each pair q, -q, in rising order: i, j and wavenumber, rad/m."""
+    """List a mode of each pair q, -q, in rising order: i, j and wavenumber, rad/m."""
     length, width = size
     i_max, j_max = (int(edge / short_cutoff * (1.0 + _ROUND_OFF)) for edge in size)
     i, j = np.meshgrid(np.arange(-i_max, i_max + 1), np.arange(j_max + 1), indexing="ij")
@@ -182,5 +185,5 @@ def _check_band(
         raise CaseError(
             f"{points[0]} x {points[1]} points cannot carry short_cutoff {short_cutoff:g} m on a "
             f"cell of {size[0]:g} m x {size[1]:g} m: it takes at least {least[0]} x {least[1]} "
-            f"points, and {good[0]} x {good[1]} (8 per wave) to resolve contact"
+            f"points, and {good[0]} x {good[1]} (8 per wavelength) to resolve contact"
         )

@@ -134,7 +134,7 @@ def test_surface_is_isotropic_on_an_oblong_cell():
         pytest.param({"rms_height": 1.0}, "exactly one of rms_height", id="both-rms"),
         pytest.param({"rms_slope": -0.1}, "rms_slope must be positive, got -0.1", id="rms"),
         pytest.param(
-            {"long_cutoff": 0.49, "short_cutoff": 0.48}, "no wave of the 1 m x 1 m", id="no-wave"
+            {"long_cutoff": 0.49, "short_cutoff": 0.48}, "no mode of the 1 m x 1 m", id="no-wave"
         ),
     ],
 )
