@@ -38,12 +38,12 @@ __all__ = [
 ]
 
 SPOTS = {"spot_area": (), "spot_traction": (3,), "spot_traction_by_normal": (3,)}
-"""Variables of contact spots, and the shape of each for one spot."""
+"""Variables of contact spots, and the shape of each variable for a single spot."""
 
 
 @dataclass(frozen=True)
 class Keep:
-    """Parts of a response in addition to averages; see :func:`~multiscale.micro.solve_cell`."""
+    """Variables of a response in addition to averages; see :func:`~multiscale.micro.solve_cell`."""
 
     fields: bool = False
     spots: bool = False
@@ -66,10 +66,12 @@ class ContactSurface:
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)  # of contact, along x and y
     flowing: np.ndarray | bool = False  # nodes below which the material flows
     slip: tuple[float, float] | None = None  # share of slipping nodes, work of friction, J/m2
-    flowing_share: float | None = None  # of the points of a body of metal
+    flowing_share: float | None = None  # flowing over all points of a metal body
     recovered_force: np.ndarray | None = None  # (3,), contact force from the Cauchy stress, N
     neighbours: Callable[[], np.ndarray] | None = None  # pairs of nodes, (2, pairs), of a mesh
-    to_grid: Callable[[np.ndarray], np.ndarray] = np.asarray  # nodal values on the grid of fields
+    to_grid: Callable[[np.ndarray], np.ndarray] = (
+        np.asarray
+    )  # nodal values to the grid of the fields
 
     def on_grid(self, node: np.ndarray, edges: tuple[EdgeLayer, EdgeLayer]) -> "ContactSurface":
         """Arrange the nodes of a list on a periodic grid; ``node`` has the shape (nx, ny)."""
@@ -85,7 +87,7 @@ class ContactSurface:
 def average_surface(
     surface: ContactSurface, keep: Keep, spacing: tuple[float, float] | None = None
 ) -> dict[str, Any]:
-    """Averages of a contact surface, and the spots, flow and fields (ny, nx) that are kept."""
+    """Average a contact surface; add the requested spots, flow and fields (ny, nx)."""
     area = float(np.sum(surface.node_area))
     real = contact_areas(
         surface.pressing, surface.weight, edges=surface.edges, flowing=surface.flowing
@@ -96,6 +98,7 @@ def average_surface(
         "mean_gap": surface.mean_gap,
         "contact_fraction": max(float(np.sum(real)) / area, 0.0),
     }
+    # force along the normal, for spots and friction
     if keep.spots or surface.slip is not None:
         along = np.sum(surface.force * surface.normal, axis=1, keepdims=True)
         by_normal = along * surface.normal
@@ -109,7 +112,7 @@ def average_surface(
     if keep.spots:
         step |= _spot_averages(surface, by_normal, real, area)
     if keep.fields or keep.flow:
-        # below overhangs the projected area is none, or negative
+        # below overhangs the projected area is zero or negative
         pressure, closed = np.zeros_like(surface.gap), surface.pressing != 0.0
         np.divide(-surface.force[:, 2], surface.node_area, out=pressure, where=closed)
         pressure, gap = surface.to_grid(pressure), surface.to_grid(surface.gap)
@@ -141,6 +144,7 @@ def _spot_averages(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    # pairs of neighbouring nodes
     active = surface.pressing.ravel() > 0.0
     if surface.neighbours is None:
         number = np.arange(active.size).reshape(surface.pressing.shape)
@@ -148,13 +152,14 @@ def _spot_averages(
         first, second = np.tile(number.ravel(), 2), np.concatenate(ahead)
     else:
         first, second = surface.neighbours()
+    # spots: connected components of the contact nodes, largest first
     joined = active[first] & active[second]
     links = coo_array(
         (joined[joined], (first[joined], second[joined])), shape=(active.size, active.size)
     )
     _, label = connected_components(links, directed=False)
     _, spot = np.unique(label[active], return_inverse=True)
-    total = np.bincount(spot, real.ravel()[active]).astype(float)  # without spots it counts
+    total = np.bincount(spot, real.ravel()[active]).astype(float)  # integer without spots
     order = np.argsort(-total, kind="stable")
 
     def share(forces: np.ndarray) -> np.ndarray:
@@ -191,8 +196,8 @@ def recovered_force(
     r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress, N.
 
     The stress is the mean over the element behind a facet: without friction the normal derivative
-    of the traction vanishes on the surface, while the strain of a linear element, taken at the
-    facet, would mix values of the facet and of the element's middle.
+    of the traction vanishes on the surface, while the strain of a linear element, evaluated at the
+    facet, would mix values at the facet and at the centre of the element.
     """
     from skfem import CellBasis, FacetBasis
 
@@ -200,6 +205,7 @@ def recovered_force(
     facets = top[np.any(active[mesh.facets[:, top]], axis=0)]
     if not len(facets):
         return np.zeros(3)
+    # mean stress of the elements behind the facets
     elements = mesh.f2t[0, facets]
     basis = CellBasis(mesh, element, elements=elements)
     gradient = np.array([basis.interpolate(component).grad for component in displacement])
@@ -207,6 +213,7 @@ def recovered_force(
     strain = 0.5 * (strain + np.swapaxes(strain, 0, 1))
     lame, shear = (np.broadcast_to(value, (mesh.nelements,))[elements] for value in (lame, shear))
     stress = 2.0 * shear * strain + lame * np.trace(strain) * np.eye(3)[:, :, None]
+    # facet areas times outward normals
     facet_basis = FacetBasis(mesh, element, facets=facets)
     area = np.sum(np.asarray(facet_basis.normals) * facet_basis.dx, axis=-1)
     return np.asarray(np.einsum("ijf,jf->i", stress, area))

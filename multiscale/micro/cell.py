@@ -1,4 +1,4 @@
-"""Cells of every kind: the maker that chooses the kind, and the loop over the steps of a path."""
+"""Cells of every kind: choice of the kind, and the loop over the steps of a path."""
 
 import logging
 import sys
@@ -39,14 +39,14 @@ AnyCell = GridCell | MeshCell
 Steps = list[dict[str, Any]]
 
 WORTH = 2.0
-"""Time, s, from which on a step is kept, and of sparing runs a realisation and a dataset: cheaper
-ones are computed again."""
+"""Computing time, s, above which a step is stored, and in sparing runs also a realisation and a
+dataset; results below it are computed again."""
 
 NONE = np.zeros(0)  # stands for None in a file
-OF_THE_WAY = {"status", "residuals", "linear_iterations"}  # nothing starts from these
+NOT_STORED = {"status", "residuals", "linear_iterations"}  # fields that no step starts from
 
 
-def Cell(  # noqa: N802  reads like the kinds that it makes
+def Cell(  # noqa: N802  reads like the kinds that it builds
     surface: Surface,
     depth: float,
     layers: int,
@@ -61,24 +61,25 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     slope_order: int = 1,
     coating: tuple[Coating, ...] = (),
 ) -> GridCell:
-    """Build the kind of cell that the arguments ask for.
+    """Build the kind of cell that fits the arguments.
 
     Parameters
     ----------
     surface, depth, layers
-        As of :class:`~multiscale.micro.layer.PeriodicLayer`.
+        See :class:`~multiscale.micro.layer.PeriodicLayer`.
     youngs_modulus, poissons_ratio : float or ndarray
-        Pa and 1: of the whole cell, of each layer from the base up, shape (layers,), or of each
-        element, shape (nx, layers, ny). For two bodies, a material with their contact modulus.
+        Moduli, Pa and 1: a value for the whole cell, an array of the layers from the base up,
+        shape (layers,), or of the elements, shape (nx, layers, ny). For two bodies, a material
+        with their contact modulus.
     obstacle, hardness, friction_coefficient
-        As of :class:`FlatCell` and :class:`FiniteCell`.
+        See :class:`FlatCell` and :class:`FiniteCell`.
     geometry : {"conforming", "flat"}
         Whether the mesh follows the surface, or the surface only makes the gap above a flat layer.
     bulk : NeoHookean, J2 or Prony, optional
         Law at large strain, with the moduli above; small strain if not given.
     opposite : SecondBody, optional
         Makes the obstacle deformable, as ``second`` of :class:`FlatCell` and :class:`FiniteCell`.
-    slope_order : int, as of :class:`FlatCell`; other cells are exact in the slope
+    slope_order : int, see :class:`FlatCell`; other cells are exact in the slope
     coating : tuple of Coating
         Layers of other materials at the top of the first body, outermost first.
 
@@ -90,7 +91,7 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     Raises
     ------
     CaseError
-        If a parameter is outside its range or means nothing to this kind of cell.
+        If a parameter is outside its range or does not apply to this kind of cell.
     """
     moduli = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
     law: LayerLaw
@@ -104,11 +105,11 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
         )
     else:
         law = bulk
-        for name, value in moduli.items():  # which the law repeats
+        for name, value in moduli.items():  # the law has them too
             if not np.all(np.isclose(value, given := getattr(law, name), rtol=1e-12, atol=0.0)):
                 raise CaseError(
                     f"{name} of the bulk law is {given:g}, but of the cell "
-                    f"{np.ravel(value)[0]:g}; give the same, and one for the whole cell"
+                    f"{np.ravel(value)[0]:g}; give the same value for the whole cell"
                 )
     if geometry not in ("conforming", "flat"):
         raise CaseError(f"geometry must be 'conforming' or 'flat', got {geometry!r}")
@@ -132,29 +133,29 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """File of the finished steps of a path and the last state; a killed run goes on from there."""
+    """File of the finished steps of a path and the last state, to resume a killed run."""
 
     file: FilePath
-    identity: str  # checksum of the origin of the cell; steps of another one are not taken
+    identity: str  # checksum of the origin of the cell; steps of other cells are ignored
 
     def write(self, steps: Steps, state: Any) -> None:
-        """Write steps and state, if the last step was worth it."""
+        """Write steps and state, if the last step took longer than :data:`WORTH`."""
         if steps[-1]["wall_time"] < WORTH:
             return
         content: dict[str, Any] = {"identity": self.identity, "count": len(steps)}
         for k, step in enumerate(steps):
             content |= {f"{k}/{name}": value for name, value in step.items()}
-        for name in vars(state).keys() - OF_THE_WAY:
+        for name in vars(state).keys() - NOT_STORED:
             value = vars(state)[name]
-            parts: list[Any] = [*enumerate(value)] if isinstance(value, tuple) else [("", value)]
-            for k, part in parts:
-                content[f"state/{name}/{k}"] = NONE if part is None else part
+            items: list[Any] = [*enumerate(value)] if isinstance(value, tuple) else [("", value)]
+            for k, item in items:
+                content[f"state/{name}/{k}"] = NONE if item is None else item
         make_folder(self.file.parent)
-        with replacing(self.file) as part, part.open("wb") as file:
+        with replacing(self.file) as temporary, temporary.open("wb") as file:
             np.savez(file, allow_pickle=False, **content)
 
     def read(self, rest: State) -> tuple[Steps, State]:
-        """Read steps and state; none and ``rest`` if the file is missing, damaged or of another."""
+        """Read steps and state; no steps and ``rest`` without a valid file of this cell."""
         try:
             with np.load(self.file, allow_pickle=False) as archive:
                 content = {name: value[()] for name, value in archive.items()}
@@ -167,14 +168,14 @@ class Checkpoint:
         for key, value in content.items():
             place, name = key.split("/", 1)
             if place == "state":
-                name, part = name.split("/")
+                name, item = name.split("/")
                 array = None if np.size(value) == 0 else value
-                state[name] = (*state.get(name, ()), array) if part else array
+                state[name] = (*state.get(name, ()), array) if item else array
             else:
                 steps[int(place)][name] = value
         last = replace(rest, status=Status.CONVERGED, residuals=(0.0,), **state)
         if np.shape(vars(last)["displacement"]) != np.shape(vars(rest)["displacement"]):
-            return [], rest  # kept by a version with other unknowns
+            return [], rest  # written by a version with other unknowns
         return steps, last
 
 
@@ -205,7 +206,7 @@ def solve_cell(
         ``percolating_share``; see :func:`~.gap_flow.gap_flow`.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
-        contact forces, and as dear as the contact itself. Flat and finite cells do without.
+        contact forces, as expensive as the contact itself. Flat and finite cells ignore it.
     tolerance : float, tolerance of the contact solver, relative to the norm of the contact forces
     checkpoint : Checkpoint, optional
         File for finished steps that took long; steps in the file are not solved again.
@@ -243,20 +244,20 @@ def record_cell(
     if keep.fields:
         if cell.field_shape is None:
             raise CaseError(
-                "keep_fields keeps values on a grid, and this general mesh has none; give the cell "
-                "points, or leave it out"
+                "keep_fields stores values on a grid, but this general mesh has no grid; give the "
+                "cell points, or leave keep_fields out"
             )
         asked |= dict.fromkeys(("pressure", "gap"), cell.field_shape[::-1])
     if keep.flow:
         if cell.grid_spacing is None:
             raise CaseError(
-                "keep_flow lets a liquid through the gap of a surface, and this general mesh has "
-                "none; leave it out"
+                "keep_flow computes flow through the gap on a grid, but this general mesh has no "
+                "grid; leave it out"
             )
         asked |= dict.fromkeys(("hydraulic_aperture", "percolating_share"), (2,))
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
-    # threads of linear algebra would spin beside those of the kernels
+    # threads of linear algebra would compete with the threads of the kernels
     with _libraries(len(sys.modules)).limit(limits=1, user_api="blas"):
         model = cell.model(path, recover_stress=keep.stress and cell.recovers_stress)
         steps = _follow_path(model, path, keep, cell.grid_spacing, tolerance, checkpoint)
@@ -270,7 +271,7 @@ def record_cell(
 
 @lru_cache(maxsize=1)
 def _libraries(modules: int) -> "ThreadpoolController":
-    """Find the libraries with threads, anew after imports: it takes as long as a small cell."""
+    """List the libraries with threads, again only after imports: as slow as a small cell."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
@@ -284,12 +285,13 @@ def _follow_path(
     tolerance: float,
     checkpoint: Checkpoint | None,
 ) -> Steps:
-    """Solve a path step by step, each from the state of the one before; a dict of each step."""
+    """Solve a path, each step from the state of the previous step; return a dict per step."""
     steps, state = Steps(), model.rest()
     if checkpoint is not None:
         steps, state = checkpoint.read(state)
     for k in range(len(steps), len(path)):
         begin = perf_counter()
+        # after a failure a body with memory has no further steps
         if model.remembers and any("ended" in step for step in steps):
             nothing = dict.fromkeys(("converged", "active_set_iterations", "linear_iterations"), 0)
             steps.append({**nothing, "wall_time": 0.0})

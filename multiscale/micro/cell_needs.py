@@ -1,4 +1,4 @@
-"""Parts that solving a cell may take, and why each is built or left out."""
+"""Components that solving a cell may need, and why each is built or left out."""
 
 from collections.abc import Mapping
 
@@ -10,9 +10,9 @@ AVERAGES = "averages the change of volume over an element, which is too stiff ot
 
 NO_ELEMENTS = "Poisson's ratio below 0.4, or no elements"
 
-PARTS = {  # in the order of the text: why a part is built, and why it is left out
+COMPONENTS = {  # in the order of the text: why a component is built, and why it is left out
     "stiffness": (
-        "of the elements, applied without a matrix",
+        "applied element by element, without a matrix",
         "it changes with the strain, which the tangent follows",
     ),
     "tangent": (
@@ -20,11 +20,11 @@ PARTS = {  # in the order of the text: why a part is built, and why it is left o
         "the material is linear elastic: its stiffness does not change",
     ),
     "friction": (
-        "three unknowns at a node in contact, one normal and two along the surface",
-        "without friction a node in contact has one unknown, the normal one",
+        "three unknowns at a contact node: one normal, two tangential",
+        "without friction a contact node has only its normal unknown",
     ),
     "factors": (
-        "of the stiffness, computed once: the cell is small",
+        "the stiffness is factorised once: the cell is small",
         "the stiffness is applied, or too large for its factors",
     ),
     "multigrid": (
@@ -56,10 +56,10 @@ PARTS = {  # in the order of the text: why a part is built, and why it is left o
     ),
     "coating": (
         "layers of other materials at the top of a body",
-        "every body is of one material, or graded by its law",
+        "every body has a single material, or is graded by its law",
     ),
     "slope expansion": (
-        "compliance to first order in the slopes: six transforms where the flat one has two",
+        "compliance to first order in the slopes: six transforms instead of two",
         "the mesh follows the surface, however steep",
     ),
 }
@@ -68,12 +68,12 @@ PARTS = {  # in the order of the text: why a part is built, and why it is left o
 def cell_choices(
     built: Mapping[str, bool | str], omitted: Mapping[str, str] = {}
 ) -> tuple[Choice, ...]:
-    """Return the choices of all parts; a kind of cell can replace the usual reasons."""
+    """Return the choices of all components; a kind of cell can replace the usual reasons."""
     choices = []
-    for part, (why, why_not) in PARTS.items():
-        reason = built.get(part, False)
+    for component, (why, why_not) in COMPONENTS.items():
+        reason = built.get(component, False)
         if reason:
-            choices.append(Choice(part, why if reason is True else str(reason), True))
+            choices.append(Choice(component, why if reason is True else str(reason), True))
         else:
-            choices.append(Choice(part, omitted.get(part, why_not), False))
+            choices.append(Choice(component, omitted.get(component, why_not), False))
     return tuple(choices)

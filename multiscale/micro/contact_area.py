@@ -1,8 +1,8 @@
-r"""Real contact area: where between two nodes the contact ends.
+r"""Real contact area: position of the contact edge between two nodes.
 
 Towards the edge of a smooth contact the pressure falls as the square root of the distance. A
 straight edge along a row of nodes with the spacing :math:`h` is a problem of Wiener and Hopf. With
-the compliance :math:`C(\theta)` of the nodes under a wave :math:`q = \theta / h`, over
+the compliance :math:`C(\theta)` of the nodes at a wavenumber :math:`q = \theta / h`, over
 :math:`C_0` of the continuous surface,
 
 .. math::
@@ -60,7 +60,7 @@ class EdgeLayer(NamedTuple):
 
 
 def edge_layer(compliance_ratio: np.ndarray) -> EdgeLayer:
-    """Evaluate (1) from compliances of nodes over those of the continuous surface, 0 to pi."""
+    """Evaluate (1) from ratios of nodal to continuous compliance at theta from 0 to pi."""
     theta = np.linspace(0.0, np.pi, len(compliance_ratio))[1:]
     f = np.log(compliance_ratio[1:] * 2.0 * np.sin(0.5 * theta) / theta)
     start = f[0] - (f[1] - f[0]) / 3.0 if len(f) > 1 else f[0]  # even in theta
@@ -107,14 +107,17 @@ def contact_areas(
         square *= square
         for axis, edge in enumerate(edges):
             for side in (1, -1):
+                # outermost contact nodes of this side, and squared forces inwards
                 edge_nodes = np.flatnonzero(active & ~np.roll(active, -side, axis))
                 outer = np.unravel_index(edge_nodes, force.shape)
                 inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
                 inwards = [square[nodes] for nodes in inner]
                 sides = [square[_shifted(outer, 1 - axis, k, force.shape)] for k in (-1, 1)]
+                # share of this side in an oblique edge
                 along = np.maximum(inwards[1] - inwards[0], inwards[0]) ** 2  # free outside
                 across = _fall(sides[0], inwards[0], sides[1])
                 share = weight[outer] * along / np.maximum(along + across, TINY)
+                # position of the edge, smooth or at a flowing node
                 place = _smooth_edge(inwards, edge)
                 for k in (2, 1, 0) if flows else ():
                     before = inwards[k - 1] if k else 0.0
@@ -129,21 +132,21 @@ def contact_areas(
 def _shifted(
     nodes: tuple[np.ndarray, ...], axis: int, steps: int, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, ...]:
-    """Nodes of a periodic grid so many steps further along an axis."""
+    """Shift nodes of a periodic grid by a number of steps along an axis."""
     moved = list(nodes)
     moved[axis] = (nodes[axis] + steps) % shape[axis]
     return tuple(moved)
 
 
 def _fall(low: np.ndarray, here: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Squared slope of squares along an axis at contact nodes; at an edge their fall or more."""
+    """Squared slope of squared forces along an axis at contact nodes; one-sided at an edge."""
     both = (low > 0.0) & (high > 0.0)
     steepest = np.maximum(np.maximum(low, high) - here, here)
     return np.asarray(np.where(both, 0.5 * (high - low), steepest) ** 2)
 
 
 def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:
-    """Place of an edge where the pressure falls as a square root, from squares of forces (2)."""
+    """Position (2) of an edge with a square root of the pressure, from squared forces."""
     first, second, third = inwards[:3]
     bend = np.where(third > 0.0, np.minimum(first - 2.0 * second + third, 0.0), 0.0)
     ratio = np.sqrt((second - 0.5 * bend) / np.maximum(first, TINY))

@@ -1,4 +1,4 @@
-"""Cells of linear elastic bodies: questions to a contact solver, and its answers."""
+"""Model of linear elastic cells: calls of a contact solver, and averages of its solution."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ class ContactState:
     active: np.ndarray  # contact nodes
     reference_force: np.ndarray  # contact forces of the problem with K_0 in place of K, N
     status: Status = Status.MAX_ITERATIONS
-    residuals: tuple[float, ...] = ()  # relative forces out of balance, of each iteration
+    residuals: tuple[float, ...] = ()  # relative residual force after each iteration
     linear_iterations: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticCell:
-    """Model of a linear elastic cell: each step is solved, from the state of the one before."""
+    """Model of a linear elastic cell; each step starts from the previous state."""
 
     solve: Callable[..., ContactState]  # solve(load=, approach=, start=, tolerance=)
     normal: np.ndarray  # (nx, 3, ny) or (nodes, 3), unit normals into the obstacle
@@ -54,20 +54,21 @@ class ElasticCell:
         return self.solve(load=0.0)
 
     def step(self, state: ContactState, target: Target, tolerance: float) -> Step[ContactState]:
-        """Solve for a target; a failed step leaves the state as it was."""
-        answer = self.solve(
+        """Solve for a target; a failed step returns the previous state."""
+        solution = self.solve(
             load=target.load, approach=target.approach, start=state, tolerance=tolerance
         )
         cost = {
-            "active_set_iterations": len(answer.residuals),
-            "linear_iterations": answer.linear_iterations,
+            "active_set_iterations": len(solution.residuals),
+            "linear_iterations": solution.linear_iterations,
         }
-        if answer.status is Status.CONVERGED:
-            return Step(answer, cost)
+        if solution.status is Status.CONVERGED:
+            return Step(solution, cost)
         counts = (
-            f"{len(answer.residuals)} active sets and {answer.linear_iterations} linear iterations"
+            f"{cost['active_set_iterations']} active sets and {cost['linear_iterations']} linear "
+            f"iterations"
         )
-        return Step(state, cost, f"{counts}: {answer.status.value}")
+        return Step(state, cost, f"{counts}: {solution.status.value}")
 
     def surface(self, state: ContactState) -> ContactSurface:
         """Contact surface of a state."""

@@ -1,4 +1,4 @@
-"""Many cells along one path, one file each, joined into one response."""
+"""Ensemble of cells along the same path, with a file per cell, joined into one response."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -38,7 +38,7 @@ def run_ensemble(
     keep_flow: bool = False,
     progress: Callable[[int], None] = lambda finished: None,
 ) -> Dataset:
-    """Solve many cells along one path.
+    """Solve many cells along the same path.
 
     Parameters
     ----------
@@ -47,17 +47,17 @@ def run_ensemble(
     executor : Executor, optional
         See :func:`multiscale.executors.run_jobs`.
     folder : Path, optional
-        Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
-        there are not computed again, nor finished steps of a killed realisation that took long.
+        Folder of ``realisation-0000.nc`` and so on, each written when it is finished. Existing
+        realisations are not computed again, nor slow finished steps of a killed realisation.
     sparing : bool
-        Whether the folder gets only realisations that took longer than :data:`WORTH`, from which
-        a run that was killed goes on.
-    identity : str, what the cells were made from, for instance the checksum of a case
+        Whether only realisations that took longer than :data:`WORTH` are stored, to resume a
+        killed run.
+    identity : str, origin of the cells, for instance the checksum of a case
     keep_fields : bool, keep the heights and the local fields of realisation 0, in its file
     keep_spots, keep_flow : bool
         Keep the contact spots, and the flow through the gap, of all realisations, as
         :func:`solve_cell` does.
-    progress : callable, gets the number of finished realisations
+    progress : callable, called with the number of finished realisations
 
     Returns
     -------
@@ -67,7 +67,7 @@ def run_ensemble(
     Raises
     ------
     CaseError
-        If the folder holds realisations with another identity.
+        If the folder contains realisations with another identity.
     MultiscaleError
         If a worker process died; finished cells are kept.
     """
@@ -132,22 +132,22 @@ def run_realisations(
         for k, record in enumerate(records)
         if "ended" in record.attributes
     )
-    # provenance and identity belong to single realisations
+    # provenance and identity stay with the files of realisations
     joined = schema.join(_without_fields(records), "realisation")
     return schema.build(joined.values, **({"ended": ended} if ended else {}))
 
 
 def _without_fields(records: list[PlainDataset]) -> list[PlainDataset]:
-    """Leave out local fields, and give spots one number of rows: those without a spot are NaN."""
+    """Leave out local fields, and pad spots of all realisations to the same number with NaN."""
     values = [
         {name: array for name, array in record.values.items() if name not in LOCAL}
         for record in records
     ]
     for name in SPOTS:
-        if all(name in each for each in values):
-            spots = pad_spots([each[name] for each in values], axis=2)
-            values = [each | {name: rows} for each, rows in zip(values, spots, strict=True)]
-    return [PlainDataset(each) for each in values]
+        if all(name in record for record in values):
+            spots = pad_spots([record[name] for record in values], axis=2)
+            values = [record | {name: rows} for record, rows in zip(values, spots, strict=True)]
+    return [PlainDataset(record) for record in values]
 
 
 def _compute_and_keep(
@@ -158,7 +158,7 @@ def _compute_and_keep(
     sparing: bool,
     schema: Schema,
 ) -> PlainDataset:
-    """Compute a realisation and write its file, unless it is spared."""
+    """Compute a realisation and write its file, in sparing runs only if it took long."""
     begun = perf_counter()
     record = function(*arguments)
     if file is not None and not (sparing and perf_counter() - begun < WORTH):
@@ -170,7 +170,7 @@ def _compute_and_keep(
 
 
 def _finished(file: FilePath | None, identity: str, schema: Schema) -> PlainDataset | None:
-    """Return the response of a realisation computed before, if it is whole."""
+    """Return the response of a realisation computed before, if its file is valid."""
     if file is None or not file.exists():
         return None
     try:
@@ -190,7 +190,7 @@ def _file_of(folder: FilePath, k: int, name: str = "realisation") -> FilePath:
 
 
 def _steps_of(file: FilePath) -> FilePath:
-    """File of the finished steps of a realisation that is not finished."""
+    """Return the file of the finished steps of an unfinished realisation."""
     return file.with_name(f".{file.stem}.npz")
 
 
@@ -202,7 +202,7 @@ def record_realisation(
     *,
     tolerance: float = 1e-8,
 ) -> PlainDataset:
-    """Solve one cell and add the statistics of its surface."""
+    """Solve a cell and add the statistics of its surface."""
     record = record_cell(cell, path, keep, tolerance=tolerance, checkpoint=checkpoint)
     statistics = cell.surface_record(heights=keep.fields)
     return PlainDataset({**record.values, **statistics}, record.attributes)

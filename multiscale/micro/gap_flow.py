@@ -12,15 +12,15 @@ from multiscale.numerics.factorisation import symmetric_lu
 __all__ = ["GapFlow", "gap_flow", "open_gap"]
 
 CLOSED = 1e-4
-"""Gap over the largest one up to which a point is closed: contact solvers leave errors so large."""
+"""Relative to the largest gap: smaller gaps are closed, as contact solvers leave such errors."""
 
 IMBALANCE = 1e-6
-"""Difference of what flows in and out, relative, above which a flow has no value."""
+"""Relative difference of inflow and outflow above which the flow is NaN."""
 
 
 @dataclass(frozen=True, eq=False)
 class GapFlow:
-    """Flow along one axis of a cell, under a pressure difference from one end to the other."""
+    """Flow along an axis of a cell, driven by a pressure difference between its ends."""
 
     aperture: float  # m, of parallel walls with the same flow; 0 if closed, NaN out of balance
     share: float  # points on paths that lead through, over all points
@@ -28,7 +28,7 @@ class GapFlow:
 
 
 def open_gap(gap: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """Return the gap where nothing presses, m, and zero elsewhere."""
+    """Return the gap at points without pressure, m, and zero elsewhere."""
     free = np.where(pressure > 0.0, 0.0, gap)
     return np.where(free > CLOSED * free.max(initial=0.0), free, 0.0)
 
@@ -53,12 +53,14 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
     if share == 0.0:
         return GapFlow(0.0, share, np.zeros(gap.shape))
 
+    # conductances of half a spacing at the ends, and between neighbours
     largest, ratio = float(h.max()), across / along
     k = np.where(through, h / largest, 0.0) ** 3
     inlet, outlet = 2.0 * ratio * k[0], 2.0 * ratio * k[-1]  # half a spacing from the ends
     forward = ratio * _harmonic_mean(k[:-1], k[1:])
     sideward = _harmonic_mean(k, np.roll(k, -1, axis=1)) / ratio
 
+    # matrix of the open points
     number = np.cumsum(through).reshape(h.shape) - 1
     i = np.concatenate([number[:-1].ravel(), number.ravel()])
     j = np.concatenate([number[1:].ravel(), np.roll(number, -1, axis=1).ravel()])
@@ -69,8 +71,8 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
     conductance[0, 0], conductance[1, -1] = inlet, outlet
     ends = conductance[:, through]
     diagonal = ends.sum(axis=0) + np.bincount(i, c, size) + np.bincount(j, c, size)
-    every = np.arange(size)
-    row, column = np.concatenate([every, i, j]), np.concatenate([every, j, i])
+    point = np.arange(size)
+    row, column = np.concatenate([point, i, j]), np.concatenate([point, j, i])
     matrix = coo_array((np.concatenate([diagonal, -c, -c]), (row, column)), shape=(size, size))
 
     # pressure 1 at either end and 0 at the other: neither flow is a difference of near numbers
@@ -81,6 +83,7 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
     n, m = h.shape
     aperture = largest * np.cbrt(flow * n / (m * ratio))  # (1)
 
+    # speed at the points: mean of the flows on both sides
     p = np.zeros(h.shape)
     p[through] = down
     steps = np.concatenate([[inlet * (1.0 - p[0])], forward * (p[:-1] - p[1:]), [outlet * p[-1]]])
@@ -98,7 +101,7 @@ def _harmonic_mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _paths(is_open: np.ndarray) -> np.ndarray:
-    """Points that paths join to both ends of the first axis; the second one is periodic."""
+    """Mark points connected to both ends of the first axis; the second axis is periodic."""
     labels, count = scipy.ndimage.label(is_open)
     across = is_open[:, 0] & is_open[:, -1]
     pairs = labels[across, 0], labels[across, -1]

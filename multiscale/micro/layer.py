@@ -32,11 +32,11 @@ __all__ = [
 ]
 
 FEWEST_ELEMENTS = 3
-"""Layers of elements from which a coating is resolved."""
+"""Fewest layers of elements that resolve a coating."""
 
-_LANES = 32  # elements along y in one batch of the kernels
+_LANES = 32  # elements along y in a batch of the kernels
 _KRYLOV = 15  # directions, each with its image
-_VECTORS = 4  # displacement-sized arrays alive at the peak of a contact solve, the last step's too
+_VECTORS = 4  # displacement-sized arrays at the peak of a contact solve, with the last step
 
 Linear = Elastic | GradedElastic
 LayerLaw = Linear | NeoHookean | J2 | Prony
@@ -44,14 +44,12 @@ LayerLaw = Linear | NeoHookean | J2 | Prony
 
 @dataclass(frozen=True)
 class Coating:
-    """One elastic layer of even thickness on a body, bonded to the material below.
+    """An elastic layer of even thickness on a body, bonded to the material below.
 
     Parameters
     ----------
-    thickness : float
-        m.
-    youngs_modulus, poissons_ratio : float
-        Pa and 1.
+    thickness : float, m
+    youngs_modulus, poissons_ratio : float, Pa and 1
 
     Raises
     ------
@@ -77,7 +75,7 @@ def coating_faces(coating: Sequence[Coating], depth: float) -> np.ndarray:
     if faces.size and not faces[-1] > 0.0:
         raise CaseError(
             f"the coatings are {depth - faces[-1]:.3g} m thick, and the depth of {depth:.3g} m "
-            f"leaves nothing of the body below; raise the depth"
+            f"leaves no body below them; raise the depth"
         )
     return np.asarray(faces)
 
@@ -92,7 +90,7 @@ def elements_of(coating: Sequence[Coating], planes: np.ndarray) -> list[int]:
 def moduli_by_layer(
     coating: Sequence[Coating], below: tuple[float, float], planes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Young's moduli, Pa, and Poisson's ratios between planes of coatings and body below."""
+    """Young's moduli, Pa, and Poisson's ratios of the layers of coatings and the body below."""
     middle = 0.5 * (planes[1:] + planes[:-1])
     place = np.searchsorted(coating_faces(coating, float(planes[-1]))[::-1], middle)
     pairs = [below, *((film.youngs_modulus, film.poissons_ratio) for film in coating[::-1])]
@@ -112,9 +110,9 @@ class PeriodicLayer:
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
         Graded moduli have the shape (layers,), from the base up, or (nx, layers, ny).
     obstacle : Surface, optional
-        Underside of the counterface on the same grid; a flat if not given.
+        Underside of the counterface on the same grid; flat if not given.
     coating : tuple of Coating
-        Layers of other materials at the top, outermost first, on a body of one Elastic law. Node
+        Layers of other materials at the top, outermost first, on a body with an Elastic law. Node
         planes of a mesh move onto their lower faces.
 
     Raises
@@ -143,8 +141,8 @@ class PeriodicLayer:
             shape = np.shape(getattr(self.law, name))
             if shape not in ((), (self.layers,), (nx, self.layers, ny)):
                 raise CaseError(
-                    f"{name} must be one number, one of each layer ({self.layers},) or one of each "
-                    f"element ({nx}, {self.layers}, {ny}), got shape {shape}"
+                    f"{name} must be a number, or an array of the layers ({self.layers},) or of "
+                    f"the elements ({nx}, {self.layers}, {ny}), got shape {shape}"
                 )
         if not self.depth > 0.0:
             raise CaseError(f"the depth of the cell must be positive (m), got {self.depth:g}")
@@ -153,10 +151,10 @@ class PeriodicLayer:
         uniform = np.ndim(self.law.youngs_modulus) == np.ndim(self.law.poissons_ratio) == 0
         if self.coating and (self.law.finite_strain or not uniform):
             raise CaseError(
-                f"a coating lies on a body of one elastic material, and the law of the cell is "
-                f"{type(self.law).__name__}; leave out the coating, or give Elastic"
+                f"a coating needs a body with a single elastic material, and the law of the cell "
+                f"is {type(self.law).__name__}; leave out the coating, or give Elastic"
             )
-        coating_faces(self.coating, self.depth)  # checks itself
+        coating_faces(self.coating, self.depth)  # raises if the coatings are too thick
         self._check_obstacle()
 
     def _check_obstacle(self) -> None:
@@ -188,7 +186,7 @@ class PeriodicLayer:
         return 3 * self.surface.heights.size * self.layers
 
     def memory(self, friction_coefficient: float) -> int:
-        """Estimated peak of the mesh in a solve, byte."""
+        """Estimate the peak memory of a solve, byte."""
         nx, ny = self.surface.heights.shape
         mixed = self.law.finite_strain and self.mean_dilatation
         vector = nx * self.layers * (4 if mixed else 3) * ny
@@ -198,7 +196,7 @@ class PeriodicLayer:
                 return int(8 * ((_VECTORS + 3) * vector + factors))
             return int(8 * ((_VECTORS + 0.5) * vector + 0.5 * factors))
         points = 8 * nx * self.layers * _LANES * -(-ny // _LANES)
-        rows = 24 + 2 * self.law.n_state if self.law.finite_strain else 0  # 48 of half the size
+        rows = 24 + 2 * self.law.n_state if self.law.finite_strain else 0  # 48 in single precision
         return int(8 * (2 * _KRYLOV * vector + factors + rows * points))
 
     @property
@@ -232,11 +230,11 @@ class PeriodicLayer:
         planes = graded_planes(self.depth, self.layers, min(self.surface.spacing))
         if not self.coating:
             return planes
-        # the nearest of the inner planes moves onto each face
+        # move the nearest inner plane onto each face
         nearest = 1 + np.argmin(np.abs(planes[1:-1] - self.faces[:, None]), axis=1)
         if np.any(np.diff(nearest) == 0):
             raise CaseError(
-                f"of {len(self.coating)} coatings, one gets 0 of the {self.layers} layers of "
+                f"one of {len(self.coating)} coatings has none of the {self.layers} layers of "
                 f"elements: it is thinner than an element there; raise layers, or join coatings"
             )
         planes[nearest] = self.faces
@@ -271,23 +269,23 @@ class PeriodicLayer:
 
     @property
     def nearly_incompressible(self) -> bool:
-        """Whether the preconditioner is tilted, and elements take a mean change of volume."""
+        """Whether the preconditioner is tilted, and elements use their mean change of volume."""
         ratios = [float(np.max(self.law.poissons_ratio))]
         return max(ratios + [film.poissons_ratio for film in self.coating]) >= 0.4
 
     @property
     def mean_dilatation(self) -> bool:
-        """Whether an element takes its change of volume from the mean over its points."""
+        """Whether elements use the change of volume averaged over their points."""
         return self.nearly_incompressible or self.law.flows
 
     def cautions(self) -> list[str]:
-        """Return what a user should know before trusting the results, one sentence each."""
+        """Return warnings about the accuracy of the results, a sentence each."""
         period = max(self.surface.size)
         shallow = [depth_caution(body.depth, period) for body in self.bodies]
         return [caution for caution in shallow if caution] + self.element_cautions()
 
     def element_cautions(self) -> list[str]:
-        """Return which coatings get too few elements."""
+        """Return a warning for each coating with too few elements."""
         return [
             f"a coating of {film.thickness:.3g} m gets {count} layer(s) of elements, and "
             f"{FEWEST_ELEMENTS} or more follow how it bends; raise layers and points"
@@ -300,20 +298,20 @@ class PeriodicLayer:
         ]
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
-        """Return the statistics of the surface that a response keeps, and its heights, m."""
+        """Return the statistics of the surface for a response, with its heights on request, m."""
         return statistics_of(self.surface, heights=heights)
 
 
 @dataclass(frozen=True, eq=False)
 class SecondBody:
-    """A layer behind the underside of the obstacle, which makes the obstacle deformable.
+    """A layer above the underside of the obstacle, which makes the obstacle deformable.
 
     Parameters
     ----------
     depth : float, distance from its clamped base to the mean plane of its underside, m
     layers : int, layers of elements, graded towards the underside
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
-    coating : tuple of Coating, as of :class:`PeriodicLayer`
+    coating : tuple of Coating, see :class:`PeriodicLayer`
     """
 
     depth: float
@@ -322,12 +320,12 @@ class SecondBody:
     coating: tuple[Coating, ...] = ()
 
     def layer(self, surface: Surface) -> PeriodicLayer:
-        """Return the body under a surface, in its own frame, with z out of it."""
+        """Return the body below a surface, in its local frame, with z out of the body."""
         return PeriodicLayer(surface, self.depth, self.layers, self.law, coating=self.coating)
 
 
 def depth_caution(depth: float, period: float) -> str | None:
-    """Return how a layer thinner than the period changes the answer, if it is."""
+    """Return a warning if the layer is thinner than the period."""
     from multiscale.micro.flat.compliance import layered_compliance
 
     if depth >= 0.99 * period:
@@ -335,9 +333,9 @@ def depth_caution(depth: float, period: float) -> str | None:
     nu, planes = 0.3, np.array([0.0, depth])
     moduli = lame_parameters(np.ones(1), nu)
     compliance = layered_compliance((2, 1), (period, period), planes, *moduli)
-    share = float(compliance[1, 0]) * np.pi / (period * (1.0 - nu**2))  # of a half-space's
+    share = float(compliance[1, 0]) * np.pi / (period * (1.0 - nu**2))  # relative to a half-space
     return (
-        f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
+        f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest mode "
         f"{100.0 * (1.0 - share):.2g} % too stiff"
     )
 
@@ -345,14 +343,14 @@ def depth_caution(depth: float, period: float) -> str | None:
 def statistics_of(surface: Surface, *, heights: bool) -> dict[str, np.ndarray]:
     """Statistics of a surface as variables of a response, with its heights on request, m."""
     statistics = (rms_height, rms_slope, nayak_parameter)
-    record = {each.__name__: np.array([each(surface)]) for each in statistics}
+    record = {function.__name__: np.array([function(surface)]) for function in statistics}
     return record | ({"height": surface.heights.T[None]} if heights else {})
 
 
 def at_first_touch(
     heights: np.ndarray, obstacle: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, float]:
-    """Heights of an obstacle that touches a surface, and how far it is raised, m."""
+    """Return the heights of an obstacle raised to first touch, and the rise, m."""
     distance = float(np.max(heights - obstacle))
     return np.broadcast_to(obstacle + distance, heights.shape), distance
 
@@ -363,7 +361,7 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
         return np.linspace(0.0, depth, layers + 1)
 
     power, total = np.arange(layers), depth / top_thickness
-    # too large, so that Newton falls to it; scipy.optimize would load for longer than a cell takes
+    # Newton from above the root; the import of scipy.optimize takes longer than a cell
     ratio, step = total ** (1.0 / (layers - 1)), np.inf
     while step > 1e-15 * ratio:
         thickness = ratio**power
@@ -375,11 +373,11 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
 
 
 class GraphArrays(NamedTuple):
-    """A graph mesh as kernels take it."""
+    """Arrays of a graph mesh for kernels."""
 
-    heights: np.ndarray  # (nx, ny), of the surface, m
+    heights: np.ndarray  # (nx, ny), heights of the surface, m
     planes: np.ndarray  # (layers + 1,), heights of the node planes below a flat surface, m
-    factor: np.ndarray  # (layers + 1,), share of the surface's height in that of each plane
+    factor: np.ndarray  # (layers + 1,), share of the surface height in the height of each plane
     dx: float  # spacing of the nodes, m
     dy: float
 
@@ -399,7 +397,7 @@ class GraphMesh:
         nx, ny = self.surface.heights.shape
         if any(n % 2 and n > 1 for n in (nx, ny)):
             raise CaseError(
-                f"the cell needs an even number of points in each direction, or one across, got "
+                f"the cell needs an even number of points in each direction, or 1 across, got "
                 f"{nx} x {ny}; resample the surface to {nx + nx % 2} x {ny + ny % 2}"
             )
         depth, lowest = float(self.planes[-1]), float(self.surface.heights.min())
@@ -417,17 +415,17 @@ class GraphMesh:
 
     @property
     def map_factor(self) -> np.ndarray:
-        """Share of the height that a node plane carries, shape (layers + 1,)."""
+        """Share of the surface height in each node plane, shape (layers + 1,)."""
         return np.asarray(self.planes / self.planes[-1])
 
     @property
     def arrays(self) -> GraphArrays:
-        """The mesh as kernels take it."""
+        """Arrays of the mesh for kernels."""
         heights = np.ascontiguousarray(self.surface.heights, dtype=np.float64)
         return GraphArrays(heights, self.planes, self.map_factor, *self.surface.spacing)
 
     def hexahedra(self, first_layer: int = 0) -> "MeshHex":
-        """Return the mesh, opened at its periodic faces, for scikit-fem."""
+        """Return the scikit-fem mesh, not joined at its periodic faces."""
         from skfem import MeshHex
 
         (nx, ny, _), (dx, dy) = self.shape, self.surface.spacing

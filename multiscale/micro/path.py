@@ -1,4 +1,4 @@
-"""Paths of cells, step by step, and the protocol of the models that follow them."""
+"""Load paths of cells, and the protocol of the models that follow them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,25 +20,25 @@ State = TypeVar("State", bound="DataclassInstance")
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """End of a step of a path, or of an increment of it; load or approach is prescribed."""
+    """Prescribed end of a step or an increment: either load or approach is given."""
 
-    load: float | None  # vertical, N
-    approach: float | None  # of the obstacle, m
+    load: float | None  # vertical force, N
+    approach: float | None  # approach of the obstacle, m
     slide: np.ndarray  # (2,), displacement of the obstacle in its plane, m
     time_step: float = 0.0  # s
 
 
 @dataclass(frozen=True, eq=False)
 class Step(Generic[State]):
-    """Result of one step."""
+    """Result of a step."""
 
     state: State  # at the end of the step, or the last equilibrium before a failure
     cost: Mapping[str, float]  # variables of the response that count iterations
-    ended: str = ""  # why the step ended without a result
+    ended: str = ""  # reason for a failure, or empty
 
 
 class CellModel(Protocol[State]):
-    """Model of a cell for the loop over steps; the cell itself answers the fourth, ``needs``."""
+    """Model of a cell for the loop over steps."""
 
     @property
     def area(self) -> float:
@@ -46,7 +46,7 @@ class CellModel(Protocol[State]):
 
     @property
     def remembers(self) -> bool:
-        """Whether a path ends at a failed step, on the state of which the later ones depend."""
+        """Whether later steps depend on the state, so that a path ends at a failed step."""
 
     def rest(self) -> State:
         """Return the state before any load."""
@@ -60,14 +60,14 @@ class CellModel(Protocol[State]):
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A sequence of load steps, each started from the one before.
+    """A sequence of load steps, each started from the previous step.
 
     Parameters
     ----------
     pressure : tuple of float, optional
         Mean pressure at each step, Pa, at least 0.
     approach : tuple of float, optional
-        Approach of the obstacle counted from the first touch, m. Give one of the two.
+        Approach of the obstacle counted from the first touch, m, instead of pressures.
     slide : tuple of pairs of float, optional
         Displacement of the obstacle in its plane at each step, m.
     time : tuple of float, optional
@@ -75,12 +75,12 @@ class Path:
     increments : int
         Fewest increments of a step. More are taken where a body flows, slides or does not
         converge.
-    refinement : int, how many times shorter than by default the increments of a body that flows are
+    refinement : int, divides the length of the default increments of a body that flows
 
     Raises
     ------
     CaseError
-        If both or neither of pressure and approach are given, or a value is refused.
+        If both or neither of pressure and approach are given, or a value is outside its range.
     """
 
     pressure: tuple[float, ...] | None = None
@@ -92,7 +92,7 @@ class Path:
 
     def __post_init__(self) -> None:
         if (self.pressure is None) == (self.approach is None):
-            raise CaseError("a path prescribes either pressures or approaches; give one of them")
+            raise CaseError("a path prescribes either pressures or approaches; give one of both")
         name = "approach" if self.pressure is None else "pressure"
         steps = tuple(float(value) for value in getattr(self, name))
         if not steps or not np.all(np.isfinite(steps)):
@@ -129,11 +129,11 @@ class Path:
         return len(self.pressure or self.approach or ())
 
     def check_still(self) -> None:
-        """Refuse slide and time for a cell with an answer that has no history."""
+        """Refuse slide and time for a cell without history."""
         if self.slide is not None or self.time is not None:
             raise CaseError(
-                "a linear elastic body has no time, and slides neither as a flat cell nor on a "
-                "mesh without friction; leave out slide and time"
+                "a linear elastic body does not depend on time, and slides neither as a flat cell "
+                "nor on a mesh without friction; leave out slide and time"
             )
 
     def target(self, k: int, area: float) -> Target:

@@ -1,4 +1,4 @@
-"""Cells with friction: paths that shear them to full slip, and runs that slide them on."""
+"""Friction of cells: paths of shear to full slip, and sliding of the counterface."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -19,11 +19,11 @@ from multiscale.surfaces.fourier import rms_height
 __all__ = ["shear_path", "slide_cell"]
 
 REACH = 8.0
-"""Largest slip of the interface, relative to that over which a joint gives way: full slip."""
+"""Largest slip of the interface, relative to the slip u_* of (1): full slip."""
 
-DECAY = 0.4  # p / K over the rms height of a self-affine surface at light load
+DECAY = 0.4  # pressure over stiffness and rms height, of a self-affine surface at light load
 
-LONGEST = 20.0  # periods of a cell
+LONGEST = 20.0  # longest slide in periods of the cell
 
 
 def shear_path(
@@ -40,17 +40,17 @@ def shear_path(
     Parameters
     ----------
     cell : FiniteCell
-        With friction; two deformable bodies, as a rigid obstacle couples pressing and shear. The
-        lengths of the path follow from it and serve all realisations.
+        Cell with friction and two deformable bodies, as a rigid obstacle couples pressing and
+        shear. The lengths of the path follow from it and apply to all realisations.
     pressures : sequence of float, mean pressures under which the cell is sheared, Pa
     along : {"x", "y", "xy"}, directions of the shear
-    steps : int, number of steps to full slip; the first ones are short
+    steps : int, number of steps to full slip, short at the beginning
     cycle : float
-        Amplitude of a closed cycle on the way, relative to the slip :math:`u_*` below, at the step
-        that is nearest, for the energy that the cell dissipates. None if zero.
+        Amplitude of a closed cycle on the way, relative to the slip :math:`u_*` below, at the
+        nearest step, for the energy that the cell dissipates. Zero: no cycle.
     pressed : sequence of float
-        Mean pressures through which the cell is pressed and then released at first, Pa, rising: it
-        then has a normal law on the grid on which it is sheared.
+        Mean pressures, Pa, rising, of a loading and release before the shear, which measures the
+        normal law on the same grid.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def shear_path(
     Raises
     ------
     CaseError
-        If the cell has no friction, or a number makes no sense.
+        If the cell has no friction, or a number is outside its range.
 
     Notes
     -----
@@ -93,17 +93,18 @@ def shear_path(
             f"a cycle lies on the way to full slip, with an amplitude from 0 to less than "
             f"{REACH:g}, got {cycle:g}"
         )
+    # slip u_* and compliance of the bodies
     heights = [rms_height(body.surface) for body in cell.bodies]
     heights += [] if cell.second or cell.obstacle is None else [rms_height(cell.obstacle)]
     nu = float(np.mean(cell.law.poissons_ratio))
     scale = mu * DECAY * float(np.linalg.norm(heights)) / mindlin_ratio(nu)
     if not scale > 0.0:
-        raise CaseError("the surfaces are flat, so that nothing slips before all of it does")
+        raise CaseError("the surfaces are flat, so that there is no slip before full slip")
     compliance = sum(np.sum(np.diff(body.planes) / body.layer_moduli[1]) for body in cell.bodies)
     rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way
-
     turn = int(np.argmin(np.abs(REACH * rise - cycle)))  # the step at which a cycle begins
 
+    # press and release, then shear along each direction at each pressure
     pressure: list[float] = [*pressed, 0.0] if pressed else []
     slide: list[tuple[float, float]] = [(0.0, 0.0)] * len(pressure)
     for p in pressures:
@@ -112,8 +113,8 @@ def shear_path(
         if cycle:  # Masing: twice the way at twice the slip
             middle = 2.0 * mu * p * -np.expm1(-0.5 * slip[turn] / scale) * compliance
             middle = way[turn] - slip[turn] - middle  # where the slip is zero on the way back
-            there = [middle, -way[turn], -middle, way[turn]]
-            way = np.concatenate([way[: turn + 1], there, way[turn + 1 :]])
+            loop = [middle, -way[turn], -middle, way[turn]]
+            way = np.concatenate([way[: turn + 1], loop, way[turn + 1 :]])
         way = np.concatenate([[0.0], way, [0.0]])
         for axis in along:
             pressure += [p] * (len(way) - 1) + [0.0]
@@ -137,23 +138,22 @@ def slide_cell(
     cell : GraphCell or FiniteCell, with a rigid obstacle or two bodies
     pressure : tuple of float, mean pressures, Pa, positive; each starts from the undeformed cell
     distance : float
-        Sliding distance, m. After one period of the cell an elastic cell repeats itself; a plastic
-        one is run in after some.
+        Sliding distance, m. An elastic cell repeats itself after a period of its surface; a
+        plastic cell is run in after a few periods.
     steps : int
     executor : Executor, optional
-        For the pressures; see :func:`multiscale.executors.run_jobs`.
-    tolerance : float, as of :func:`multiscale.micro.solve_cell`
+        Runs the pressures; see :func:`multiscale.executors.run_jobs`.
+    tolerance : float, see :func:`multiscale.micro.solve_cell`
 
     Returns
     -------
     Dataset
-        Follows ``SLIDING_RESPONSE``. A pressure at which the path could not go on is ``NaN`` from
-        there.
+        Follows ``SLIDING_RESPONSE``. After a failed step the values of a pressure are ``NaN``.
 
     Raises
     ------
     CaseError
-        If a pressure or the distance makes no sense.
+        If a pressure or the distance is outside its range.
 
     Notes
     -----
@@ -173,9 +173,9 @@ def slide_cell(
     period = cell.surface.size[0]
     if distance > LONGEST * period:
         raise CaseError(
-            f"a slide of {distance:.3g} m is {distance / period:.3g} periods of the cell; it "
-            f"repeats itself after one, and is run in after a few where it flows: slide at most "
-            f"{LONGEST:g}"
+            f"a slide of {distance:.3g} m is {distance / period:.3g} periods of the cell; an "
+            f"elastic cell repeats itself after a period, and a plastic cell is run in after a "
+            f"few: slide at most {LONGEST:g} periods"
         )
     slide = np.zeros((steps + 1, 2))
     slide[:, 0] = np.linspace(0.0, distance, steps + 1)

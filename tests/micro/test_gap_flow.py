@@ -101,7 +101,9 @@ def test_a_cell_tells_what_its_gap_lets_through(geometry):
 
 def test_a_mesh_without_a_surface_has_no_gap_to_flow_through():
     mesh = MeshHex().with_boundaries({"base": lambda x: x[2] == 0.0, "top": lambda x: x[2] == 1.0})
-    with pytest.raises(CaseError, match="gap of a surface, and this general mesh has none"):
+    with pytest.raises(
+        CaseError, match="through the gap on a grid, but this general mesh has no grid"
+    ):
         solve_cell(
             MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3)), Path(pressure=(1e-3,)), keep_flow=True
         )

@@ -1,7 +1,7 @@
 """Volumes with cavities and flat cracks in closed form: bodies, sections, images.
 
-Bodies are arrays with centres, shape (n, 3), m. Radii, m, are one for all bodies or one each, shape
-(n,); directions, shape (3,) or (n, 3), may have any length but zero.
+Bodies are arrays with centres, shape (n, 3), m. Radii, m, are a number for all bodies or an array,
+shape (n,); directions, shape (3,) or (n, 3), may have any length but zero.
 """
 
 from abc import ABC, abstractmethod
@@ -43,7 +43,7 @@ class SectionPlane(NamedTuple):
 
 
 def perpendicular(unit: np.ndarray) -> np.ndarray:
-    """Complete unit vectors (n, 3) to right-handed frames; the two other vectors, (n, 2, 3)."""
+    """Return the two vectors, (n, 2, 3), that complete unit vectors (n, 3) to right-hand frames."""
     x, y, z = unit.T  # T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
@@ -58,7 +58,7 @@ def perpendicular(unit: np.ndarray) -> np.ndarray:
 
 
 def _box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
-    """Corners of the section of a box with a plane, anticlockwise, (n, 2), m; none beside it."""
+    """Corners of the section of a box with a plane, anticlockwise, (n, 2), m; n = 0 outside."""
     corners = CORNERS * size
     height = (corners - plane.origin) @ plane.normal
     below = height <= 0.0
@@ -79,7 +79,7 @@ class Bodies(ABC):
 
     @property
     def reach(self) -> np.ndarray:
-        """Half lengths of their boxes, m."""
+        """Half lengths of the bounding boxes, m."""
         return np.asarray(np.linalg.norm(self.root, axis=2))
 
     @property
@@ -88,16 +88,16 @@ class Bodies(ABC):
         return bool(self.root.shape[2] == 2)
 
     def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
-        """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
+        """Select bodies, moved by a shift of shape (3,) or (selected, 3), m."""
         return type(self)(self.centre[index] + shift, self.root[index])
 
     def thickness(self, spacing: np.ndarray) -> np.ndarray:
-        """Thickness of each body in an image of some spacing, m; zero if the body has a volume."""
+        """Thickness of each crack in an image of a spacing, m; zero for bodies with a volume."""
         return np.zeros(len(self.centre))
 
     @abstractmethod
     def section(self, plane: SectionPlane) -> tuple[np.ndarray, np.ndarray]:
-        """Centres, (k, 2), and roots, (k, 2, 2), of the ellipses that a plane has in common, m."""
+        """Centres, (k, 2), and roots, (k, 2, 2), of the ellipses in a plane section, m."""
 
     def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
         """Whether points (3, ...) lie in body k, or within half a thickness, m, of a crack."""
@@ -163,7 +163,7 @@ class Cracks(Bodies):
         """Whether points lie within half a thickness of crack k."""
         away = points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1))
         above = np.tensordot(self.normal[k], away, axes=1)
-        # only one of two layers of points at the same distance counts
+        # of two layers of points at the same distance, only the upper layer is inside
         low, high = -0.5 * thickness * (1.0 + NEGLIGIBLE), 0.5 * thickness * (1 - NEGLIGIBLE)
         return np.asarray(self._within(k, away) & (above > low) & (above <= high))
 
@@ -206,7 +206,7 @@ def _points(centre: np.ndarray) -> np.ndarray:
 
 
 def _radii(value: float | np.ndarray, n: int) -> np.ndarray:
-    """Return one positive radius for each body."""
+    """Return the radius of each body, checked to be positive."""
     values = np.broadcast_to(np.asarray(value, dtype=float), (n,))
     wrong = ~(values > 0.0) | np.isinf(values)
     if wrong.any():
@@ -219,7 +219,7 @@ def _radii(value: float | np.ndarray, n: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Cavities:
-    """A box of solid, from the origin to its size, with cavities and flat cracks in it.
+    """A box of solid, from the origin to its size, with cavities and flat cracks.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class Cavities:
         Cavities and cracks, of :func:`spheres` or :func:`penny_cracks`. They may reach out of
         the box, and overlap.
     periodic : bool
-        Whether the parts of bodies outside the box enter again on the opposite side.
+        Whether bodies that reach out of the box continue on the opposite side.
 
     Examples
     --------
@@ -249,7 +249,7 @@ class Cavities:
     @cached_property
     def images(self) -> list[Bodies]:
         """All bodies that reach into the box, with their periodic images."""
-        found = []
+        images = []
         size = np.array(self.size)
         for kind in self.bodies:
             reach, centre = kind.reach, kind.centre
@@ -261,8 +261,8 @@ class Cavities:
             place = centre[None] + copies[:, None]
             inside = np.all((place + reach >= 0.0) & (place - reach <= size), axis=2)
             which = np.nonzero(inside)[1]
-            found.append(kind.take(which, place[inside] - kind.centre[which]))
-        return found
+            images.append(kind.take(which, place[inside] - kind.centre[which]))
+        return images
 
     def section_areas(
         self, normal: np.ndarray, distance: np.ndarray, slab: float
@@ -279,16 +279,16 @@ class Cavities:
             if len(polygon) > 2:
                 (x, y), after = polygon.T, np.arange(1 - len(polygon), 1)
                 area[k] = 0.5 * float(x @ y[after] - y @ x[after])
-                parts = [kind.section(plane) for kind in self.images]
-                centre = np.concatenate([np.empty((0, 2)), *(c for c, _ in parts)])
-                root = np.concatenate([np.empty((0, 2, 2)), *(M for _, M in parts)])
+                ellipses = [kind.section(plane) for kind in self.images]
+                centre = np.concatenate([np.empty((0, 2)), *(c for c, _ in ellipses)])
+                root = np.concatenate([np.empty((0, 2, 2)), *(M for _, M in ellipses)])
                 turned = root[:, 0, 0] * root[:, 1, 1] < root[:, 0, 1] * root[:, 1, 0]
                 root = np.where(turned[:, None, None], root[:, :, ::-1], root)
                 lost[k] = union_area(polygon, centre, root)
         return lost, area
 
     def image(self, shape: int | tuple[int, int, int]) -> VoxelImage:
-        """Make an image, see :func:`voxelise`."""
+        """Return an image, see :func:`voxelise`."""
         return voxelise(self, shape)
 
     def coarser(self) -> None:
@@ -303,7 +303,7 @@ class Cavities:
         return void
 
     def window(self, share: float, corner: Sequence[int]) -> "Cavities":
-        """Cut a part of a share of the edges at a corner, (0 or 1) x 3; its sides are cuts."""
+        """Cut a smaller box, a share of the edges, at a corner, (0 or 1) x 3; not periodic."""
         x, y, z = (share * edge for edge in self.size)
         away = np.array(corner) * (1.0 - share) * np.array(self.size)
         inside = [
@@ -321,12 +321,12 @@ def check_box(size: tuple[float, float, float]) -> None:
 
 
 def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
-    """Make an image of closed forms: a voxel is void if its centre lies in a cavity.
+    """Convert closed forms to an image: a voxel is void if its centre lies in a cavity.
 
     Parameters
     ----------
     rve : Cavities
-        The volume. A flat crack becomes one layer of voxels, as thick as a voxel along its normal.
+        The volume. A flat crack becomes a layer of voxels, as thick as a voxel along its normal.
     shape : int or tuple of int
         Voxels along x, y and z; or along the longest edge, with voxels as close to cubes as
         possible.
@@ -339,7 +339,7 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
     if not isinstance(rve, Cavities):
         raise CaseError(f"voxelise takes Cavities, got {type(rve).__name__}")
     if np.min(shape) < 1:
-        raise CaseError(f"an image needs at least one voxel along every axis, got {shape}")
+        raise CaseError(f"an image needs at least 1 voxel along every axis, got {shape}")
     size = np.array(rve.size)
     if isinstance(shape, int):
         shape = tuple(np.maximum(1, np.rint(shape * size / size.max())).astype(int).tolist())
@@ -355,7 +355,7 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
                 for x, c, r in zip(axes, centre, half, strict=True)
             )
             points = np.stack(
-                np.meshgrid(*(x[part] for x, part in zip(axes, window, strict=True)), indexing="ij")
+                np.meshgrid(*(x[span] for x, span in zip(axes, window, strict=True)), indexing="ij")
             )
             void[window] |= kind.contains(k, points, float(thickness[k]))
     return VoxelImage(void, rve.size)

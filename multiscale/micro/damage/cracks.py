@@ -41,25 +41,25 @@ __all__ = [
 ]
 
 GROWTH = 0.02
-"""Part of its radius by which a crack grows in an event."""
+"""Growth of a crack in an event, relative to its radius."""
 
 CUT = 0.999
 """Share of a section at which a crack has cut the volume."""
 
 RECORDS = 25
-"""Events of a volume that are recorded, evenly spread over all."""
+"""Number of recorded events of a volume, evenly spread over all events."""
 
 PLANES = 8
-"""Planes of a volume among which the worst one is searched, across the pull."""
+"""Number of planes of a volume, across the tension, in the search for the worst plane."""
 
 LEVELS = np.linspace(1.0, 0.0, 41)
 """Stresses over the strength at which openings are averaged over volumes."""
 
-TAIL = 0.025
+TAIL = 0.025  # probability beyond each end of an interval
 
 UNKNOWN_LAW = (
-    "the softening law of the volume is unknown, as its crack reaches another one before it cuts "
-    "the volume; give fewer cracks, or through = true, as if it grew alone"
+    "the softening law of the volume is unknown, as its crack reaches another crack before it cuts "
+    "the volume; give fewer cracks, or through = true to ignore the other crack"
 )
 
 
@@ -75,8 +75,8 @@ class Microcracks:
     youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
     toughness : float, :math:`K_{Ic}` where a crack begins to grow, Pa m\ :sup:`1/2`
     rise, bridging : float
-        The toughness rises by the share ``rise`` while a crack grows by some times the length
-        ``bridging``, m: :math:`K_{Ic} [1 + r (1 - e^{-(a - a_0)/l})]`, as grains hold its faces.
+        The toughness rises by the share ``rise`` while a crack grows by a few times the length
+        ``bridging``, m: :math:`K_{Ic} [1 + r (1 - e^{-(a - a_0)/l})]`, as grains bridge its faces.
     """
 
     edge: float
@@ -101,13 +101,13 @@ class Microcracks:
         widest = float(np.max(self.radius, initial=0.0))
         if not np.size(self.radius) or np.pi * widest**2 >= CUT * self.edge**2:
             raise CaseError(
-                f"the largest crack has a radius of {widest:g} m and leaves nothing of a section "
-                f"of {self.edge:g} m by {self.edge:g} m; give cracks, and smaller ones"
+                f"cracks must be given and must not cut a section of {self.edge:g} m by "
+                f"{self.edge:g} m; the largest crack has a radius of {widest:g} m"
             )
 
     @classmethod
     def of(cls, rve: Cavities, **solid: float) -> Self:
-        """Take the cracks of a volume.
+        """Select the cracks of a volume.
 
         Parameters
         ----------
@@ -118,24 +118,24 @@ class Microcracks:
         semi_axes = [np.linalg.norm(kind.root, axis=1) for kind in flat]
         if np.ptp(rve.size) > NEGLIGIBLE * max(rve.size) or not rve.periodic:
             raise CaseError(
-                f"cracks grow in a periodic cube, got a volume of {rve.size} m; give one size"
+                f"cracks grow in a periodic cube, got a volume of {rve.size} m; give equal sizes"
             )
         if len(flat) < len(rve.bodies) or any(
             np.any(np.ptp(axes, axis=1) > NEGLIGIBLE * axes.max()) for axes in semi_axes
         ):
             raise CaseError(
-                "the volume holds pores or elliptic cracks, and growth is known of circular "
-                "cracks only; leave the others out"
+                "the volume contains pores or elliptic cracks, but the growth law is for circular "
+                "cracks only; leave out the others"
             )
         if not flat:
-            raise CaseError("the volume holds no crack that could grow; give cracks")
+            raise CaseError("the volume contains no crack that could grow; give cracks")
         centre, normal = (
             np.concatenate([getattr(kind, name) for kind in flat]) for name in ("centre", "normal")
         )
         return cls(rve.size[0], centre, normal, np.concatenate(semi_axes)[:, 0], **solid)
 
     def at(self, radius: np.ndarray) -> Cavities:
-        """Return the volume with cracks of such radii, for :func:`plane_damage` and others."""
+        """Return the volume with cracks of given radii, shape (n,), m."""
         cracks = penny_cracks(self.centre, self.normal, radius)
         return Cavities((self.edge,) * 3, [cracks], periodic=True)
 
@@ -143,8 +143,8 @@ class Microcracks:
     def _unit(self) -> tuple[np.ndarray, np.ndarray]:
         """Normal traction over the stress, (n, 6), and N^T [...] N of (1), (n, 6, 6)."""
         x, y, z = self.normal.T
-        no = np.zeros_like(x)
-        rows = ((x, no, no, no, z, y), (no, y, no, z, no, x), (no, no, z, y, x, no))
+        o = np.zeros_like(x)
+        rows = ((x, o, o, o, z, y), (o, y, o, z, o, x), (o, o, z, y, x, o))
         N = np.array(rows).transpose(2, 0, 1)
         pull = np.einsum("ki,kia->ka", self.normal, N)
         both, slip = N.transpose(0, 2, 1) @ N, 2.0 / (2.0 - self.poissons_ratio)
@@ -158,7 +158,7 @@ class Microcracks:
         return np.asarray(S / self.youngs_modulus)
 
     def compliance(self, radius: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """Compliance (1) with cracks of such radii, (6, 6), 1/Pa, of which a stress opens some."""
+        """Compliance (1), (6, 6), 1/Pa, of cracks with given radii where a stress opens them."""
         d, nu = np.pi * radius**2 / self.edge**2, self.poissons_ratio
         unit = 16.0 * (1.0 - nu**2) / (3.0 * self.youngs_modulus * self.edge**3)
         size = unit * radius**3 / (1.0 - d) * (self.opening_traction(stress) > 0.0)
@@ -169,25 +169,25 @@ class Microcracks:
         return np.asarray(self._unit[0] @ stress)
 
     def intensity(self, radius: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """Stress intensity (2) of open cracks, shape (n,), and zero of closed ones."""
+        """Stress intensity (2) of open cracks, shape (n,); zero of closed cracks."""
         d = np.pi * radius**2 / self.edge**2
         pull = np.maximum(self.opening_traction(stress), 0.0)
         return np.asarray(2.0 * pull * np.sqrt(radius / np.pi) * np.sqrt(1.0 - d / 3.0) / (1.0 - d))
 
 
 def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool = False) -> Dataset:
-    """Grow cracks under a stress of one direction until one of them has cut the volume.
+    """Grow cracks under a proportional stress until a crack has cut the volume.
 
-    The dissipation is the energy of mode I, of a crack across the tension all that it takes.
+    The dissipation is the energy of mode I, which is all for a crack normal to the tension.
 
     Parameters
     ----------
     cracks : Microcracks
     stress : ndarray, shape (6,)
-        Stress at the factor one, Pa: xx, yy, zz, yz, xz, xy.
+        Stress at the factor 1, Pa: xx, yy, zz, yz, xz, xy.
     through : bool
-        Whether a crack that reaches another one grows on as if it were alone. The search ends there
-        otherwise, as (1) and (2) know no cracks that join.
+        Whether a crack that reaches another crack grows on regardless. Otherwise the search ends
+        there, as (1) and (2) do not describe cracks that join.
 
     Returns
     -------
@@ -204,12 +204,14 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
     largest, spent, touched = np.sqrt(CUT / np.pi) * cracks.edge, 0.0, False
     rows, radii = [], []
     while True:
+        # scale the stress so that the most critical crack reaches its toughness
         resistance = cracks.toughness * (
             1.0 + cracks.rise * (1.0 - np.exp(-(radius - first) / cracks.bridging))
         )
         ratio = cracks.intensity(radius, T) / resistance
         worst = int(np.argmax(ratio))
         factor = 1.0 / float(ratio[worst])
+        # record the event
         S = cracks.compliance(radius, T)
         opening = cracks.edge * factor * float(T @ (S - S0) @ T) / size
         section = np.pi * float(radius.max()) ** 2 / cracks.edge**2
@@ -221,6 +223,7 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
         radii.append(radius.copy())
         if radius[worst] >= largest or (touched and not through):
             break
+        # grow this crack
         after = min(largest, (1.0 + GROWTH) * radius[worst])
         area = np.pi * (after**2 - radius[worst] ** 2)
         spent += release / cracks.youngs_modulus * float(resistance[worst]) ** 2 * area
@@ -237,18 +240,18 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
     at = int(np.argmax(table[:, 6]))
     return with_cautions(
         growth,
-        f"the crack that grows reaches another one where it covers {100.0 * table[at, 3]:.3g} % of "
+        f"the growing crack reaches another crack where it covers {100.0 * table[at, 3]:.3g} % of "
         f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: "
-        + ("from there on it grows as if it were alone" if through else "there the search ends"),
+        + ("from there on the other crack is ignored" if through else "there the search ends"),
     )
 
 
-def _touches(cracks: Microcracks, radius: np.ndarray, grows: int) -> bool:
-    """Whether the ball around the crack that grows meets the ball around another one."""
-    away = cracks.centre - cracks.centre[grows]
+def _touches(cracks: Microcracks, radius: np.ndarray, growing: int) -> bool:
+    """Whether the ball around the growing crack meets the ball around another crack."""
+    away = cracks.centre - cracks.centre[growing]
     away -= cracks.edge * np.round(away / cracks.edge)
-    meets = np.linalg.norm(away, axis=1) < radius + radius[grows]
-    meets[grows] = False
+    meets = np.linalg.norm(away, axis=1) < radius + radius[growing]
+    meets[growing] = False
     return bool(meets.any())
 
 
@@ -259,28 +262,30 @@ def grow_volumes(
     axis: int = 2,
     through: bool = False,
 ) -> Dataset:
-    r"""Pull volumes along an axis until one crack of each has cut it.
+    r"""Pull each volume along an axis until a crack has cut it.
 
     Parameters
     ----------
     volumes : sequence of Microcracks
     share : ndarray, shape (volumes,)
-        Edge over the edge of the representative volume; 1 for representative ones.
-    axis : int, of the pull
+        Edge over the edge of the representative volume; 1 for representative volumes.
+    axis : int, direction of the tension
     through : bool, see :func:`grow_microcracks`
 
     Returns
     -------
     Dataset
-        Follows ``VOLUME_GROWTH``. ``damage`` is the largest of eq (1) on planes across the pull
-        through the cracks with the largest projections. The mean softening law has the mean
-        strength, and the openings :math:`w(s)`, averaged at equal shares s of the strengths, are
-        scaled to the mean fracture energy. A volume that no crack has cut has NaN for its law.
+        Follows ``VOLUME_GROWTH``. ``damage`` is the largest damage, eq (1) of the source, on planes
+        normal to the tension through the cracks with the largest projections. The mean softening
+        law has the mean strength, and the openings :math:`w(s)`, averaged at equal shares s of the
+        strengths, are scaled to the mean fracture energy. The law of a volume that no crack has cut
+        is NaN.
     """
     pull, n = np.eye(6)[axis], len(volumes)
     curves = np.full((4, n, RECORDS), np.nan)
     laws = np.full((2, n, LEVELS.size), np.nan)
     peak_damage, touching = np.full(n, np.nan), 0
+    # growth, and softening law at the levels, of each volume
     for k, cracks in enumerate(volumes):
         grown = grow_microcracks(cracks, pull, through=through)
         stress = grown["factor"].to_numpy()
@@ -298,6 +303,7 @@ def grow_volumes(
             levels = LEVELS * law.strength
             laws[:, k] = levels, np.interp(-levels, -law.stress, law.opening)
             peak_damage[k] = _section(cracks, radius[np.argmax(stress)], axis)
+    # mean law of the representative volumes
     energy = np.trapezoid(laws[0], laws[1], axis=1)
     whole = (share == 1.0) & np.isfinite(energy)
     if not whole.any():
@@ -317,22 +323,22 @@ def grow_volumes(
         "mean_opening": opening,
         "converged": np.isfinite(energy).astype(int),
     }
-    for name, found in (("strength", strength[whole]), ("fracture_energy", energy[whole])):
-        values[name] = found.mean()
-        for kind, half in zip(("mean_law", "one_part"), half_widths(found), strict=True):
-            values[f"{name}_{kind}"] = found.mean() * np.exp([-half, half])
+    for name, sample in (("strength", strength[whole]), ("fracture_energy", energy[whole])):
+        values[name] = sample.mean()
+        for kind, half in zip(("mean_law", "one_part"), half_widths(sample), strict=True):
+            values[f"{name}_{kind}"] = sample.mean() * np.exp([-half, half])
     dataset = VOLUME_GROWTH.build(values, edge=max(cracks.edge for cracks in volumes), axis=axis)
     if not touching:
         return dataset
-    ends = (
-        "it grows on as if it were alone"
+    consequence = (
+        "the other crack is ignored"
         if through
-        else "its law is unknown; through = true lets it grow on as if it were alone"
+        else "its law is unknown; with through = true the other crack is ignored"
     )
     return with_cautions(
         dataset,
-        f"in {touching} of {n} volumes the crack that grows reaches another one before it has cut "
-        f"the volume: {ends}",
+        f"in {touching} of {n} volumes the growing crack reaches another crack before it has cut "
+        f"the volume: {consequence}",
     )
 
 
@@ -342,13 +348,13 @@ def softening_of(growth: Dataset, strength: float = 1.0) -> Softening:
     Parameters
     ----------
     growth : Dataset
-        Follows ``CRACK_GROWTH``, of pull along one direction.
-    strength : float, stress at the factor one, Pa
+        Follows ``CRACK_GROWTH``, under tension along an axis.
+    strength : float, stress at the factor 1, Pa
 
     Notes
     -----
-    The law begins at the largest stress; what opens before is spread over the volume and is no
-    part of the crack.
+    The law begins at the largest stress; the opening up to it is spread over the volume and does
+    not belong to the crack.
     """
     if not int(growth["converged"]):
         raise CaseError(UNKNOWN_LAW)
@@ -373,7 +379,7 @@ def softening_samples(growth: Dataset) -> list[Softening]:
 
 
 def half_widths(values: np.ndarray) -> tuple[float, float]:
-    """Half-widths of 95 % intervals of the logarithm of a mean and of one further value, or NaN."""
+    """Half-widths of 95 % intervals of the logarithm: of the mean, and of a further value."""
     from scipy.special import stdtrit
 
     n = values.size
@@ -384,7 +390,7 @@ def half_widths(values: np.ndarray) -> tuple[float, float]:
 
 
 def _section(cracks: Microcracks, radius: np.ndarray, axis: int) -> float:
-    """Largest damage on planes across an axis through the cracks of the largest projections."""
+    """Largest damage on planes normal to an axis through the cracks of largest projection."""
     widest = np.argsort(radius**2 * np.abs(cracks.normal[:, axis]))[-PLANES:]
     offset = cracks.centre[widest, axis] % cracks.edge - 0.5 * cracks.edge
     return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset).max())

@@ -1,9 +1,9 @@
 r"""Fatigue of a structure, element by element, until the first element has cracked.
 
 Every element is a representative volume with weak inclusions of several fatigue limits. Each
-follows the two-scale model under the stress of the sound material at the strain of the element.
-Damage of an inclusion is not measurable from outside; an inclusion that cracks
-(:math:`D = D_c`) takes its share of the stiffness with it,
+inclusion follows the two-scale model under the stress of the sound material at the strain of the
+element. Damage of an inclusion does not change the stiffness of the element until the inclusion
+cracks (:math:`D = D_c`); then its share of the stiffness is lost,
 
 .. math:: C_e = (1 - c_e)\, C, \qquad c_e = \frac{\text{inclusions cracked}}{\text{inclusions}}.
     \tag{1}
@@ -27,10 +27,10 @@ from multiscale.schema import FATIGUE_LIFE, Dataset
 __all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
 
 StressOf = Callable[[np.ndarray], np.ndarray]
-"""From the cracked share of every element to the corners of its stress in one cycle, of shape
+"""From the cracked share of every element to the corners of its stress in a cycle, of shape
 (corners, elements, 6), Pa: the stress of the sound material at the strain of the element."""
 
-MOST_SOLVES = 200
+MOST_SOLVES = 200  # of the structure
 
 INCLUSIONS = 8
 """Inclusions of an element with a scatter of fatigue limits."""
@@ -39,8 +39,8 @@ INCLUSIONS = 8
 def limit_factors(scatter: float) -> np.ndarray:
     """Fatigue limits of the inclusions of an element over their median, rising.
 
-    ``scatter`` is the standard deviation of the logarithm of the limit; zero means one inclusion,
-    other values the middles of equal shares of a lognormal distribution.
+    ``scatter`` is the standard deviation of the logarithm of the limit; zero gives a single
+    inclusion, other values the middles of equal shares of a lognormal distribution.
     """
     from scipy.special import ndtri
 
@@ -57,7 +57,7 @@ def first_cracks(
     scatter: float = 0.0,
     max_cycles: float = 1e9,
 ) -> np.ndarray:
-    """Cycles at which the weakest inclusion of each element cracks, of stress (corners, n, 6)."""
+    """Cycles at which the weakest inclusion of each element cracks; stress (corners, n, 6)."""
     return Inclusions(material, limit_factors(scatter)[:1]).lives(stress, max_cycles)
 
 
@@ -81,14 +81,14 @@ def local_fatigue(
         (elements,), to the corners of the stress of a cycle, shape (corners, elements, 6), Pa.
     elements : int
     material : FatigueMaterial
-        With the median of the fatigue limits.
+        Material with the median of the fatigue limits.
     scatter : float
-        Of the fatigue limit among the inclusions of an element, see :func:`limit_factors`.
+        Scatter of the fatigue limits in an element, see :func:`limit_factors`.
     tolerance : float
         Bound on the relative error of the change of damage and plastic strain over a jump of
         cycles between two solves of the structure.
     jump_tolerance, substeps
-        As of :func:`~.fatigue.two_scale_fatigue`, between two solves.
+        See :func:`~.fatigue.two_scale_fatigue`; they apply between two solves.
     max_cycles : float
 
     Returns
@@ -100,18 +100,19 @@ def local_fatigue(
 
     Notes
     -----
-    The stress is constant until the share of an element changes. A jump of J cycles first has the
-    stress of its start, then the stress at its end; half the difference of both changes is bounded
-    by ``tolerance`` times the larger one, and half the difference of the lives of inclusions that
-    crack in both by ``tolerance`` times the longer one. The accepted jump has the mean of both
-    stresses. An element that has cracked through keeps the stiffness of one inclusion, as the
-    search ends there.
+    The stress is constant until the share of an element changes. A jump of J cycles is computed
+    with the stress at its start, then with the stress at its end; half the difference of both
+    changes is bounded by ``tolerance`` times the larger change, and half the difference of the
+    lives of inclusions that crack in both by ``tolerance`` times the longer life. The accepted jump
+    has the mean of both stresses. An element that has cracked through keeps the stiffness of an
+    inclusion, as the search ends there.
     """
     check_limits(tolerance)
     factors = limit_factors(scatter)
     inclusions = Inclusions(material, factors, jump_tolerance, substeps)
-    most = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved
+    most = 1.0 - 1.0 / factors.size  # largest share in a solve of the structure
 
+    # sound structure: stress, first cracks and equivalent amplitude
     share, stress = np.zeros(elements), stress_of(np.zeros(elements))
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
     first = replace(inclusions, factors=factors[:1]).lives(stress, max_cycles)
@@ -123,9 +124,11 @@ def local_fatigue(
     crack, life, elastic = -1, np.nan, False
     jump = max(1, int(min(weakest, max_cycles)) - 1)
     while solves < MOST_SOLVES and cycles < max_cycles:
+        # a jump with the stress of its start
         jump = int(max(1, min(jump, max_cycles - cycles)))
         run = inclusions.follow(state, stress, jump)
         grown, after, error = inclusions.cracked(run), stress, 0.0
+        # if elements crack: repeat it with the stress of its end, then with the mean of both
         if np.any(grown > share) and most > 0.0:
             after = stress_of(np.minimum(grown, most))
             solves += 1
@@ -140,6 +143,7 @@ def local_fatigue(
                 after = stress_of(np.minimum(again, most))
                 solves += 1
             grown = again
+        # first element that has cracked through
         if (grown == 1.0).any():
             last = run.cycles.reshape(elements, -1).max(axis=1)
             crack = int(np.argmin(np.where(grown == 1.0, last, np.inf)))

@@ -1,8 +1,8 @@
 r"""Exact area of a union of ellipses within a convex polygon.
 
 By Green's theorem the area is a sum over the boundary of the union. Every ellipse and every edge of
-the polygon is split where it meets another boundary, and a piece counts if it lies on the boundary
-of the union. An arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)` contributes
+the polygon is split where it meets another boundary, and a segment counts if it lies on the
+boundary of the union. An arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)` contributes
 
 .. math:: \tfrac12 \int x \times \mathrm{d}x = \tfrac12\, c \times M (w_1 - w_0)
     + \tfrac12 \det M\, (\theta_1 - \theta_0).    \tag{1}
@@ -18,7 +18,7 @@ BOUNDARY_MARGIN = 1e-11  # relative distance by which rounding may move a point 
 
 
 def union_area(polygon: np.ndarray, centre: np.ndarray, root: np.ndarray) -> float:
-    """Area, m², that ellipses cover in a convex polygon.
+    """Area of the union of ellipses in a convex polygon, m².
 
     ``polygon`` has the corners, anticlockwise, (corners, 2), m. An ellipse is centre + M w for
     abs(w) <= 1, with centres (k, 2), m, and matrices M of positive determinant, (k, 2, 2), m.
@@ -35,14 +35,14 @@ def union_area(polygon: np.ndarray, centre: np.ndarray, root: np.ndarray) -> flo
         (centre - origin) / size,
         root,
         inverse.transpose(2, 0, 1).copy(),
-        0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c)),  # the larger semi-axis
+        0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c)),  # larger semi-axis
     )
     return float(size**2 * area)
 
 
 @compiled
 def _union_area(polygon, centre, root, inverse, radius):  # type: ignore[no-untyped-def]
-    """Sum (1) over the pieces of the boundary of the union."""
+    """Sum (1) over the segments of the boundary of the union."""
     near = _neighbours(polygon, centre, radius)
     breaks = np.empty(8 + 2 * len(polygon) + 4 * len(centre))
     total = 0.0
@@ -50,7 +50,7 @@ def _union_area(polygon, centre, root, inverse, radius):  # type: ignore[no-unty
     for i in range(len(centre)):
         if near[i, i]:
             total += _arcs(i, polygon, centre, root, inverse, near[i], breaks)
-    # pieces of the edges of the polygon that lie in an ellipse
+    # segments of the edges of the polygon that lie in an ellipse
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
         n = _crossings(p, q, centre, inverse, breaks)
@@ -70,7 +70,7 @@ def _union_area(polygon, centre, root, inverse, radius):  # type: ignore[no-unty
 
 @compiled
 def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
-    """Whether circumcircles of two ellipses, or on the diagonal of one and the polygon, meet."""
+    """Whether circumcircles of two ellipses meet; diagonal: of an ellipse and the polygon."""
     reach = 0.0
     for corner in polygon:
         reach = max(reach, np.hypot(corner[0], corner[1]))
@@ -86,7 +86,7 @@ def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
 
 @compiled
 def _samples(low, high):  # type: ignore[no-untyped-def]
-    """Choose two places of a piece, as another boundary may touch the piece at a single place."""
+    """Choose two samples of a segment, as another boundary may touch it at a single point."""
     return low + 0.37 * (high - low), low + 0.61 * (high - low)
 
 
@@ -101,7 +101,7 @@ def _depth(x, y, centre, inverse):  # type: ignore[no-untyped-def]
 
 @compiled
 def _exposed(x, y, i, polygon, centre, inverse, near):  # type: ignore[no-untyped-def]
-    """Whether a point of the boundary of an ellipse lies in the polygon and in no other one."""
+    """Whether a boundary point of ellipse i lies in the polygon and in no other ellipse."""
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
         dx, dy = q[0] - p[0], q[1] - p[1]
@@ -118,7 +118,7 @@ def _exposed(x, y, i, polygon, centre, inverse, near):  # type: ignore[no-untype
 
 @compiled
 def _arcs(i, polygon, centre, root, inverse, near, breaks):  # type: ignore[no-untyped-def]
-    """Part of (1) from the exposed arcs of an ellipse."""
+    """Sum (1) over the exposed arcs of an ellipse."""
     M, cx, cy = root[i], centre[i, 0], centre[i, 1]
     # angles where another boundary may cross the ellipse
     n = np.int64(0)  # as in every later call: one signature
@@ -133,7 +133,7 @@ def _arcs(i, polygon, centre, root, inverse, near, breaks):  # type: ignore[no-u
     breaks[n], breaks[n + 1] = 0.0, 2.0 * np.pi
     n += 2
     _sort(breaks, n)
-    # the pieces between them that are on the boundary of the union
+    # segments between them on the boundary of the union
     det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
     total = 0.0
     for b in range(n - 1):

@@ -1,7 +1,7 @@
 r"""Two-scale fatigue: lives of weak micro-inclusions under repeated cycles of stress.
 
-The model of an inclusion stands in :mod:`~multiscale.micro.damage.inclusion`. Cycles that change
-its state slowly are jumped over, with an error control.
+For the model of an inclusion see :mod:`~multiscale.micro.damage.inclusion`. Cycles that change the
+state slowly are skipped by jumps, with an error control.
 """
 
 from collections.abc import Callable
@@ -27,11 +27,12 @@ STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
 STRAIGHT = 1e-6
-"""Distance of a corner from the line of its neighbours, over the largest stress, that is zero."""
+"""Distance of a corner from the line of its neighbours, relative to the largest stress, below which
+it is zero."""
 
 LARGEST_GROWTH = 4.0  # largest ratio of a jump to the jump before
-SHORTEST_JUMP = 4  # cycles of the shortest jump that is worth its two trial cycles
-RECORD_SHARE = 20  # a record for every twentieth of the cycles done, where none is jumped
+SHORTEST_JUMP = 4  # cycles of the shortest jump that saves more than its two trial cycles
+RECORD_SHARE = 20  # records per number of cycles, without jumps
 
 
 Note = Callable[["FatigueProgress"], None]
@@ -107,48 +108,48 @@ class FatigueMaterial:
 class FatigueProgress:
     """Progress of the fatigue lives of some inclusions, changed in place with every pass."""
 
-    state: np.ndarray  # (points, 20), of each inclusion
-    number: np.ndarray  # (points,), of each inclusion among all
-    cycles: np.ndarray  # (points,), cycles done, with jumps
-    computed: np.ndarray  # (points,), cycles with a stress path that was computed
+    state: np.ndarray  # (points, 20), state of each inclusion
+    number: np.ndarray  # (points,), index of each inclusion among all
+    cycles: np.ndarray  # (points,), completed cycles, with jumps
+    computed: np.ndarray  # (points,), computed cycles, without jumps
     broken: np.ndarray  # (points,), whether the critical damage was reached
     elastic: np.ndarray  # (points,), whether an inclusion stays elastic from now on
 
     @classmethod
     def begin(cls, state: np.ndarray) -> Self:
-        """Begin at some states, shape (points, 20), with no cycle done."""
+        """Begin at given states, shape (points, 20), with zero cycles."""
         n = len(state)
         zeros, no = np.zeros((2, n)), np.zeros((2, n), dtype=bool)
         return cls(state.copy(), np.arange(n), *zeros, *no)
 
     def take(self, index: np.ndarray) -> Self:
-        """Copy the progress of some inclusions."""
+        """Copy the progress of selected inclusions."""
         return type(self)(*(getattr(self, field.name)[index] for field in fields(self)))
 
-    def put(self, index: np.ndarray, part: "FatigueProgress") -> None:
-        """Write the progress of some inclusions."""
+    def put(self, index: np.ndarray, selected: "FatigueProgress") -> None:
+        """Write the progress of selected inclusions."""
         for field in fields(self):
-            getattr(self, field.name)[index] = getattr(part, field.name)
+            getattr(self, field.name)[index] = getattr(selected, field.name)
 
 
-def _slow(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
-    """Damage, accumulated plastic strain and drift of the back stress, shape (points, 8)."""
+def _slow_variables(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
+    """Return damage, accumulated plastic strain and drift of the back stress, (points, 8)."""
     modulus = 2.0 / 3.0 * material.hardening * (1.0 - state[:, :1] * material.feedback)
     return np.concatenate([state[:, :2], state[:, 8:14] - modulus * state[:, 2:8]], axis=1)
 
 
-def _set_slow(state: np.ndarray, slow: np.ndarray, material: FatigueMaterial) -> None:
+def _set_slow_variables(state: np.ndarray, slow: np.ndarray, material: FatigueMaterial) -> None:
     """Write slow variables into states and keep their plastic strain."""
     modulus = 2.0 / 3.0 * material.hardening * (1.0 - slow[:, :1] * material.feedback)
     state[:, :2], state[:, 8:14] = slow[:, :2], slow[:, 2:] + modulus * state[:, 2:8]
 
 
 def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -> np.ndarray:
-    """Count the passes that may be jumped before the threshold or the critical damage."""
-    waits = state[:, 1] < material.threshold
-    left = np.where(waits, material.threshold - state[:, 1], material.critical_damage - state[:, 0])
-    rate = np.where(waits, change[:, 1], change[:, 0])
-    passes = left // np.where(rate > 0.0, rate, 1.0) - waits
+    """Count the passes that a jump may skip before the threshold or the critical damage."""
+    sound = state[:, 1] < material.threshold
+    left = np.where(sound, material.threshold - state[:, 1], material.critical_damage - state[:, 0])
+    rate = np.where(sound, change[:, 1], change[:, 0])
+    passes = left // np.where(rate > 0.0, rate, 1.0) - sound
     return np.asarray(np.where(rate > 0.0, passes, np.inf))
 
 
@@ -156,21 +157,21 @@ def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -
 class Inclusions:
     r"""Inclusions of elements, in classes of fatigue limits: point ``e * classes + k`` is class k.
 
-    Every inclusion has jumps of a separate length.
+    The length of the jumps differs between inclusions.
 
     Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
-    \varepsilon^p` of the back stress. Let :math:`y` be their values after a pass that changed them
-    by :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
+    \varepsilon^p` of the back stress. :math:`y` are their values after a pass that changed them by
+    :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
     not extrapolated, to its cycle there; a second pass from the same :math:`y + J d_1` changes the
     slow variables by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is
-    at most the tolerance times the larger of both changes, in damage and in accumulated strain,
-    and takes the slow variables to :math:`y + J (d_1 + d_2)/2`.
+    at most the tolerance times the larger of both changes, in damage and in accumulated strain;
+    then the slow variables are :math:`y + J (d_1 + d_2)/2`.
     """
 
     material: FatigueMaterial
     factors: np.ndarray  # (classes,), fatigue limits over the limit of the material
-    tolerance: float | None = 0.02  # of the jumps; None computes every cycle
-    substeps: int = 16  # of the plastic part of each straight piece of a path
+    tolerance: float | None = 0.02  # tolerance of the jumps; None computes every cycle
+    substeps: int = 16  # of the plastic range of each straight segment of a path
 
     def follow(
         self,
@@ -190,23 +191,23 @@ class Inclusions:
         run = FatigueProgress.begin(state)
         run.broken[:] = state[:, 0] >= self.material.critical_damage
 
-        def compute(part: FatigueProgress, count: int) -> None:
-            element, kind = np.divmod(part.number, n)
-            done, part.elastic[:] = run_points(
-                part.state, path, element, count, kinds, kind, self.substeps
+        def compute(selected: FatigueProgress, count: int) -> None:
+            element, kind = np.divmod(selected.number, n)
+            done, selected.elastic[:] = run_points(
+                selected.state, path, element, count, kinds, kind, self.substeps
             )
-            part.cycles += done
-            part.computed += done
-            part.broken[:] = part.state[:, 0] >= self.material.critical_damage
+            selected.cycles += done
+            selected.computed += done
+            selected.broken[:] = selected.state[:, 0] >= self.material.critical_damage
 
         if self.tolerance is not None:
             self.pass_cycles(run, compute, cycles, note)
             return run
         done = 0
         while done < cycles and (going := np.flatnonzero(~(run.broken | run.elastic))).size:
-            count, part = min(cycles - done, max(1, done // RECORD_SHARE)), run.take(going)
-            compute(part, count)
-            run.put(going, part)
+            count, selected = min(cycles - done, max(1, done // RECORD_SHARE)), run.take(going)
+            compute(selected, count)
+            run.put(going, selected)
             done += count
             note(run)
         return run
@@ -218,7 +219,7 @@ class Inclusions:
         count: int,
         note: Note,
     ) -> None:
-        """Pass through ``count`` cycles, with jumps under an error control."""
+        """Compute ``count`` cycles, with jumps under an error control."""
         assert self.tolerance is not None
         jump, done = np.full(len(run.state), float(SHORTEST_JUMP)), np.zeros(len(run.state))
 
@@ -226,32 +227,36 @@ class Inclusions:
             return np.flatnonzero(~(run.broken | run.elastic) & (done < count))
 
         while (passing := going()).size:
-            part = run.take(passing)
-            before, start = _slow(part.state, self.material), part.cycles.copy()
-            compute(part, 1)
-            run.put(passing, part)
+            # a pass, which changes the slow variables by d_1
+            selected = run.take(passing)
+            before, start = _slow_variables(selected.state, self.material), selected.cycles.copy()
+            compute(selected, 1)
+            run.put(passing, selected)
             done[passing] += 1
             note(run)
-            y = _slow(part.state, self.material)
-            first, length = y - before, part.cycles - start
-            at = np.flatnonzero(np.isin(passing, going()))  # places among those that have passed
+            y = _slow_variables(selected.state, self.material)
+            first, length = y - before, selected.cycles - start
+            at = np.flatnonzero(np.isin(passing, going()))  # positions in ``passing``
             while at.size:
+                # length of the jump
                 all_at = passing[at]
                 J = np.minimum(jump[all_at], count - done[all_at])
-                J = np.floor(np.minimum(J, _longest(part.state[at], first[at], self.material)))
+                J = np.floor(np.minimum(J, _longest(selected.state[at], first[at], self.material)))
                 short = J < SHORTEST_JUMP
                 jump[all_at[short]] = np.maximum(jump[all_at[short]], SHORTEST_JUMP)
                 at, all_at, J = at[~short], all_at[~short], J[~short]
                 if not at.size:
                     break
+                # two trial passes at its end, the second changes the slow variables by d_2
                 near = y[at] + J[:, None] * first[at]
-                trial = part.take(at)
+                trial = selected.take(at)
                 trial.computed[:] = 0.0
                 for _ in range(2):
-                    _set_slow(trial.state, near, self.material)
+                    _set_slow_variables(trial.state, near, self.material)
                     compute(trial, 1)
                 run.computed[all_at] += trial.computed
-                second = _slow(trial.state, self.material) - near
+                second = _slow_variables(trial.state, self.material) - near
+                # accept or repeat the jump
                 size = np.maximum(np.abs(first[at]), np.abs(second))[:, :2]  # of damage and strain
                 half = 0.5 * np.abs(second - first[at])[:, :2]
                 change = np.max(half / np.where(size > 0.0, size, 1.0), axis=1)
@@ -261,12 +266,12 @@ class Inclusions:
                 ratio = 0.8 * self.tolerance / np.maximum(change, 1e-300)
                 again = np.where(broken, 0.5, np.maximum(0.2, ratio))
                 jump[all_at] = J * np.where(fits, np.minimum(LARGEST_GROWTH, ratio), again)
-                _set_slow(trial.state, ahead, self.material)
-                taken = all_at[fits]
-                run.state[taken] = trial.state[fits]
-                run.cycles[taken] += J[fits] * length[at[fits]]
-                done[taken] += J[fits]
-                if taken.size:
+                _set_slow_variables(trial.state, ahead, self.material)
+                accepted = all_at[fits]
+                run.state[accepted] = trial.state[fits]
+                run.cycles[accepted] += J[fits] * length[at[fits]]
+                done[accepted] += J[fits]
+                if accepted.size:
                     note(run)
                 at = at[~fits]
 
@@ -282,7 +287,7 @@ class Inclusions:
 
 
 def _bends(stress: np.ndarray) -> np.ndarray:
-    """Leave out corners of closed paths where the path of no element bends."""
+    """Leave out corners of closed paths at which the paths of all elements are straight."""
     if np.array_equal(stress[0], stress[-1]) and len(stress) > 1:
         stress = stress[1:]
     corners, size = list(stress), float(np.abs(stress).max()) or 1.0
@@ -314,15 +319,14 @@ def two_scale_fatigue(
     ----------
     stress : ndarray, shape (points,) or (points, 6)
         Corners of a closed path of the macro stress, joined by straight lines, Pa: uniaxial
-        stress, or xx, yy, zz, yz, xz, xy. A program of several kinds of cycles is one path.
+        stress, or xx, yy, zz, yz, xz, xy. A program of several kinds of cycles is a single path.
     material : FatigueMaterial
     jump_tolerance : float, optional
-        Bound on the relative difference between the change over a jump of cycles extrapolated
-        from its start and from both its ends; the second, better value is used. None computes
-        every cycle.
+        Bound on the relative difference between two extrapolations of the change over a jump of
+        cycles: from its start, and from both its ends, which is used. None computes every cycle.
     max_cycles : float
     substeps : int
-        Steps for the plastic part of each straight piece. The flow is exact in one step; the
+        Steps for the plastic range of each straight segment. The flow is exact in any step; the
         errors of the feedback of damage and of the damage law are of second order in the steps.
 
     Returns
@@ -373,8 +377,8 @@ def two_scale_fatigue(
     initiation = np.inf if ended else np.nan
     if strain[-1] > material.threshold:
         after = int(np.argmax(strain > material.threshold))
-        part = slice(after - 1, after + 1)
-        initiation = float(np.interp(material.threshold, strain[part], cycles[part]))
+        around = slice(after - 1, after + 1)
+        initiation = float(np.interp(material.threshold, strain[around], cycles[around]))
     return FATIGUE.build(
         {
             "cycles": cycles,

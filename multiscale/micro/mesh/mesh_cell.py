@@ -36,19 +36,20 @@ Operator = Callable[[np.ndarray], np.ndarray]
 MOST_FACTORED = 20_000
 """Unknowns above which factors of a stiffness in three dimensions fill up, and multigrid is used.
 
-A rough obstacle, sides of uniform traction, metals and friction have factors always.
+Cells with a rough obstacle, sides of uniform traction, a metal or friction always use factors.
 """
 
-MESH = 4e-5  # s of one core for a load step and an unknown, measured
+MESH = 4e-5  # s per load step and unknown on a core, measured
 
 
 class CellSides(StrEnum):
     """Condition on the sides of a cell on a mesh.
 
-    Periodic sides move alike, sliding ones stay in their planes. Sides of uniform displacement move
-    down in proportion to z and not across; the force on their highest node is the resultant of all
-    of them. Sides of uniform traction are bent freely at no mean strain in the plane. At a given
-    approach the energies of the last two bound the energy of periodic sides from above and below.
+    Opposite periodic sides have equal displacements; sliding sides stay in their planes. Sides of
+    uniform displacement move down in proportion to z and not across; the force on their highest
+    node is the resultant over all sides. Sides of uniform traction deform freely at zero mean
+    strain in the plane. At a given approach the energies with uniform displacement and uniform
+    traction bound the energy of periodic sides from above and below.
     """
 
     PERIODIC = "periodic"
@@ -59,7 +60,7 @@ class CellSides(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class MeshCell:
-    """A body on any scikit-fem mesh, pressed by a rigid obstacle: the general path.
+    """A body on any scikit-fem mesh, pressed by a rigid obstacle.
 
     Parameters
     ----------
@@ -71,13 +72,13 @@ class MeshCell:
     law : Elastic, GradedElastic or J2, graded moduli have the shape (elements,)
     sides : CellSides
         Periodic sides, with nodes that match; sides that slide in their planes; or uniform
-        displacement and uniform traction, with answers that enclose the one of periodic sides.
+        displacement and uniform traction, which bound the solution of periodic sides.
     obstacle : Surface, optional
-        Underside of the rigid obstacle; a flat if not given.
+        Underside of the rigid obstacle; flat if not given.
     layer : PeriodicLayer, optional
         The layer that the mesh discretises, if its contact nodes are the points of a surface.
     points : tuple of int, optional
-        Points along x and y of the fields that are kept of a mesh without such a layer.
+        Points along x and y of the stored fields of a mesh without such a layer.
     friction_coefficient : float, coefficient of the local Coulomb law
 
     Raises
@@ -118,7 +119,7 @@ class MeshCell:
         missing = sorted({"base", "top"} - set(boundaries))
         if missing:
             raise CaseError(
-                f"the mesh has no boundary named {' and '.join(missing)}, which a cell needs; its "
+                f"a cell needs boundaries named {' and '.join(missing)}, which the mesh lacks; its "
                 f"boundaries are {listed(boundaries)}"
             )
         for name, value in (
@@ -127,12 +128,12 @@ class MeshCell:
         ):
             if np.shape(value) not in ((), (self.mesh.nelements,)):
                 raise CaseError(
-                    f"give one {name} or one per element ({self.mesh.nelements}), got "
-                    f"{np.shape(value)}"
+                    f"{name} must be a number or have the shape ({self.mesh.nelements},) of the "
+                    f"elements, got {np.shape(value)}"
                 )
         if self.obstacle is not None and self.sides in (CellSides.DISPLACEMENT, CellSides.TRACTION):
             raise CaseError(
-                f"sides of uniform {self.sides.value} go with a flat obstacle; choose periodic or "
+                f"sides of uniform {self.sides.value} need a flat obstacle; choose periodic or "
                 f"sliding sides, or put the roughness on the mesh"
             )
 
@@ -151,12 +152,12 @@ class MeshCell:
 
     @property
     def recovers_stress(self) -> bool:
-        """Whether all contact forces come from stresses: sides that move as one have others."""
+        """Whether contact forces follow from stresses: not with sides of uniform displacement."""
         return self.sides is not CellSides.DISPLACEMENT and not self.remembers
 
     @property
     def remembers(self) -> bool:
-        """Whether the answer depends on the path: the body flows, or there is friction."""
+        """Whether the solution depends on the path: the body flows, or there is friction."""
         return self.law.flows or self.friction_coefficient > 0.0
 
     @property
@@ -170,7 +171,7 @@ class MeshCell:
         return None if self.layer is None else self.layer.grid_spacing
 
     def cautions(self) -> list[str]:
-        """Return what a user should know before trusting the results, one sentence each."""
+        """Return warnings about the accuracy of the results, a sentence each."""
         cautions = [] if self.layer is None else self.layer.cautions()
         if self.law.flows and self.element.maxdeg == 1:
             cautions.append(
@@ -180,18 +181,18 @@ class MeshCell:
         return cautions
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
-        """Return statistics of the surface that a response keeps, and its heights, m."""
+        """Return the statistics of the surface for a response, with its heights on request, m."""
         if self.field_shape is None:
             return {}
         if self.layer is not None:
             return statistics_of(self.layer.surface, heights=heights)
         height, _ = _uppermost_facets(self)
         size = np.ptp(self.mesh.p, axis=1)
-        seen = Surface(height - height.mean(), (float(size[0]), float(size[1])))
-        return statistics_of(seen, heights=heights)
+        uppermost = Surface(height - height.mean(), (float(size[0]), float(size[1])))
+        return statistics_of(uppermost, heights=heights)
 
     def needs(self) -> Needs:
-        """Parts, memory and time that a step takes."""
+        """Return components, memory and time of a load step."""
         large, mu = self.law.finite_strain, self.friction_coefficient
         unknowns, multigrid = self.unknowns, self.multigrid
         # measured with hexahedra of 37,000 to 553,000 unknowns: assembly, stiffness, coarse spaces
@@ -204,13 +205,14 @@ class MeshCell:
             f"{'flat' if self.obstacle is None else 'rough'} obstacle",
             choices=cell_choices(
                 {
-                    "stiffness": "of the elements, as a matrix",
-                    "tangent": large and "of the elements as they are strained, as a matrix",
+                    "stiffness": "assembled to a matrix",
+                    "tangent": large
+                    and "stiffness of the strained elements, assembled to a matrix",
                     "friction": mu > 0.0,
                     "mean dilatation": self.law.flows
                     and self.element.maxdeg <= 3
                     and AVERAGES.format("in the energy"),
-                    "factors": "of Newton's matrix, computed in every iteration"
+                    "factors": "Newton's matrix is factorised in every iteration"
                     if self.remembers
                     else not multigrid,
                     "multigrid": multigrid,
@@ -218,7 +220,7 @@ class MeshCell:
                     "element moduli": np.ndim(self.law.youngs_modulus) > 0,
                 },
                 {
-                    "layer factors": "a matrix is at hand, and has another way to speed up the "
+                    "layer factors": "the assembled matrix has another way to speed up the "
                     "iteration",
                     "mean dilatation": "the element is the user's choice",
                 },
@@ -230,7 +232,7 @@ class MeshCell:
         )
 
     def model(self, path: Path, *, recover_stress: bool = False) -> CellModel[Any]:
-        """Set up the contact of the cell for a path."""
+        """Set up the contact problem of the cell for a path."""
         if not self.remembers:
             path.check_still()
             return assemble_elastic_mesh(self, recover_stress=recover_stress).problem
@@ -254,12 +256,13 @@ def assemble_elastic_mesh(cell: MeshCell, *, recover_stress: bool = False) -> "E
     stiffness = sparse.csr_array(expand.T @ assemble_elasticity(basis, lame, shear) @ expand)
     stiffness.sum_duplicates()
 
+    # contact geometry at first touch
     surface = unknowns.coefficients @ basis.doflocs[2]
     obstacle, slopes = _obstacle(cell.obstacle, basis.doflocs[:2, nodes])
     obstacle, _ = at_first_touch(surface, obstacle)
     normal = obstacle_normal(*slopes)
     gap, closing = (obstacle - surface) * normal[:, 2], normal[:, 2]
-    follows = unknowns.number[:, 2] < 0  # a node that moves with another one touches after it
+    follows = unknowns.number[:, 2] < 0  # a node that follows a leading node touches after it
     gap[follows] += 1e3 * float(np.ptp(basis.doflocs[2]))
     solve = partial(_solver(cell, basis, unknowns, stiffness, normal), gap, closing)
 
@@ -284,7 +287,7 @@ def assemble_elastic_mesh(cell: MeshCell, *, recover_stress: bool = False) -> "E
 
 
 def _cell_basis(cell: MeshCell) -> "CellBasis":
-    """Finite-element space of one displacement component of a cell."""
+    """Finite-element space of a displacement component of a cell."""
     from skfem import Basis
     from skfem.refdom import RefTet, RefTri
 
@@ -305,7 +308,7 @@ def _solver(
     stiffness: "sparse.csr_array",
     normal: np.ndarray,
 ) -> Callable[..., ContactState]:
-    """Choose what solves contact: factors of the stiffness, or multigrid where it is large."""
+    """Return the contact solver: factors of the stiffness, or multigrid if it is large."""
     from scipy import sparse
 
     from multiscale.micro.elastic.active_set import (
@@ -314,6 +317,7 @@ def _solver(
         solve_elastic_contact,
     )
 
+    # trace of the displacement along the contact normals, and its transpose
     number = unknowns.number
     rows, component = np.nonzero(np.broadcast_to(number[:, 2:] >= 0, normal.shape) & (number >= 0))
     shape = (len(number), stiffness.shape[0])
@@ -365,7 +369,7 @@ def _solver(
 def _constrained(
     stiffness: "sparse.csr_array", solve_free: Operator, constraint: np.ndarray
 ) -> tuple[Operator, Operator]:
-    """Stiffness and its inverse among displacements with C u = 0; multipliers are side stresses."""
+    """Stiffness and its inverse for displacements with C u = 0; multipliers: side stresses."""
     across = np.linalg.solve(constraint @ constraint.T, constraint)
     moved = solve_free(np.ascontiguousarray(constraint.T))
     reaction = np.linalg.solve(constraint @ moved, moved.T)
@@ -383,16 +387,16 @@ def _constrained(
 def _arrangement(
     cell: MeshCell, basis: "CellBasis", unknowns: "CellUnknowns"
 ) -> Callable[[ContactSurface], ContactSurface]:
-    """Return how the contact surface of a cell is averaged: on a grid if its nodes form one."""
+    """Return the function that prepares a contact surface for averages, on a grid if possible."""
     nodes = unknowns.nodes
     if cell.layer is None:
-        look = cache(partial(_uppermost_facets, cell))
+        uppermost = cache(partial(_uppermost_facets, cell))
 
         def to_grid(values: np.ndarray) -> np.ndarray:
-            spread, (height, interpolate) = np.zeros(basis.N), look()
-            spread[nodes] = values
-            there = interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
-            return np.asarray(there.reshape(height.shape))
+            nodal, (height, interpolate) = np.zeros(basis.N), uppermost()
+            nodal[nodes] = values
+            at_points = interpolate @ nodal[unknowns.image][basis.nodal_dofs[0]]
+            return np.asarray(at_points.reshape(height.shape))
 
         return partial(replace, neighbours=unknowns.neighbours, to_grid=to_grid)
 
@@ -401,24 +405,21 @@ def _arrangement(
         np.rint(at / step).astype(int) % n
         for at, step, n in zip(points, grid.spacing, grid.heights.shape, strict=True)
     )
-    there = np.empty(grid.heights.shape, dtype=int)
-    there[i[::-1], j[::-1]] = np.arange(len(i))[::-1]  # contact node of every point of the grid
+    node = np.empty(grid.heights.shape, dtype=int)
+    node[i[::-1], j[::-1]] = np.arange(len(i))[::-1]  # contact node of every point of the grid
     if cell.sides is not CellSides.PERIODIC:  # nodes at both ends of a line
-        return partial(
-            replace, neighbours=unknowns.neighbours, to_grid=lambda values: values[there]
-        )
+        return partial(replace, neighbours=unknowns.neighbours, to_grid=lambda values: values[node])
     from multiscale.micro.elastic.flat_reference import element_edges
 
     edges = element_edges(cell.layer)
-    return lambda surface: surface.on_grid(there, edges)
+    return lambda surface: surface.on_grid(node, edges)
 
 
 def _uppermost_facets(cell: MeshCell) -> "tuple[np.ndarray, sparse.csr_array]":
-    """Look down on the contact face of a cell that has points for its fields.
+    """Locate the uppermost facet of the contact face above every point of the fields.
 
-    Returns the height of the uppermost facet above every point, shape (nx, ny), m, and the matrix,
-    shape (nx ny, nodes), from values at the vertices of the mesh to values there, linear on
-    triangles.
+    Returns the heights of the facets at the points, shape (nx, ny), m, and the matrix, shape
+    (nx ny, nodes), of the linear interpolation on triangles from the vertices of the mesh.
     """
     from scipy import sparse
 
@@ -428,6 +429,7 @@ def _uppermost_facets(cell: MeshCell) -> "tuple[np.ndarray, sparse.csr_array]":
     face = face_of(mesh, "top")
     corner = face.nodes[face.facets].T
     triangles = np.hstack([corner[[0, k, k + 1]] for k in range(1, len(corner) - 1)])
+    # grid of points, and the triangle and interpolation weights at each
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     axes = [low[k] + (high - low)[k] * np.arange(n) / n for k, n in ((0, nx), (1, ny))]
     height = np.full((nx, ny), -np.inf)
@@ -439,17 +441,17 @@ def _uppermost_facets(cell: MeshCell) -> "tuple[np.ndarray, sparse.csr_array]":
         if abs(area) < 1e-12 * float((high - low)[:2].prod()) / (nx * ny):  # upright
             continue
         margin = near * (high - low)
-        pieces = tuple(
+        window = tuple(
             slice(*np.searchsorted(axis, (min(ends) - room, max(ends) + room)))
             for axis, ends, room in zip(axes, ((x0, x1, x2), (y0, y1, y2)), margin[:2], strict=True)
         )
-        x, y = np.meshgrid(axes[0][pieces[0]], axes[1][pieces[1]], indexing="ij")
+        x, y = np.meshgrid(axes[0][window[0]], axes[1][window[1]], indexing="ij")
         b = ((x - x0) * (y2 - y0) - (x2 - x0) * (y - y0)) / area
         c = ((x1 - x0) * (y - y0) - (x - x0) * (y1 - y0)) / area
         weights = np.stack([1.0 - b - c, b, c], axis=-1)
-        over = np.all(weights > -near, axis=-1) & (weights @ z > height[*pieces])
-        height[*pieces][over] = (weights @ z)[over]
-        owner[*pieces][over], share[*pieces][over] = triangle, weights[over]
+        over = np.all(weights > -near, axis=-1) & (weights @ z > height[*window])
+        height[*window][over] = (weights @ z)[over]
+        owner[*window][over], share[*window][over] = triangle, weights[over]
     rows = np.repeat(np.arange(nx * ny), 3)
     interpolate = sparse.csr_array(
         (share.ravel(), (rows, owner.ravel())), shape=(nx * ny, mesh.nvertices)

@@ -1,7 +1,7 @@
-r"""Cells on meshes that remember their path: they flow, or rub against a rigid flat.
+r"""Cells on meshes with history: plastic flow, or friction against a rigid flat.
 
-The equations of an increment are the ones of a cell at large strain, for any element. A metal is J2
-in logarithmic strain, which at small strain is the classical return map. Newton's matrix is
+The equations of an increment are the same as for a cell at large strain, for any element. A metal
+is J2 in logarithmic strain, which at small strain is the classical return map. Newton's matrix is
 assembled and factorised. With the internal forces f, their tangent T, the weight
 :math:`\rho_t`, the direction a of the trial friction force and b across it, its rows are
 
@@ -12,7 +12,7 @@ assembled and factorised. With the internal forces f, their tangent T, the weigh
     &T_t\, \mathrm{d}u \;\to\; (T_t + \mu\, a\, T_z + \rho_t s\, b\, b^T)\, \mathrm{d}u
         && \text{slipping,}    \tag{1}
 
-with the gap g, the slip w since the start and the stretch s.
+with the gap g, the slip w since the start and the relative resistance s across the slip.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ TANGENTIAL_WEIGHT = 0.3  # of slip, over the stiffness of a node
 
 @dataclass(frozen=True, eq=False)
 class _MeshBody(FiniteBody):
-    """Elastic or plastic body with displacements (nodes, 3), contact nodes first."""
+    """Elastic or plastic body with displacements, shape (nodes, 3), contact nodes first."""
 
     mesh: ElasticMesh
     law: Linear | J2
@@ -68,18 +68,18 @@ class _MeshBody(FiniteBody):
         return displacement[: len(self.mesh.unknowns.nodes), :, None]
 
     def gather(self, u: np.ndarray) -> np.ndarray:
-        """Unknowns of a displacement."""
+        """Return the unknowns of a displacement."""
         return np.asarray(u.reshape(-1)[self.slot])
 
     def spread(self, v: np.ndarray) -> np.ndarray:
-        """Displacement of the unknowns, or a force; zero where nothing moves."""
+        """Return the displacement, or force, of the unknowns; zero at fixed components."""
         u = np.zeros(self.shape)
         u.reshape(-1)[self.slot] = v
         return u
 
     @cached_property
     def _elements(self) -> Elements:
-        """Elements of a metal; those of first order take the mean change of volume."""
+        """Elements of a metal; elements of first order use their mean change of volume."""
         return elements_of_basis(self.mesh.basis, mean_volume=self.mesh.basis.elem.maxdeg <= 3)
 
     def rest(self) -> np.ndarray | None:
@@ -128,6 +128,7 @@ class _Factors:
         active, sticks, slips = (
             mask[:, 0] for mask in (now.active, now.sticking, now.slipping & now.active)
         )
+        # rows of nodes in contact: gap closed
         size = T.shape[0]
         keep, diagonal = np.ones(size), np.zeros(size)
         right = -self.body.gather(now.residual)
@@ -137,10 +138,11 @@ class _Factors:
         right[number[active, 2]] = scale * now.meeting.gap[active, 0]
         rows, columns, values = [np.arange(size)], [np.arange(size)], [keep]
         more: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        # rows of sticking and slipping nodes
         if now.friction is not None:
-            held = number[sticks, :2]
-            keep[held], diagonal[held] = 0.0, scale
-            right[held] = -scale * now.friction.slip[..., 0][sticks, :2]
+            fixed = number[sticks, :2]
+            keep[fixed], diagonal[fixed] = 0.0, scale
+            right[fixed] = -scale * now.friction.slip[..., 0][sticks, :2]
             along, across = now.friction.direction[..., 0][:, slips, :2]
             stretch = now.scene.weights[1] * now.friction.stretch[slips, 0]
             for i in range(2):
@@ -151,11 +153,12 @@ class _Factors:
                     (number[slips, i], number[slips, j], stretch * across[:, i] * across[:, j])
                     for j in range(2)
                 ]
+        # Newton's matrix
         exchange = sparse.csr_array(
             (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), T.shape
         )
         entries = [(np.arange(size), np.arange(size), diagonal), *more]
-        at_row, at_column, added = (np.concatenate(part) for part in zip(*entries, strict=True))
+        at_row, at_column, added = map(np.concatenate, zip(*entries, strict=True))
         motions = sparse.csr_array((added, (at_row, at_column)), T.shape)
         matrix = sparse.csr_array(exchange @ T + motions)
         try:
@@ -164,7 +167,8 @@ class _Factors:
             return np.full_like(now.u, np.nan), 0.0, 1
         if now.target.load is None:
             return self.body.spread(solve(right)).ravel(), 0.0, 1
-        lifted = np.zeros(size)  # by a unit of the approach
+        # under a load: the approach that balances the vertical force
+        lifted = np.zeros(size)  # a unit of the approach
         lifted[number[active, 2]] = scale
         moved, shifted = solve(np.stack([right, lifted], axis=1)).T
         carried = T[number[active, 2]].sum(axis=0)
@@ -174,7 +178,7 @@ class _Factors:
 
 @dataclass(frozen=True, eq=False)
 class MeshModel(HistoryModel):
-    """Model of a cell on a mesh that flows or rubs."""
+    """Model of a cell on a mesh with plastic flow or friction."""
 
     body: _MeshBody
 
@@ -208,11 +212,11 @@ class MeshModel(HistoryModel):
 def assemble_mesh_history(
     mesh: ElasticMesh, law: Linear | J2, friction: float, path: Path
 ) -> MeshModel:
-    """Set up the scene of a cell that flows or has friction, for a path."""
+    """Set up the model of a cell with plastic flow or friction, for a path."""
     if path.time is not None:
         raise CaseError(
-            "the path has times, but the body has no viscosity and its answer no rate; leave out "
-            "time"
+            "the path has times, but the body is not viscous and does not depend on time; leave "
+            "out time"
         )
     largest = np.inf
     if law.flows:

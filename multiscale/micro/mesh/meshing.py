@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 __all__ = ["ElementKind", "cell_from_file", "graph_mesh_cell"]
 
 VOID = 1e-4
-"""Modulus of an element in a pore over that of the solid."""
+"""Modulus of an element in a pore over the modulus of the solid."""
 
 
 class ElementKind(StrEnum):
-    """Elements that cells on meshes take, by their number of nodes."""
+    """Elements of cells on meshes, by their number of nodes."""
 
     HEX8 = "hex8"
     HEX27 = "hex27"
@@ -44,7 +44,7 @@ class ElementKind(StrEnum):
         return self in (ElementKind.TET4, ElementKind.TET10)
 
     def scalar(self) -> "Element":
-        """Return the scikit-fem element of one displacement component."""
+        """Return the scikit-fem element of a displacement component."""
         import skfem
 
         name = "ElementTetP" if self.simplex else "ElementHex"
@@ -78,16 +78,16 @@ def graph_mesh_cell(
     law : Elastic, GradedElastic or J2, graded moduli have the shape (layers,), from the base up
     element : ElementKind
     sides, obstacle, friction_coefficient
-        As of :class:`MeshCell`.
+        See :class:`MeshCell`.
     pores : Cavities, optional
         Cavities of an elastic layer, in a box from its base to its mean plane that is lifted with
-        the surface. Elements with their centres in a cavity are all but void.
+        the surface. Elements with their centres in a cavity have 1e-4 of the modulus.
 
     Raises
     ------
     CaseError
-        If the grid does not fit the element, moduli vary within a layer, or pores hold no element,
-        or elements of the top or of a metal that flows.
+        If the grid does not fit the element, moduli vary within a layer, or pores contain no
+        element, cut the top, or are given with a metal that flows.
     """
     layer = PeriodicLayer(surface, depth, layers, law)
     if layer.heterogeneous:
@@ -96,15 +96,15 @@ def graph_mesh_cell(
             "moduli of each element"
         )
     planes = graded_planes(depth, layers, min(surface.spacing))
-    GraphMesh(surface, planes)  # checks itself
+    GraphMesh(surface, planes)  # raises if the mesh is not valid
     order, (nx, ny) = element.order, surface.heights.shape
     uneven = [n for n in (nx // 2, ny // 2, layers) if order == 2 and n % 2]
     if uneven or min(nx, ny) < 2:
         raise CaseError(
-            f"{element} elements on a graph take two points and more along x and y (multiples of "
+            f"{element} elements on a graph need two or more points along x and y (multiples of "
             f"four) and an even number of layers, got {nx} x {ny} points and {layers} layers"
             if order == 2
-            else f"a mesh takes two points or more along x and y, got {nx} x {ny}"
+            else f"a mesh needs two points or more along x and y, got {nx} x {ny}"
         )
     flat, number = _flat_mesh(surface, planes[::order], element)
     mesh = _lifted(flat, surface, planes[-1])
@@ -130,14 +130,16 @@ def graph_mesh_cell(
 
 
 def _porous(flat: "Mesh", law: Linear | J2, pores: "Cavities") -> GradedElastic:
-    """Moduli of every element below a flat surface, where pores are all but void."""
+    """Return the moduli of every element below a flat surface, reduced in pores."""
     if isinstance(law, J2):
-        raise CaseError("a layer with pores is elastic, and its law flows; leave out one of them")
+        raise CaseError(
+            "a layer with pores must be elastic, but its law flows; leave out the pores or the law"
+        )
     void = pores.void_at(flat.p[:, flat.t].mean(axis=1))
     if void[flat.f2t[0, flat.boundaries["top"]]].any():
         raise CaseError("a pore cuts the surface of the layer; put it deeper")
     if not void.any():
-        raise CaseError("the pores hold no centre of an element; give more points, or larger pores")
+        raise CaseError("no element has its centre in a pore; give more points, or larger pores")
     E, nu = (
         np.broadcast_to(value, void.size) for value in (law.youngs_modulus, law.poissons_ratio)
     )
@@ -147,7 +149,7 @@ def _porous(flat: "Mesh", law: Linear | J2, pores: "Cavities") -> GradedElastic:
 def _flat_mesh(
     surface: Surface, planes: np.ndarray, element: ElementKind
 ) -> tuple["Mesh", np.ndarray]:
-    """Mesh the layer below a flat surface; also the number of the layer of each element."""
+    """Mesh the layer below a flat surface; return also the layer number of each element."""
     from skfem import MeshHex, MeshHex2, MeshTet2
 
     axes = [
@@ -193,7 +195,7 @@ def cell_from_file(
     points: tuple[int, int] | None = None,
     friction_coefficient: float = 0.0,
 ) -> MeshCell:
-    """Build a cell on a mesh of gmsh, or of any program whose files meshio reads.
+    """Build a cell on a mesh of gmsh, or of any program with files that meshio reads.
 
     Parameters
     ----------
@@ -201,14 +203,14 @@ def cell_from_file(
         Tetrahedra or hexahedra of first or second order between planes x = const and y = const.
     law : Elastic or J2, law of a mesh without named volumes
     element : ElementKind, element of the displacement on the corners of the file
-    scale : float, length of one unit of the file, m
+    scale : float, length of a unit of the file, m
     volumes : mapping of str to Elastic, optional
-        Law of every named volume. If there are any, every element belongs to one of them.
-    contact, base : str, names of the face that meets the obstacle and of the clamped one
+        Law of every named volume. With named volumes, every element must belong to a volume.
+    contact, base : str, names of the face that meets the obstacle and of the clamped face
     sides : CellSides
     points : tuple of int, optional
-        Points along x and y of the fields that are kept.
-    friction_coefficient : float, as of :class:`MeshCell`
+        Points along x and y of the stored fields.
+    friction_coefficient : float, see :class:`MeshCell`
 
     Raises
     ------
@@ -217,12 +219,13 @@ def cell_from_file(
     """
     mesh = load_mesh(path, scale=scale, curved=True)
     if mesh.dim() != 3:
-        raise CaseError(f"{path} is a plane mesh, and a cell has three dimensions; mesh a solid")
+        raise CaseError(f"{path} is a plane mesh, but a cell has three dimensions; mesh a solid")
     if element.simplex != (len(mesh.t) == 4):
         shape = "tetrahedra" if len(mesh.t) == 4 else "hexahedra"
         fit = [kind.value for kind in ElementKind if kind.simplex != element.simplex]
         raise CaseError(
-            f"{path} has {shape}, which an element {element.value!r} does not fit; use one of {fit}"
+            f"{path} has {shape}, which an element {element.value!r} does not fit; use "
+            f"{' or '.join(fit)}"
         )
     if element.order == 1 and mesh.doflocs.shape[1] > mesh.nvertices:
         second = "tet10" if element.simplex else "hex27"
@@ -250,7 +253,7 @@ def cell_from_file(
 
 
 def _law_of(mesh: "Mesh", volumes: Mapping[str, Elastic], path: Path) -> GradedElastic:
-    """Moduli of every element, from the laws of named volumes."""
+    """Return the moduli of every element, from the laws of named volumes."""
     named = dict(mesh.subdomains or {})
     lawless, absent = sorted(set(named) - set(volumes)), sorted(set(volumes) - set(named))
     if lawless:
@@ -269,6 +272,6 @@ def _law_of(mesh: "Mesh", volumes: Mapping[str, Elastic], path: Path) -> GradedE
     if np.any(count != 1):
         raise CaseError(
             f"{path}: {int((count == 0).sum())} elements belong to no named volume and "
-            f"{int((count > 1).sum())} to several; each needs one law"
+            f"{int((count > 1).sum())} to several; each element needs a single law"
         )
     return GradedElastic(*moduli)

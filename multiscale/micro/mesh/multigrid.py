@@ -1,14 +1,14 @@
 r"""Algebraic multigrid as the inverse of large meshes in contact with a flat.
 
 On an active set A the unknowns are the free displacements :math:`v_f` and, under a load, the
-approach :math:`\delta`: with a motion d that lowers A by one, :math:`d_A = -1`, the displacements
-are :math:`v + \delta d`. Their stiffness is inverted approximately by
+approach :math:`\delta`: with a motion d that lowers A by a unit, :math:`d_A = -1`, the
+displacements are :math:`v + \delta d`. Their stiffness is inverted approximately by
 
 .. math:: V r + \frac{d\, d^t r}{d^t K d},    \tag{1}
 
-with V one cycle of smoothed aggregation, with coarse spaces that hold the six rigid motions [1]_.
-It is set up for one active set and serves those that follow, with the rows of A left out, until it
-gets slow.
+with V a cycle of smoothed aggregation, with coarse spaces that contain the six rigid motions [1]_.
+It is set up for an active set and used for the following active sets, without the rows of A, until
+the iteration gets slow.
 
 References
 ----------
@@ -29,9 +29,9 @@ __all__ = ["MultigridInverse"]
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
-LOOSE = 1e-3  # residual to which the motion d is in balance
-SLOW = 40  # iterations on one active set, after which the next one gets a cycle of its own
-FIRST = 0.1  # share of the nodes that touch at first under a load
+MOTION_TOLERANCE = 1e-3  # residual of the motion d, relative to its forces on the active set
+SLOW = 40  # iterations on an active set, above which the next set gets a new cycle
+FIRST = 0.1  # share of the nodes in the first active set under a load
 
 
 @dataclass(eq=False)
@@ -56,7 +56,7 @@ class MultigridInverse:
         approach: float | None,
         start: ContactState,
     ) -> tuple[np.ndarray, float]:
-        """Begin with the nodes of the step before, else with the highest ones."""
+        """Begin with the contact nodes of the previous step, else with the highest nodes."""
         self._lowered = None
         if start.active.any():
             return start.reference_force, start.approach if approach is None else approach
@@ -82,17 +82,18 @@ class MultigridInverse:
             moved = np.where(free, cycle(np.where(fixed, 0.0, residual)), 0.0)
             return np.asarray(np.where(released, residual / diagonal, moved))
 
+        # motion d and its stiffness
         lowered, stiffness = np.zeros(K.shape[0]), np.inf
         if loaded:
             lowered = lowered if self._lowered is None else self._lowered
             lowered[at] = -1.0
-            if self._lowered is None:  # in balance once: fair for the active sets that follow, too
+            if self._lowered is None:  # solved once: accurate enough for the following active sets
                 force = K @ lowered
                 lowered += conjugate_gradients(
                     lambda y: np.where(free, K @ y, 0.0),
                     np.where(free, -force, 0.0),
                     among_free,
-                    goal=LOOSE * float(np.linalg.norm(force[at])),
+                    goal=MOTION_TOLERANCE * float(np.linalg.norm(force[at])),
                     limit=500,
                 )[0]
                 self._lowered = lowered
@@ -119,7 +120,7 @@ class MultigridInverse:
 
 
 def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
-    """One symmetric cycle of smoothed aggregation on blocks of three unknowns a node."""
+    """Set up a symmetric cycle of smoothed aggregation on blocks of three unknowns a node."""
     from pyamg import smoothed_aggregation_solver
 
     nodes, node = np.unique(body.place // 3, return_inverse=True)
@@ -127,7 +128,7 @@ def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
     size = 3 * len(nodes)
     keep = sparse.diags_array(free.astype(float))
     matrix = (keep @ body.stiffness @ keep).tocoo()
-    unit = np.full(size, float(body.stiffness.diagonal().mean()))  # fixed, or no unknown
+    unit = np.full(size, float(body.stiffness.diagonal().mean()))  # fixed components
     unit[at[free]] = 0.0
     rows = np.concatenate([at[matrix.row], np.arange(size)])
     columns = np.concatenate([at[matrix.col], np.arange(size)])
@@ -135,7 +136,7 @@ def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
     padded = sparse.csr_matrix((entries, (rows, columns)), shape=(size, size))
     modes = np.zeros((size, body.modes.shape[1]))
     modes[at[free]] = body.modes[free]
-    smoother = ("chebyshev", {"degree": 2})  # as many steps as Gauss and Seidel's, and cheaper
+    smoother = ("chebyshev", {"degree": 2})  # as many iterations as with Gauss-Seidel, and cheaper
     levels = smoothed_aggregation_solver(
         sparse.bsr_matrix(padded, blocksize=(3, 3)),
         B=modes,

@@ -1,7 +1,7 @@
 r"""Unknowns of a cell on a mesh, with a fixed base, conditions on its sides and a contact face.
 
-Nodal displacements are :math:`u = E v`. A node of a periodic side moves as its image, the base does
-not move. On the contact face of quadratic tetrahedra :math:`v` are the coefficients in a basis
+Nodal displacements are :math:`u = E v`. A node of a periodic side moves as its image; the base is
+fixed. On the contact face of quadratic tetrahedra :math:`v` are the coefficients in a basis
 with positive integrals over every facet,
 
 .. math::
@@ -43,16 +43,16 @@ class CellUnknowns:
 
     expand: sparse.csr_array  # (3 n, unknowns), E: displacements from the unknowns
     place: np.ndarray  # (unknowns,), place 3 a + i of every unknown among components i of nodes a
-    image: np.ndarray  # (n,), node that stands for each: itself, or its image on the low sides
-    nodes: np.ndarray  # (contacts,), contact nodes, one for all their images
-    number: np.ndarray  # (contacts, 3), unknown of every coefficient of them; -1 without
+    image: np.ndarray  # (n,), the node itself, or its image on the low sides
+    nodes: np.ndarray  # (contacts,), contact nodes without their images
+    number: np.ndarray  # (contacts, 3), unknowns of the coefficients; -1 if fixed
     values: sparse.csr_array  # (n, n), nodal values from coefficients of (1)
     coefficients: sparse.csr_array  # (contacts, n), coefficients of contact nodes from nodal values
     weight: np.ndarray  # (contacts,), projected area of every coefficient, m2
-    facets: np.ndarray  # (corners and middles, facets), positions in nodes of every facet's nodes
+    facets: np.ndarray  # (corners and middles, facets), positions in ``nodes``
 
     def neighbours(self) -> np.ndarray:
-        """Pairs of contact nodes of one facet, shape (2, pairs)."""
+        """Return pairs of contact nodes that share a facet, shape (2, pairs)."""
         first, second = np.triu_indices(len(self.facets), 1)
         return np.stack([self.facets[first].ravel(), self.facets[second].ravel()])
 
@@ -62,13 +62,13 @@ class ElasticMesh:
     """The equations of an elastic body on a mesh, with contact quantities at the contact nodes."""
 
     problem: ElasticCell
-    basis: "CellBasis"  # of one displacement component
+    basis: "CellBasis"  # of a displacement component
     unknowns: CellUnknowns
     stiffness: sparse.csr_array  # (unknowns, unknowns), N/m
 
 
 def cell_unknowns(basis: "CellBasis", sides: str) -> CellUnknowns:
-    """Set up the numbers of the unknowns of a cell with a condition on its sides."""
+    """Enumerate the unknowns of a cell with a condition on its sides."""
     points, base = basis.doflocs, basis.get_dofs("base").all()
     top_facets, face_values, coefficients, weight = _top_face(basis)
     top = np.unique(top_facets)
@@ -80,6 +80,7 @@ def cell_unknowns(basis: "CellBasis", sides: str) -> CellUnknowns:
             f"reaches {bottom:.4g} m; make the cell deeper"
         )
 
+    # free components
     free = np.ones((basis.N, 3), dtype=bool)
     image = _periodic_images(points) if sides == "periodic" else np.arange(basis.N)
     free[image != np.arange(basis.N)] = False
@@ -93,11 +94,12 @@ def cell_unknowns(basis: "CellBasis", sides: str) -> CellUnknowns:
     if sides == "displacement":
         free[both] = False
         free[leader, 2] = True
+    # numbers of the unknowns, and the expansion E
     unknown = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)[image]
     nodes, facets = np.unique(image[top_facets], return_inverse=True)
     number, share = unknown[nodes], np.ones((basis.N, 3))
     if sides == "displacement":
-        # all sides follow their highest node in proportion to z; only it can touch a flat
+        # all sides follow their highest node in proportion to z; only this node can touch a flat
         unknown[both, 2] = unknown[leader, 2]
         share[both, 2] = (points[2, both] - bottom) / (points[2, leader] - bottom)
         unknown[base] = -1
@@ -153,7 +155,7 @@ def _top_face(
 
 
 def _integrals(face: "FacetBasis", weight: np.ndarray, size: int) -> np.ndarray:
-    """Integrate all shape functions times a weight at the quadrature points over facets."""
+    """Integrate shape functions over facets, with a weight at the quadrature points."""
     shares = [np.sum(np.asarray(shape[0]) * weight, axis=1) for shape in face.basis]
     return np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=size)
 
@@ -171,7 +173,7 @@ def strained_weight(basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarra
 
 
 def mean_strain(basis: "CellBasis") -> np.ndarray:
-    """Integrate u1 n1, u2 n2 and u1 n2 + u2 n1 over the sides, zero of periodic displacements."""
+    """Integrate u1 n1, u2 n2 and u1 n2 + u2 n1 over the sides; zero if u is periodic."""
     from skfem import FacetBasis
 
     mesh, area = basis.mesh, np.zeros((2, basis.N))
@@ -188,14 +190,14 @@ def mean_strain(basis: "CellBasis") -> np.ndarray:
 
 
 def _side(points: np.ndarray, axis: int) -> np.ndarray:
-    """Nodes on both planes that bound the cell along an axis."""
+    """Select the points on both planes that bound the cell along an axis."""
     low, high = points[axis].min(), points[axis].max()
     near = 1e-9 * (high - low)
     return np.flatnonzero((points[axis] - low < near) | (high - points[axis] < near))
 
 
 def _periodic_images(points: np.ndarray) -> np.ndarray:
-    """Node that stands for each node: itself, or its image on the low sides."""
+    """Return for each node itself, or its image on the low sides."""
     from scipy.spatial import KDTree
 
     low, high = points.min(axis=1), points.max(axis=1)
@@ -213,8 +215,8 @@ def _periodic_images(points: np.ndarray) -> np.ndarray:
         raise CaseError(
             f"the mesh is not periodic: {int(apart.sum())} of {len(moved)} nodes on the sides have "
             f"no partner on the opposite side, the worst at {where} m (nearest "
-            f"{distance[worst]:.2g} m away); mesh opposite sides alike or choose sides that need "
-            f"no partners"
+            f"{distance[worst]:.2g} m away); mesh opposite sides alike, or choose sides that are "
+            f"not periodic"
         )
     image[moved] = partner
     return image

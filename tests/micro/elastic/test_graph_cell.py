@@ -260,7 +260,7 @@ def test_a_single_asperity_touches_at_a_vanishing_load():
 
 def test_a_shallow_cell_is_named_before_it_is_solved(caplog):
     solve_cell(cell_of(rough(), depth=0.5), Path(pressure=(0.01,)))
-    assert "a depth of 0.5 m below a period of 1 m makes the longest wave 5.6 % too stiff" in (
+    assert "a depth of 0.5 m below a period of 1 m makes the longest mode 5.6 % too stiff" in (
         caplog.text
     )
 

@@ -155,7 +155,7 @@ def test_two_deformable_bodies_have_coatings_of_their_own():
                     coating=(Coating(1e-3, 2.0, 0.3), Coating(1e-3, 3.0, 0.3)),
                 ).planes
             ),
-            "of 2 coatings, one gets 0 of the 4 layers of elements",
+            "one of 2 coatings has none of the 4 layers of elements",
         ),
     ],
     ids=["thickness", "modulus", "thick", "law", "elements"],

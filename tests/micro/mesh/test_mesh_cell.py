@@ -217,7 +217,7 @@ def test_a_small_pore_takes_the_share_of_a_dilute_sphere_from_the_stiffness_of_a
     ("height", "radius", "law", "message"),
     [
         (0.9, 0.2, Elastic(1.0, 0.3), "cuts the surface"),
-        (0.5, 0.01, Elastic(1.0, 0.3), "hold no centre"),
+        (0.5, 0.01, Elastic(1.0, 0.3), "no element has its centre in a pore"),
         (0.5, 0.2, J2(1.0, 0.3, 0.01), "leave out one"),
     ],
 )
@@ -260,7 +260,7 @@ def test_missing_boundaries_are_named():
 
 def test_fields_of_a_general_mesh_are_refused():
     cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), Elastic(1.0, 0.3))
-    with pytest.raises(CaseError, match="this general mesh has none; give the cell points"):
+    with pytest.raises(CaseError, match="this general mesh has no grid; give the cell points"):
         solve_cell(cell, PATH, keep_fields=True)
 
 
