@@ -45,7 +45,7 @@ Mises, a step of the size :math:`A = (\Delta s)_{eq} / (1 - bD)` has the exact s
     K\, \Delta p = A + \sigma_f \ln \frac{1 + \cos\theta_0}{1 + \cos\theta_1}, \qquad
     K = \frac{3G(1-b)}{1 - bD} + C (1-D),    \tag{3}
 
-as for the perfectly plastic solid of [1]_; the part of the step that does not change :math:`\xi`
+as for the perfectly plastic solid of [1]_; the share of the step that does not change :math:`\xi`
 gives the flow. With the factor :math:`h` of crack closure
 
 .. math::
@@ -88,7 +88,7 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
 
 @compiled
 def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # type: ignore[no-untyped-def]
-    """Follow the paths of many inclusions: cycles done, and whether the last one was elastic.
+    """Follow the paths of many inclusions: cycles done, and whether the last was elastic.
 
     ``state`` has the shape (points, 20), ``path`` (paths, corners, 6) and ``material`` (kinds, 10);
     ``path_of`` and ``kind_of``, shape (points,), are the numbers of path and kind of each point.
@@ -131,11 +131,13 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
         for i in range(6):  # a slice would have the compiler write its error message
             state[14 + i] = target[i]
         return 1.0
+    # elastic share of the step
     begin = _elastic_share(xi, change, limit)
     # deviator and mean of the effective stress where the step starts, for the energy
     old = np.empty(6)
     effective_stress(state, start, target, begin, material, shear, b, old)
     new = np.empty(6)
+    # plastic substeps, with D frozen in each
     for step in range(substeps):
         t = begin + (1.0 - begin) * (step + 1.0) / substeps
         feedback = state[0] * material[FEEDBACK]
@@ -164,7 +166,7 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
 
 @compiled
 def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
-    """Find the elastic share t of a step, with |xi + t change| = limit at its end."""
+    """Compute the elastic share t of a step, with |xi + t change| = limit at its end."""
     A, B = _equivalent(change) ** 2, _product(xi, change)
     gap = (limit - _equivalent(xi)) * (limit + _equivalent(xi))
     if not (A > 0.0 and (gap > 0.0 or B < 0.0)):

@@ -23,33 +23,33 @@ def random_spheres(
     spread: float = 0.0,
     max_tries: int = 100_000,
 ) -> Cavities:
-    """Spherical cavities that do not overlap, placed one after the other at random.
+    """Spherical cavities that do not overlap, by random sequential addition.
 
     Parameters
     ----------
     size : tuple of float, lengths of the box along x, y and z, m
     radius : float, median radius, m
     porosity : float
-        Volume fraction wanted; the number of spheres is rounded. Random addition ends near 0.38.
+        Volume fraction, met up to the rounding of the number of spheres; at most about 0.38.
     seed : int
     spread : float
-        Standard deviation of the logarithm of the radii, which are log-normal; 0 makes all equal.
-    max_tries : int, largest number of places tried for one sphere
+        Standard deviation of the logarithm of the log-normal radii; 0 gives equal radii.
+    max_tries : int, largest number of places tried for a sphere
     """
     check_box(size)
     _check(radius, porosity, spread)
     rng, box = np.random.default_rng(seed), np.array(size)
     # radii with volumes that add up to the porosity as closely as a number can
-    wanted = porosity * float(np.prod(size))
+    volume = porosity * float(np.prod(size))
     if spread == 0.0:
-        radii = np.full(round(wanted / _mean_volume(radius, 0.0)), radius)
+        radii = np.full(round(volume / _mean_volume(radius, 0.0)), radius)
     else:
         drawn = np.empty(0)
-        while (filled := np.cumsum(4.0 / 3.0 * pi * drawn**3)).max(initial=0.0) < wanted:
+        while (filled := np.cumsum(4.0 / 3.0 * pi * drawn**3)).max(initial=0.0) < volume:
             drawn = np.append(drawn, radius * np.exp(spread * rng.standard_normal(64)))
-        radii = drawn[: int(np.argmin(np.abs(np.append(0.0, filled) - wanted)))]
+        radii = drawn[: int(np.argmin(np.abs(np.append(0.0, filled) - volume)))]
     radii = -np.sort(-radii)
-    # places, for the largest first
+    # places, from the largest sphere on
     if len(radii) and 2.0 * radii[0] > box.min():
         raise CaseError(
             f"spheres of radius {radii[0]:g} m overlap their own images in a box of {size} m; "
@@ -69,7 +69,7 @@ def random_spheres(
                 break
         else:
             raise CaseError(
-                f"after {done} of {len(radii)} spheres no free place was found for the next; a "
+                f"there is no free place after {done} of {len(radii)} spheres; a "
                 f"porosity of {porosity:g} is too much for random addition, so lower it or let "
                 f"spheres overlap"
             )
@@ -84,7 +84,7 @@ def boolean_spheres(
     seed: int,
     spread: float = 0.0,
 ) -> Cavities:
-    r"""Spherical cavities at independent places, which may overlap.
+    r"""Spherical cavities at independent random places, which may overlap.
 
     Their number is drawn from Poisson's distribution with the mean :math:`-V \ln(1-\phi) / v` for
     the porosity :math:`\phi` and the mean volume :math:`v` of a sphere, which makes the expected
@@ -116,7 +116,7 @@ def _check(radius: float, porosity: float, spread: float) -> None:
 
 @dataclass(frozen=True)
 class Recipe:
-    r"""Law of random volumes.
+    r"""Distribution of random volumes with pores and cracks.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Recipe:
     overlap : bool, whether pores may overlap
     crack_density : float, :math:`\rho = N \langle a^3 \rangle / V` of the cracks, 0 without cracks
     crack_radius : float, median radius a of the cracks, m
-    crack_spread : float, standard deviation of the logarithm of their radii
+    crack_spread : float, standard deviation of the logarithm of the radii of cracks
     crack_normal : tuple of float, optional
         Normal of all cracks; directions are evenly distributed over the sphere if not given.
     """
@@ -162,7 +162,7 @@ class Recipe:
                 size, self.pore_radius, porosity=self.porosity, seed=seed, spread=self.pore_spread
             )
             bodies += [*pores.bodies]
-        rng = np.random.default_rng([seed, 1])  # cracks do not change with the pores
+        rng = np.random.default_rng([seed, 1])  # cracks do not depend on the pores
         mean_cube = self.crack_radius**3 * exp(4.5 * self.crack_spread**2)
         count = (
             round(self.crack_density * float(np.prod(size)) / mean_cube)

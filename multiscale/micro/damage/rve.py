@@ -8,12 +8,12 @@ For each of six mean strains :math:`\bar\varepsilon` the periodic displacement :
     \qquad \bar C : \bar\varepsilon = \langle \sigma \rangle,    \tag{1}
 
 with trilinear bricks, by conjugate gradients on the stiffness of all voxels. The preconditioner is
-the inverse stiffness of a uniform material, in Fourier space, so that the number of iterations
-depends on the contrast and hardly on the resolution. Voids may have no stiffness at all: the
-iterates then stay in the range of the stiffness, and the voids do not widen its spectrum.
+the inverse stiffness of a uniform material in Fourier space, so that the number of iterations
+depends on the contrast and hardly on the resolution. Voids may have zero stiffness: the iterates
+then stay in the range of the stiffness, and the voids do not widen its spectrum.
 
-The energy is stationary at the solution. With the forces :math:`r_k` that the solve for the strain
-k leaves, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate,
+The energy is stationary at the solution. With the residual forces :math:`r_k` of the solve for the
+strain k, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate,
 
 .. math:: V\, \bar C_{jk} = V\, \bar\varepsilon_j : \langle\sigma\rangle_k - u_j \cdot r_k
     = \int (\bar\varepsilon_j + \nabla_s u_j) : C : (\bar\varepsilon_k + \nabla_s u_k)    \tag{2}
@@ -21,7 +21,7 @@ k leaves, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate
 has an error of the order of the square of the tolerance.
 
 With displacement sides u vanishes on the boundary, which bounds the periodic stiffness from above.
-With traction sides only :math:`\int u \otimes n` vanishes on the solid part of the sides, which
+With traction sides only :math:`\int u \otimes n` vanishes on the solid area of the sides, which
 bounds it from below: see :mod:`~.voxels`.
 
 References
@@ -81,7 +81,7 @@ TAIL = 0.025
 """Share of sections below, and above, the reported range of damage."""
 
 APART = 0.5
-"""Edge of parts at the corners of a volume up to which they do not overlap, over its edge."""
+"""Largest edge of boxes at the corners of a volume that do not overlap, over its edge."""
 
 PERIODIC = SIDES.index("periodic")
 
@@ -107,7 +107,7 @@ def effective_stiffness(
     sides : {"periodic", "displacement", "traction"}
         Conditions on the sides: the image continues periodically, or has sides with the linear
         displacement of the mean strain, an upper bound, or with uniform tractions on their solid
-        part, a lower bound of the periodic stiffness.
+        area, a lower bound of the periodic stiffness.
     void_modulus : float
         Young's modulus of the filling of the voids, Pa, with the same Poisson's ratio.
     max_iterations : int, iteration limit for each of the six strains
@@ -122,8 +122,8 @@ def effective_stiffness(
     Solution
         ``value`` is :math:`\bar C`, shape (6, 6), Pa, in the order of ``STRAINS``. ``residuals``
         and ``seconds`` belong to the strain with the most iterations, ``trail`` lists the
-        iterations of each strain, and ``detail`` names the strains against which the stiffness is
-        zero, as normal to a crack through the whole section.
+        iterations of each strain, and ``detail`` names the strains with zero stiffness, such as
+        normal to a crack through the whole section.
 
     Examples
     --------
@@ -142,8 +142,8 @@ def effective_stiffness(
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
-            f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; turn cavities "
-            f"into one by voxelise(rve, 64)"
+            f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; convert cavities "
+            f"by voxelise(rve, 64)"
         )
     if sides not in SIDES:
         raise CaseError(f"there are no sides {sides!r}; choose from {', '.join(SIDES)}")
@@ -156,8 +156,8 @@ def effective_stiffness(
     if not 0.0 <= void_modulus < np.inf:
         raise CaseError(f"void_modulus must not be negative (Pa), got {void_modulus:g}")
     if image.void.all() and void_modulus == 0.0:
-        raise CaseError("the image holds no solid; check which voxels are void")
-    # in units of the solid's modulus and the longest edge, so that no unit is special
+        raise CaseError("the image contains no solid; check which voxels are void")
+    # lengths and moduli relative to the longest edge and the modulus of the solid
     modulus = np.where(image.void, void_modulus / youngs_modulus, 1.0)
     edges = np.array(image.spacing) / max(image.spacing)
 
@@ -174,8 +174,8 @@ def effective_stiffness(
         loads, motions = [], list[np.ndarray]()
         for k in range(6):
             strain = np.eye(6)[k]
-            nothing = np.zeros((3, *modulus.shape))
-            load, r = solve(operator, -operator.forces(nothing, strain))
+            rest = np.zeros((3, *modulus.shape))
+            load, r = solve(operator, -operator.forces(rest, strain))
             stress = operator.mean_stress(load.value, strain)
             motions.append(load.value.astype(np.float32))
             for j, u in enumerate(motions):  # (2)
@@ -193,7 +193,7 @@ def _solve(
     tolerance: float,
     callback: Callable[[int, float], None] | None,
 ) -> tuple[Solution, np.ndarray]:
-    """Preconditioned conjugate gradients for nodal forces: u and the forces left."""
+    """Solve for nodal forces by conjugate gradients: u and the residual forces."""
     from multiscale.micro.damage.voxels import update_iterate
     from multiscale.numerics.vectors import dot, turn
 
@@ -230,13 +230,13 @@ def _solve(
 
 
 def _summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
-    """Combine the solves of six strains, with the worst status; no stiffness below ``lost``."""
+    """Combine the solves of six strains, with the worst status; stiffness below ``lost`` is 0."""
     slowest = max(loads, key=lambda load: len(load.residuals))
     failed = [load for load in loads if not load.converged]
     worst = failed[0] if failed else slowest
     soft = [STRAINS[k] for k in range(6) if stiffness[k, k] < lost]
     detail = (
-        f"no stiffness against the strains {', '.join(soft)}: the solid is cut through, D = 1"
+        f"zero stiffness for the strains {', '.join(soft)}: the solid is cut through, D = 1"
         if soft
         else ""
     )
@@ -259,7 +259,8 @@ def measure_volume(
     slab: float = 0.0,
     share: float = 1.0,
 ) -> Dataset:
-    """Measure sections and stiffness of one volume, with all kinds of sides."""
+    """Compute damage of sections and stiffness of a volume, with all kinds of sides."""
+    # stiffness with each kind of sides, and with voxels twice as large
     image = rve.image(voxels)
     stiffness, ended = np.full((len(SIDES), 6, 6), np.nan), []
     coarse = np.full((6, 6), np.nan)
@@ -277,6 +278,7 @@ def measure_volume(
             coarse = effective_stiffness(halved, youngs_modulus, poissons_ratio).unwrap()
         except ConvergenceError as error:
             ended.append(f"voxels twice as large: {error}")
+    # damage of sections
     planes = max_damage(rve, level=level, sections=sections, slab=slab, refine=False)
     damage = planes["damage"]
     values = {
@@ -301,7 +303,8 @@ def represent(
     *,
     level: int,
 ) -> Dataset:
-    """Average volumes, with the errors of the mean as representation of the material."""
+    """Average volumes to a representation of the material, with the errors of the mean."""
+    # Young's modulus of each volume along the normals
     normals = section_normals(image.size, level)
     C = volumes["apparent_stiffness"].to_numpy()
     E = np.full((*C.shape[:2], len(normals)), np.nan)
@@ -315,6 +318,7 @@ def represent(
             f"no volume has a stiffness: {volumes.attrs.get('ended', 'no solve converged')}; take "
             f"fewer cracks or pores, or more voxels"
         )
+    # mean stiffness, and its errors by sampling, sides and elements
     mean = C[whole, PERIODIC].mean(axis=0)
     modulus = youngs_modulus_along(mean, normals)
     safe = np.where(modulus > 0.0, modulus, np.nan)
@@ -322,13 +326,13 @@ def represent(
     count = int(whole.sum())
     sides = E[whole].mean(axis=0)
     coarse = volumes["coarse_stiffness"].to_numpy()[whole]
-    known = np.isfinite(coarse).all(axis=(1, 2))
+    solved = np.isfinite(coarse).all(axis=(1, 2))
     elements = np.full(len(normals), np.nan)
-    if known.any():
-        finer = C[whole, PERIODIC][known]
+    if solved.any():
+        finer = C[whole, PERIODIC][solved]
         change = [
             youngs_modulus_along(a, normals) - youngs_modulus_along(b, normals)
-            for a, b in zip(coarse[known], finer, strict=True)
+            for a, b in zip(coarse[solved], finer, strict=True)
         ]
         elements = np.abs(np.mean(change, axis=0)) / safe
     errors = np.stack(
@@ -339,6 +343,7 @@ def represent(
         ]
     )
     total = np.sqrt((errors**2).sum(axis=0))
+    # largest damage, with the interval of its mean and its prediction interval
     largest = volumes["largest_damage"].to_numpy()
     damage = largest[whole].mean(axis=0)
     damage_scatter, _, factor = _scatter(largest, share, whole)
@@ -371,22 +376,22 @@ def represent(
 def _scatter(
     values: np.ndarray, share: np.ndarray, whole: np.ndarray
 ) -> tuple[np.ndarray, str, float]:
-    """Relative standard deviation between volumes, how it is known, and Student's factor."""
+    """Relative standard deviation between volumes, its source, and Student's factor."""
     from scipy.special import stdtrit
 
     if whole.sum() > 1:
-        found, scale, source = values[whole], 1.0, "the volumes"
+        sample, scale, source = values[whole], 1.0, "the volumes"
     else:
-        parts = [k for k in np.unique(share[share <= APART]) if (share == k).sum() > 2]
-        if not parts:
+        shares = [k for k in np.unique(share[share <= APART]) if (share == k).sum() > 2]
+        if not shares:
             return np.full(values.shape[1], np.nan), "", np.nan
-        found, scale = values[share == parts[-1]], float(parts[-1]) ** 1.5
-        source = f"parts of {parts[-1]:g} of the edge, by the law of large numbers"
-    found = found[np.isfinite(found).all(axis=1)]
-    mean = found.mean(axis=0)
+        sample, scale = values[share == shares[-1]], float(shares[-1]) ** 1.5
+        source = f"boxes of {shares[-1]:g} of the edge, by the law of large numbers"
+    sample = sample[np.isfinite(sample).all(axis=1)]
+    mean = sample.mean(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        scatter = scale * found.std(axis=0, ddof=1) / mean
-    return scatter, source, float(stdtrit(max(1, len(found) - 1), 1.0 - TAIL))
+        scatter = scale * sample.std(axis=0, ddof=1) / mean
+    return scatter, source, float(stdtrit(max(1, len(sample) - 1), 1.0 - TAIL))
 
 
 def _interval(value: np.ndarray, half: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 r"""Damage on plane sections, eq (1) of the source: :math:`D(n) = \delta S_D / \delta S`.
 
 This damage is a geometric quantity. The stiffness is :math:`E (1 - D)` only where cavities run
-through the volume along the normal, see :mod:`~.rve`; and the maximum over
-the planes of a random medium falls towards its porosity as the volume grows.
+through the volume along the normal, see :mod:`~.rve`; and the maximum over the planes of a random
+medium falls towards its porosity as the volume grows.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +20,7 @@ from multiscale.schema import DAMAGE_SECTIONS, Dataset
 
 __all__ = ["Volume", "max_damage", "plane_damage", "section_normals", "sphere_directions"]
 
-QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections that are reported
+QUANTILES = (0.5, 0.9, 0.95, 0.99)  # reported quantiles of the damage over all sections
 LARGEST_INDEX = 12  # largest Miller index of a plane that counts as closed
 N_STARTS = 4  # number of worst sections from which the local search starts
 MOST_STEPS, SMALLEST_SHARE, LEAST_GAIN = 100, 1e-7, 1e-12  # of the local search
@@ -40,16 +40,16 @@ class Volume(Protocol):
         """Areas of void and whole areas of plane sections, m², at distances from the centre, m."""
 
     def image(self, shape: int) -> VoxelImage:
-        """Image with a number of voxels along the longest edge; an image as it is."""
+        """Image with a number of voxels along the longest edge; an image returns itself."""
 
     def coarser(self) -> "Volume | None":
-        """Volume of half the resolution; none of closed forms and of single layers of voxels."""
+        """Volume of half the resolution; None for closed forms and single layers of voxels."""
 
     def void_at(self, place: np.ndarray, thickness: float = 0.0) -> np.ndarray:
         """Whether points (3, ...), m, lie in a void, or in a crack of a thickness, m."""
 
     def window(self, share: float, corner: Sequence[int]) -> "Volume":
-        """Part of a share of the edges at a corner, (0 or 1) x 3."""
+        """Return a smaller box, a share of the edges, at a corner, (0 or 1) x 3."""
 
 
 def plane_damage(
@@ -60,7 +60,7 @@ def plane_damage(
     slab: float = 0.0,
     closed: bool = False,
 ) -> np.ndarray:
-    r"""Compute the damage on planes with one normal, eq (1) of the source.
+    r"""Compute the damage on parallel planes, eq (1) of the source.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def plane_damage(
     slab : float
         Thickness of the slab about a plane, m. Flat cracks in it count with their projection on
         the plane, :math:`A\,|n \cdot m|`, since the section of a flat crack is a line without
-        area. With 0 the cracks count that the plane meets.
+        area. With 0 only the cracks that the plane meets count.
     closed : bool
         Whether the plane continues through the periodic medium until it closes, instead of ending
         at the box. The normal must then be a lattice direction of the box.
@@ -96,7 +96,7 @@ def plane_damage(
         raise CaseError(f"the slab must have a thickness of at least 0 (m), got {slab:g}")
     distances = np.atleast_1d(np.asarray(offset, dtype=float))
     places = distances.ravel()
-    if closed:  # the plane consists of its copies in the box, one period apart
+    if closed:  # copies of the plane in the box, at distances of a period
         period = _period(direction, rve.size)
         half = 0.5 * float(np.abs(direction) @ rve.size)
         first = places - period * np.floor((places + half) / period)
@@ -119,7 +119,7 @@ def max_damage(
     smallest_section: float = 0.5,
     refine: bool = True,
 ) -> Dataset:
-    """Search the worst plane, and describe the distribution of damage over all planes.
+    """Search the worst plane, and compute the distribution of damage over all planes.
 
     Parameters
     ----------
@@ -129,13 +129,13 @@ def max_damage(
         and diagonals of the box are always among the normals.
     sections : int
     slab, closed
-        As of :func:`plane_damage`; normals of closed planes are lattice directions with Miller
+        See :func:`plane_damage`; normals of closed planes are lattice directions with Miller
         indices up to ``level + 1``.
     smallest_section : float
-        Share of the section through the centre; planes with a smaller section are left out, since
-        a corner of the box is not representative. Dimensionless.
+        Smallest area of a section over the area of the section through the centre, dimensionless;
+        smaller sections, at the corners of the box, are not representative and left out.
     refine : bool
-        Whether the worst plane is searched between the sections, from a few of them.
+        Whether a local search improves the worst sections.
 
     Returns
     -------
@@ -150,6 +150,7 @@ def max_damage(
             f"sections must be at least 1, level at least 0 and smallest_section from 0 to below "
             f"1, got {sections}, {level} and {smallest_section:g}"
         )
+    # damage of all sections
     normals = (
         lattice_directions(rve.size, level + 1) if closed else section_normals(rve.size, level)
     )
@@ -158,6 +159,7 @@ def max_damage(
     damage = np.array([measure(n, d) for n, d in zip(normals, offset, strict=True)])
     row, column = np.unravel_index(damage.argmax(), damage.shape)
     worst, normal, place = float(damage[row, column]), normals[row], float(offset[row, column])
+    # local search from the worst sections
     if refine:
         smallest = 0.0 if closed else smallest_section
         climbs = _refine(
@@ -184,7 +186,7 @@ def max_damage(
 
 
 def section_normals(size: tuple[float, float, float], level: int) -> np.ndarray:
-    """List unit normals (n, 3): edges and diagonals of a box, then a sphere of some refinement."""
+    """List unit normals (n, 3): edges and diagonals of a box, then a refined sphere."""
     lattice, sphere = lattice_directions(size, 1), sphere_directions(level)
     apart = np.abs(sphere @ lattice.T).max(axis=1) < 1.0 - 1e-9
     return np.concatenate([lattice, sphere[apart]])
@@ -198,7 +200,7 @@ def _period(normal: np.ndarray, size: tuple[float, float, float]) -> float:
 def _offsets(
     rve: Volume, normal: np.ndarray, sections: int, smallest: float, closed: bool
 ) -> np.ndarray:
-    """Offsets at the middle of equal parts of the range where sections are large enough, m."""
+    """Offsets, m, at the middles of equal intervals where sections are large enough."""
     from multiscale.numerics.box_sections import box_section
 
     if closed:
@@ -223,7 +225,7 @@ def _refine(
     smallest: float,
     turn: bool,
 ) -> Iterator[tuple[float, np.ndarray, float]]:
-    """Maximise damage locally from the worst sections; planes that must not turn only move."""
+    """Maximise damage locally from the worst sections; without ``turn`` only offsets change."""
     from multiscale.numerics.box_sections import box_section
 
     step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1))
@@ -252,7 +254,7 @@ def _refine(
 
 
 def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.ndarray, float]:
-    """Climb from the origin by steps along the axes, which get shorter where none leads up.
+    """Maximise from the origin by steps along the axes, shortened where no step leads up.
 
     References
     ----------
@@ -260,12 +262,12 @@ def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.n
        doi:10.1137/S003614450242889. Compass search, algorithm 1.
     """
     place, top, share = np.zeros(len(step)), value(np.zeros(len(step))), 1.0
-    ways = [*np.diag(step), *np.diag(-step)]
+    directions = [*np.diag(step), *np.diag(-step)]
     for _ in range(MOST_STEPS):
-        for way in ways:
-            height = value(place + share * way)
+        for direction in directions:
+            height = value(place + share * direction)
             if height > top + LEAST_GAIN:
-                place, top = place + share * way, height
+                place, top = place + share * direction, height
                 break
         else:
             share *= 0.25
@@ -275,7 +277,7 @@ def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.n
 
 
 def _check_volume(rve: object) -> None:
-    """Refuse objects that are no volume, such as a bare array."""
+    """Refuse objects other than volumes, such as a bare array."""
     if not isinstance(rve, Volume):
         raise CaseError(
             f"sections need Cavities or a VoxelImage, got {type(rve).__name__}; an array becomes "
@@ -292,7 +294,7 @@ def _unit(normal: np.ndarray | Sequence[float]) -> np.ndarray:
 
 
 def sphere_directions(level: int) -> np.ndarray:
-    """Spread normals evenly over half a sphere, by halving the edges of an icosahedron."""
+    """Distribute normals evenly over half a sphere, by halving the edges of an icosahedron."""
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     corners = [
         np.roll([0.0, a, b * golden], k) for k in range(3) for a, b in product((-1, 1), repeat=2)
@@ -306,7 +308,7 @@ def sphere_directions(level: int) -> np.ndarray:
         i, j = np.nonzero(near)
         middle = points[i] + points[j]
         points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
-    return _one_of_each_pair(points)
+    return _without_opposites(points)
 
 
 def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np.ndarray:
@@ -315,11 +317,11 @@ def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np
     indices = [m for m in product(span, repeat=3) if gcd(*m) == 1]
     indices.sort(key=lambda m: sum(abs(k) for k in m))
     normals = np.array(indices, dtype=float) / size
-    return _one_of_each_pair(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return _without_opposites(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def miller_indices(normal: np.ndarray, size: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Find the Miller indices of a normal, of any length, in a periodic box."""
+    """Return the Miller indices of a normal, of any length, in a periodic box."""
     ratio = normal * np.asarray(size)
     ratio = ratio / np.abs(ratio).max()
     for multiple in range(1, LARGEST_INDEX + 1):
@@ -342,8 +344,8 @@ def fit_tensor(normals: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.array([[a, f, e], [f, b, d], [e, d, c]])
 
 
-def _one_of_each_pair(points: np.ndarray) -> np.ndarray:
-    """Drop -x after x, and points equal to earlier ones."""
+def _without_opposites(points: np.ndarray) -> np.ndarray:
+    """Drop points that are equal or opposite to earlier points."""
     distinct: list[np.ndarray] = []
     for point in points:
         x, y, z = np.round(point, 9)

@@ -2,9 +2,9 @@ r"""Matrix-free stiffness of a box of voxels with periodic, displacement or trac
 
 In a brick, a trilinear field is a sum of the eight products :math:`P_i(\xi) P_j(\eta) P_k(\zeta)`
 of Legendre's polynomials of degree 0 and 1. A sum-and-difference transform of the corner values
-gives their amplitudes; the derivative along x has the four with :math:`i = 1`, and as the products
-are orthogonal, the exactly integrated energy couples only equal products. This takes a fifth of the
-operations of a 24 x 24 element matrix.
+gives their amplitudes; the derivative along x contains the four products with :math:`i = 1`, and as
+the products are orthogonal, the exactly integrated energy couples only equal products. This takes a
+fifth of the operations of a 24 x 24 element matrix.
 
 For a uniform material the stiffness is diagonal by blocks of 3 x 3 in Fourier space. With
 :math:`s = \sin(\theta/2)`, :math:`c = \cos(\theta/2)`, :math:`m = c^2 + s^2/3` for each direction,
@@ -19,7 +19,7 @@ Displacements, m, and nodal forces, N, have the shape ``(3, nx, ny, nz)``. Strai
 ordered xx, yy, zz, yz, xz, xy, with shear angles.
 
 Displacement sides fix the nodes of all sides at the displacement of the mean strain. Traction
-sides load the solid part S of the sides, at places where both opposite sides are solid to some
+sides load the solid area S of the sides, at places where both opposite sides are solid to a certain
 depth: thin films above pores would bend far, and the bound holds for every choice of places. With
 the forces :math:`f_\tau` of a symmetric tensor :math:`\tau`, per area
 :math:`\tau_{ja} / (A_a L_a)` on the sides normal to axis a, of the distance :math:`L_a` and the
@@ -30,9 +30,9 @@ solid area :math:`A_a`,
     = \bar\varepsilon : F^{-1} : \bar\varepsilon, \qquad
     F_{jk} = f_j \cdot K^+ f_k.    \tag{2}
 
-These forces have neither resultant nor moment. A periodic displacement meets the constraint, and so
-:math:`F^{-1} / V` is at most the periodic stiffness. Solid without pores at its sides has uniform
-tractions.
+These forces have zero resultant and moment. A periodic displacement satisfies the constraint, and
+so :math:`F^{-1} / V` is at most the periodic stiffness. The tractions are uniform on a solid
+without pores at its sides.
 
 With scalar Laplacians in place of the elasticity (Korn's inequality bounds their ratio),
 sine and cosine transforms invert the stiffness of a uniform box for both kinds of sides.
@@ -63,17 +63,17 @@ __all__ = [
     "update_iterate",
 ]
 
-LEAST = 10_000  # bricks for a thread
+LEAST = 10_000  # fewest bricks for a thread
 
 DEEP = 12
-"""Edges of the box over the depth to which loaded places of its sides are solid, at first."""
+"""Edge of the box over the depth to which loaded places are solid, as a first choice."""
 
 Solve = Callable[["VoxelOperator", np.ndarray], tuple[Solution, np.ndarray]]
-"""From a stiffness and nodal forces to the solution and the forces left."""
+"""From a stiffness and nodal forces to the solution and the residual forces."""
 
 
 class VoxelOperator:
-    """Stiffness of a periodic box of bricks with edges, m, and Lame's parameters of each, Pa."""
+    """Stiffness of a periodic box of bricks with Lame's parameters, Pa, and edges, m."""
 
     def __init__(
         self, lame: np.ndarray, shear: np.ndarray, spacing: Sequence[float] | np.ndarray
@@ -90,11 +90,11 @@ class VoxelOperator:
 
     @property
     def _least(self) -> int:
-        """Planes of bricks for a thread."""
+        """Fewest planes of bricks for a thread."""
         return -(-LEAST // int(self.lame[0].size))
 
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:
-        """Nodal forces of a periodic displacement and a mean strain, shape (6,), if it is given."""
+        """Nodal forces of a periodic displacement and, if given, a mean strain, shape (6,)."""
         mean = np.zeros(6) if strain is None else np.asarray(strain, dtype=float)
         out = np.zeros_like(u)
         arguments, nx = (u, mean, self.lame, self.shear, self.edges, out), len(self.lame)
@@ -110,7 +110,7 @@ class VoxelOperator:
         return np.asarray(total.sum(axis=0) / self.lame.size)
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
-        """Displacement, without mean, of the same box filled with the mean material."""
+        """Displacement, with zero mean, of the same box filled with the mean material."""
         threads = thread_count()
         values = fft.rfftn(force, axes=(1, 2, 3), workers=threads)
         along_x, along_y, along_z = self._tables
@@ -125,15 +125,16 @@ class VoxelOperator:
         """Inverse of the diagonal blocks of the stiffness for products of sines or cosines."""
         (lame, shear), edges = self.reference, self.edges
         sine = [np.sin(0.5 * t) ** 2 for t in angles]
-        parts = []
+        laplacians = []
         for axis in range(3):
             factors = [
                 s / edges[k] ** 2 if k == axis else 1.0 - 2.0 * s / 3.0 for k, s in enumerate(sine)
             ]
-            parts.append(np.einsum("i,j,k->ijk", *factors))
-        total = shear * sum(parts)
-        blocks = 4.0 * np.prod(edges) * np.stack([total + (lame + shear) * part for part in parts])
-        blocks[blocks == 0.0] = np.inf  # a motion of the whole
+            laplacians.append(np.einsum("i,j,k->ijk", *factors))
+        total = shear * sum(laplacians)
+        blocks = np.stack([total + (lame + shear) * along for along in laplacians])
+        blocks *= 4.0 * np.prod(edges)
+        blocks[blocks == 0.0] = np.inf  # translation
         return np.asarray(1.0 / blocks, dtype=np.float32)
 
 
@@ -145,7 +146,7 @@ class FixedVoxels(VoxelOperator):
         return self._invert_laplacians([np.pi * np.arange(1, n) / n for n in self.lame.shape])
 
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:
-        """Nodal forces, none on the sides."""
+        """Nodal forces, zero on the sides."""
         out = super().forces(u, strain)
         out[:, 0] = out[:, :, 0] = out[:, :, :, 0] = 0.0
         return out
@@ -164,7 +165,7 @@ class FixedVoxels(VoxelOperator):
 
 
 class FreeVoxels(VoxelOperator):
-    """Voxels with free sides, the last of which along every axis are void."""
+    """Voxels with free sides; the last layer along every axis is void."""
 
     @cached_property
     def _inverse(self) -> np.ndarray:
@@ -172,14 +173,14 @@ class FreeVoxels(VoxelOperator):
 
     @cached_property
     def _share(self) -> np.ndarray:
-        """One over the root of the share of a volume that a node has."""
+        """Inverse square root of the share of a voxel's volume at each node."""
         share = np.ones(self.lame.shape, dtype=np.float32)
         for axis in range(3):
             np.moveaxis(share, axis, 0)[[0, -1]] *= np.sqrt(2.0)
         return share
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
-        """Displacement of Laplacians of the mean material with free sides, without mean."""
+        """Displacement of Laplacians of the mean material with free sides."""
         z = fft.dctn(
             self._share * force, type=1, axes=(1, 2, 3), norm="ortho", workers=thread_count()
         )
@@ -196,10 +197,12 @@ def traction_stiffness(
     modulus: np.ndarray, lame: float, shear: float, edges: np.ndarray, solve: Solve
 ) -> tuple[np.ndarray, list[Solution]]:
     """Stiffness (2) of voxels with traction sides, and the solution of each load."""
-    pieces, count = ndimage.label(modulus > 0.0)
-    if count > 1:  # pieces apart move freely
-        largest = np.argmax(np.bincount(pieces.ravel())[1:]) + 1
-        modulus = np.where(pieces == largest, modulus, 0.0)
+    # only the largest connected solid carries the load
+    solids, count = ndimage.label(modulus > 0.0)
+    if count > 1:
+        largest = np.argmax(np.bincount(solids.ravel())[1:]) + 1
+        modulus = np.where(solids == largest, modulus, 0.0)
+    # forces f_k on the sides
     n = np.array(modulus.shape)
     padded = np.pad(modulus, ((0, 1),) * 3)
     operator = FreeVoxels(lame * padded, shear * padded, edges)
@@ -212,13 +215,14 @@ def traction_stiffness(
         for k, (i, j) in enumerate(VOIGT):
             if axis not in (i, j):
                 continue
-            if total == 0.0:  # nothing crosses the box along the axis
+            if total == 0.0:  # no solid connects both sides along the axis
                 carried[k] = False
                 continue
             along = np.moveaxis(loads[k, j if axis == i else i], axis, 0)
             share = at_nodes / (total * n[axis] * edges[axis])
             along[-1] += share
             along[0] -= share
+    # flexibility F, and its inverse
     solved: list[Solution] = []
     F = np.zeros((6, 6))
     for k in range(6):
@@ -234,7 +238,7 @@ def traction_stiffness(
 
 
 def _loaded(solid: np.ndarray) -> np.ndarray:
-    """Places of the first and the last layer that are loaded, as deep in the solid as there are."""
+    """Select loaded places of the first and last layer: solid to the largest depth possible."""
     depth = max(1, len(solid) // DEEP)
     while True:
         deep = np.asarray(solid[:depth].all(axis=0) & solid[-depth:].all(axis=0))
@@ -277,7 +281,7 @@ def _rows(u, i, i1, j, j1, rows):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def _row_forces(rows, mean, lame, shear, scale, volume, near, far):  # type: ignore[no-untyped-def]
-    """Compute the forces on the amplitudes of the node rows below and above a row of bricks."""
+    """Compute forces on the amplitudes of the node rows below and above a row of bricks."""
     x, y, z = scale
     third = 1.0 / 3.0
     for k in range(len(lame)):
@@ -378,7 +382,7 @@ def _spread(near, far, i, i1, j, j1, out):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def _forces(begin, end, colour, u, mean, lame, shear, edges, out):  # type: ignore[no-untyped-def]
-    """Add the forces of the bricks in some strips in x of one colour, which share no node."""
+    """Add the forces of the bricks in strips in x of the same colour, which share no node."""
     nx, ny, nz = lame.shape
     scale = (0.25 / edges[0], 0.25 / edges[1], 0.25 / edges[2])
     volume = edges[0] * edges[1] * edges[2]
@@ -398,7 +402,7 @@ def _forces(begin, end, colour, u, mean, lame, shear, edges, out):  # type: igno
 
 @compiled(fastmath=True)
 def _stress(begin, end, u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
-    """Sum of the mean stresses of the bricks, one row of ``total`` for each place along x."""
+    """Sum the mean stresses of the bricks, in a row of ``total`` for each place along x."""
     nx, ny, nz = lame.shape
     x, y, z = 0.25 / edges[0], 0.25 / edges[1], 0.25 / edges[2]
     for i in range(begin, end):

@@ -26,27 +26,26 @@ from multiscale.numerics.vectors import advance, dot, turn
 
 __all__ = ["Constrained", "ElasticBody", "Inverse", "ReferenceInverse", "solve_elastic_contact"]
 
-_LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
-_INNER = 1e-4  # tolerance of the surface problems inside the preconditioner: costs no iteration
-_BLOCKS = 5  # exchanges of all wrong nodes that may pass without fewer of them
+_COARSE = 1e-2  # reduction of the residual before the first check of the active set
+_INNER = 1e-4  # tolerance of the surface problems in the preconditioner: no more iterations
+_BLOCKS = 5  # exchanges of all wrong nodes without a smaller number of wrong nodes
 _LINEAR_LIMIT = 5000  # conjugate-gradient iterations on all active sets of a solve together
-_PATIENCE = 300  # of them without a smaller residual: rounding has the last word; 50 to 100 are
-# usual where Poisson's ratio is .4999 on slopes of one half
+_PATIENCE = 300  # iterations without a smaller residual, which then is rounding; 50 to 100 are
+# usual for a Poisson's ratio of .4999 on slopes of 1/2
 _SMALLER = 0.9  # times the least residual so far
-# times the precision: share of a residual below which its recurrence means nothing
-_ROUNDING = 64.0
+_ROUNDING = 64.0  # times the precision: relative error of the recurrence of the residual
 
 
 Constrained = Callable[..., tuple[np.ndarray, float]]
 """``(out_of_balance, missing, out, distance)`` to displacement, m, and change of the approach, m.
 
-An approximate inverse among displacements that satisfy the constraints, up to ``distance`` at the
-active nodes, m, for forces out of balance, N, and a load not yet carried, N; ``out`` may hold the
-displacement."""
+Approximate inverse in the space of displacements that satisfy the constraints, up to ``distance``
+at the active nodes, m, for forces out of balance, N, and a missing load, N; the displacement may be
+written into ``out``."""
 
 
 class Inverse(Protocol):
-    """Approximate inverse of a stiffness under constraints, from which contact is solved."""
+    """Approximate inverse of a stiffness under constraints, as a preconditioner of contact."""
 
     def guess(
         self,
@@ -57,7 +56,7 @@ class Inverse(Protocol):
         approach: float | None,
         start: ContactState,
     ) -> tuple[np.ndarray, float]:
-        """Contact forces, N, and approach, m, of a similar problem that is solved at once."""
+        """Return contact forces, N, and approach, m, of a similar, cheaper problem."""
 
     def constrain(self, closing: np.ndarray, active: np.ndarray, *, loaded: bool) -> Constrained:
         """Return the inverse on an active set, under a load or at a fixed approach."""
@@ -65,14 +64,14 @@ class Inverse(Protocol):
 
 @dataclass(frozen=True)
 class ElasticBody:
-    """The operators of (1), for any discretisation; contact quantities have one entry a node."""
+    """Operators of (1), for any discretisation; contact quantities have an entry per node."""
 
-    apply: Callable[..., np.ndarray]  # apply(u, out) returns K u, which out may hold
+    apply: Callable[..., np.ndarray]  # apply(u, out) returns K u, possibly written into out
     trace: Callable[[np.ndarray], np.ndarray]  # N u, displacement along the obstacle's normals
     add: Callable[[np.ndarray, np.ndarray], None]  # vector += N^t values, in place
     inverse: Inverse
     shape: tuple[int, ...]
-    dtype: type[np.floating] = np.float64  # of the iterations, which end in double precision
+    dtype: type[np.floating] = np.float64  # of the iterations; the last is in double precision
 
 
 @dataclass(frozen=True)
@@ -83,9 +82,9 @@ class ReferenceInverse:
     :math:`z = K_0^{-1} (r - N_A^t l)` with :math:`N_A z + b\,d\delta = 0`, and :math:`b^t l`
     balances the load.
 
-    With ``solve(force, correct, out)`` forces f, or ``None`` for zero, become
-    :math:`K_0^{-1} (f - N^t l)`, which ``out`` may hold, where ``correct`` returns the contact
-    forces l for :math:`N K_0^{-1} f`.
+    ``solve(force, correct, out)`` returns :math:`K_0^{-1} (f - N^t l)` for forces f, ``None`` for
+    zero, possibly written into ``out``; ``correct`` returns the contact forces l for
+    :math:`N K_0^{-1} f`.
     """
 
     solve: Callable[..., np.ndarray]
@@ -101,7 +100,7 @@ class ReferenceInverse:
         approach: float | None,
         start: ContactState,
     ) -> tuple[np.ndarray, float]:
-        """Solve the problem with the reference, on the surface only."""
+        """Solve the contact problem with the compliance of :math:`K_0`, on the surface only."""
         forces = start.reference_force
         flat = solve_flat(self.compliance, gap, closing, load=load, approach=approach, start=forces)
         return flat.value, flat.approach
@@ -137,7 +136,7 @@ class ReferenceInverse:
 
     def _surface_solve(self, right_hand_side: np.ndarray, active: np.ndarray) -> np.ndarray:
         """Solve C_AA l = d on the active nodes by conjugate gradients, in single precision."""
-        size = float(np.max(np.abs(right_hand_side))) or 1.0  # so that no square can underflow
+        size = float(np.max(np.abs(right_hand_side))) or 1.0  # avoids underflow of squares
         r = np.where(active, right_hand_side / size, 0.0).astype(np.float32)
 
         def among_active(operator: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
@@ -169,9 +168,10 @@ def solve_elastic_contact(
     Notes
     -----
     The active set starts from the guess of the inverse, corrected by its error in the previous
-    step. On a given active set conjugate gradients run on the displacements that satisfy the
-    constraints, preconditioned by the constrained inverse. If the number of changes does not fall,
-    single nodes are exchanged by least index, which ends for every positive definite problem [2]_.
+    step. On a given active set conjugate gradients run in the space of displacements that satisfy
+    the constraints, preconditioned by the constrained inverse. If the number of wrong nodes does
+    not fall, single nodes are exchanged by least index, which terminates for every positive
+    definite problem [2]_.
 
     References
     ----------
@@ -190,15 +190,18 @@ def solve_elastic_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
+    # first active set; from here on forces are relative to the norm of the guess
     guess, delta = body.inverse.guess(gap, closing, load=load, approach=approach, start=start)
-    unit = float(np.linalg.norm(guess))  # of forces: from here on nothing can underflow
+    unit = float(np.linalg.norm(guess))  # N: avoids underflow
     delta, gap = delta / unit, gap / unit
     load = None if load is None else load / unit
     force, reference = start.force / unit, guess / unit
     active = reference + force - start.reference_force / unit > 0.0
     active = active if active.any() else reference > 0.0
     u, room = start.displacement / unit, np.empty((2, *body.shape), body.dtype)
-    out_of_balance = np.zeros(body.shape, body.dtype)  # without the contact forces of the last step
+    out_of_balance = np.zeros(
+        body.shape, body.dtype
+    )  # only the contact forces of the last step are in balance
 
     residuals: list[float] = []
     n_linear, fewest, patience, changed = 0, gap.size + 1, _BLOCKS, True
@@ -216,6 +219,7 @@ def solve_elastic_contact(
             body.add(z, distance)
             advance(1.0, _flat(z), _flat(u), _flat(body.apply(z, room[1])), _flat(out_of_balance))
             force, square = stage.split(out_of_balance, force)
+        # linear problem on the active set, then check the set
         delta, residual, iterations = stage.conjugate_gradients(
             u,
             delta,
@@ -223,14 +227,14 @@ def solve_elastic_contact(
             force,
             room,
             square,
-            _LOOSE if patience > 0 else 0.0,
+            _COARSE if patience > 0 else 0.0,
             _LINEAR_LIMIT - n_linear,
         )
         n_linear += iterations
         wrong = stage.wrong(u, delta, force)
         n_wrong = int(np.count_nonzero(wrong))
         if n_wrong == 0 or drift > tolerance:
-            # residual of u itself, in place of its recurrence
+            # residual from u instead of its recurrence
             body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
             pushed = body.apply(u, np.frombuffer(room, count=u.size).reshape(u.shape))
             np.negative(pushed, out=out_of_balance, casting="same_kind")
@@ -249,6 +253,7 @@ def solve_elastic_contact(
             status = Status.WORK_SPENT
             break
 
+        # next active set: exchange all wrong nodes, or a single node
         if n_wrong == 0 and not changed and residual > 0.5 * residuals[-2]:
             status = Status.STALLED
             break
@@ -261,7 +266,7 @@ def solve_elastic_contact(
             wrong &= np.arange(gap.size).reshape(gap.shape) == np.flatnonzero(wrong)[:1]
         if changed:
             active = active ^ wrong
-            if load is not None and not active.any():  # somewhere the load must go
+            if load is not None and not active.any():  # at least one node carries the load
                 distance = gap - closing * delta - body.trace(u)
                 active = distance == distance.min()
             stage = _LinearStage(body, gap, closing, active, load, tolerance)
@@ -281,7 +286,7 @@ def solve_elastic_contact(
 
 @dataclass(frozen=True, eq=False)
 class _LinearStage:
-    """The linear problem on one active set, in the displacements that satisfy the constraints."""
+    """Linear problem on an active set, for displacements that satisfy the constraints."""
 
     body: ElasticBody
     gap: np.ndarray
@@ -291,29 +296,29 @@ class _LinearStage:
     tolerance: float
 
     def split(self, out_of_balance: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, float]:
-        """Exchange nodal and contact forces; return these and the square of what is unbalanced."""
+        """Exchange nodal and contact forces; return contact forces and the squared residual."""
         self.body.add(out_of_balance, np.where(self.active, 0.0, force))
         carried = np.where(self.active, force, 0.0) + self.take(out_of_balance)
         return carried, dot(_flat(out_of_balance), _flat(out_of_balance))
 
     def take(self, vector: np.ndarray) -> np.ndarray:
-        """Take the part at the contact nodes out of forces, in place, and return it."""
+        """Remove the contact forces at active nodes from nodal forces, in place; return them."""
         force = np.where(self.active, self.body.trace(vector), 0.0)
         self.body.add(vector, -force)
         return force
 
     def wrong(self, u: np.ndarray, delta: float, force: np.ndarray) -> np.ndarray:
-        """Active nodes that pull and inactive ones that penetrate, beyond the tolerance."""
+        """Select active nodes in tension and penetrating inactive nodes, beyond the tolerance."""
         depth = self.closing * delta + self.body.trace(u) - self.gap
         pull, deep = (self.tolerance * float(np.max(size)) for size in (force, np.abs(depth)))
         return np.where(self.active, force < -pull, depth > deep)
 
     def missing_load(self, force: np.ndarray) -> float:
-        """Return the load not yet carried, N; 0 if the approach is prescribed."""
+        """Return the missing load, N; 0 if the approach is prescribed."""
         return 0.0 if self.load is None else self.load - float(np.vdot(self.closing, force))
 
     def residual(self, square: float, force: np.ndarray) -> float:
-        """Return forces out of balance over contact forces, or the load's error if larger."""
+        """Return forces out of balance over contact forces, at least the relative missing load."""
         scale = float(np.linalg.norm(force)) or 1.0
         missing = self.missing_load(force) / self.load if self.load else 0.0
         return max(float(np.sqrt(square)) / scale, abs(missing))
@@ -331,22 +336,24 @@ class _LinearStage:
         force: np.ndarray,
         room: np.ndarray,
         square: float,
-        loose: float,
+        reduction: float,
         most: int,
     ) -> tuple[float, float, int]:
-        """Reduce the residual by ``loose``, or to the tolerance as long as no node is wrong.
+        """Reduce the residual by a factor, or to the tolerance as long as no node is wrong.
 
-        ``u`` and the forces are changed in place. ``room`` takes the direction p and, one after the
-        other, z and q. Returns the approach, the residual and the number of iterations.
+        ``u`` and the forces are changed in place. ``room`` is memory for the direction p and, in
+        turn, z and q. Returns the approach, the residual and the number of iterations.
         """
         p, p_delta, rz_old = room[1], 0.0, np.inf
         p[:] = 0.0
         best, patience, iteration = np.inf, _PATIENCE, 0
         residual = self.residual(square, force)
         last = max(self.tolerance, _ROUNDING * float(np.finfo(p.dtype).eps) * residual)
-        if self.tolerance < residual < 2.0 * self.tolerance:  # beyond what the recurrence is off
+        if (
+            self.tolerance < residual < 2.0 * self.tolerance
+        ):  # margin for the error of the recurrence
             last = 0.5 * residual
-        target = max(last, loose * residual)
+        target = max(last, reduction * residual)
         while True:
             if residual <= target and not np.any(self.wrong(u, delta, force)):
                 target = last
@@ -355,10 +362,11 @@ class _LinearStage:
                 best, patience = residual, _PATIENCE
             if iteration == most or not residual > target or patience == 0:
                 return delta, residual, iteration
+            # preconditioned residual, without motion of the constrained nodes by rounding
             missing = self.missing_load(force)
             z, shift = self.invert(out_of_balance, missing, room[0])
-            # the rounding and the inner tolerance must not move the constrained nodes
             self.body.add(z, np.where(self.active, -self.closing * shift - self.body.trace(z), 0.0))
+            # conjugate direction and step
             rz = dot(_flat(out_of_balance), _flat(z)) + missing * shift
             turn(rz / rz_old, _flat(p), _flat(z))
             p_delta = shift + (rz / rz_old) * p_delta
@@ -366,7 +374,7 @@ class _LinearStage:
             reaction = self.take(q)  # the contact forces change by -alpha times this
             along = float(np.vdot(self.closing, reaction))
             curvature = dot(_flat(p), _flat(q)) - along * p_delta
-            if curvature == 0.0:  # the residual is rounding, which moves nothing
+            if curvature == 0.0:  # the residual is rounding
                 return delta, residual, iteration
             alpha = rz / curvature
             square = advance(alpha, _flat(p), _flat(u), _flat(q), _flat(out_of_balance))

@@ -20,29 +20,31 @@ __all__ = [
     "surface_slopes",
 ]
 
-EDGE_POINTS = 32  # of the wavelengths from which the effect of elements at an edge is computed
+EDGE_POINTS = 32  # points along the longest wavelength in the effect of elements at an edge
 
 Field = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    r"""The flat cell, tilted along the slopes of the rough cell if they are given.
+    r"""The flat cell, tilted along the slopes of the rough cell if slopes are given.
 
     In a nearly incompressible material, the divergence of the flat cell's field would be large
-    where the divergence of the true cell is small: then :math:`K_0^{-1}` is replaced by
+    where the divergence of the rough cell is small: then :math:`K_0^{-1}` is replaced by
     :math:`T K_0^{-1} T^t` with the tilt of Piola's type
     :math:`(T u)_z = u_z + \varphi\, \nabla h \cdot u`, exact for isochoric fields to first order
     in the slopes.
     """
 
     inverse: LateralInverse  # factorised stiffness of the flat cell
-    map_factor: np.ndarray  # (layers,), displacement of each node plane over the surface's height
-    slopes: tuple[np.ndarray, np.ndarray] | None = None  # (nx, ny), of the surface in x and y
+    map_factor: np.ndarray  # (layers,), share of the surface height in each node plane
+    slopes: tuple[np.ndarray, np.ndarray] | None = (
+        None  # (nx, ny), slopes of the surface in x and y
+    )
 
     @property
     def convolves(self) -> bool:
-        """Whether the vertical compliance is a product for each wave."""
+        """Whether the vertical compliance is diagonal in Fourier space."""
         return self.slopes is None
 
     def solve(
@@ -51,7 +53,7 @@ class Reference:
         correct: Callable[[Field], Field] | None,
         out: Field | None = None,
     ) -> Field:
-        """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
+        """Solve for nodal forces; ``correct`` returns additional forces from the surface motion."""
         if self.slopes is None:
             return self.inverse.solve(force, correct, out)
 
@@ -63,11 +65,11 @@ class Reference:
         return self._tilt(u, out=u)
 
     def compliance(self, force: Field) -> Field:
-        """Motion of the surface under forces on it, shapes (nx, 3, ny)."""
+        """Return the motion of the surface under surface forces, shapes (nx, 3, ny)."""
         return self._tilt(self.inverse.surface_response(self._tilt_force(force)))
 
     def stiffness(self, moved: Field) -> Field:
-        """Return the forces on the surface that cause its motion."""
+        """Return the surface forces that cause a motion of the surface."""
         return self._tilt_force(self.inverse.surface_force(self._tilt(moved, -1.0)), -1.0)
 
     @cached_property
@@ -77,7 +79,7 @@ class Reference:
         return SurfaceFilter(symbol), SurfaceFilter(1.0 / symbol)
 
     def _shares(self, field: Field) -> list[Field]:
-        """Slopes in x and y at the nodes of a surface or, by their height, of all planes."""
+        """Slopes in x and y at the nodes of the surface, or scaled by height at all node planes."""
         slopes = self.slopes or ()
         if field.ndim == 3:
             return list(slopes)
@@ -115,7 +117,7 @@ def flat_inverse(
 
 
 def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
-    """Effect of the elements of the bodies of a cell at an edge of contact along x and y."""
+    """Effect of the elements of all bodies on an edge of contact along x and y."""
     n, edges = EDGE_POINTS, []
     for spacing in cell.surface.spacing:
         discrete, exact = np.zeros((2, n // 2 + 1))
@@ -141,7 +143,7 @@ def flat_reference(
 def surface_slopes(
     heights: np.ndarray, spacing: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Periodic differences of fourth order: local, so that a kink stays a kink."""
+    """Return slopes by periodic differences of fourth order, which are local at kinks."""
 
     def slope(axis: int) -> np.ndarray:
         near = np.roll(heights, -1, axis) - np.roll(heights, 1, axis)

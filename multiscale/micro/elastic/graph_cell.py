@@ -20,15 +20,15 @@ __all__ = ["GraphCell", "assemble_graph_cell"]
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
-ELASTIC = 5.5e-7  # s of one core for a load step and an unknown, measured
+ELASTIC = 5.5e-7  # s per load step and unknown on a core, measured
 
 
 @dataclass(frozen=True, eq=False)
 class GraphCell(PeriodicLayer):
     """A linear elastic layer with a mesh that follows its surface, pressed by a rigid obstacle.
 
-    Contact acts along the normal of the rigid obstacle, without friction. The parameters are those
-    of :class:`PeriodicLayer`; a law that is not linear is refused.
+    Contact acts along the normal of the rigid obstacle, without friction. For the parameters see
+    :class:`PeriodicLayer`; a law that is not linear is refused.
     """
 
     recovers_stress: ClassVar[bool] = True
@@ -39,7 +39,7 @@ class GraphCell(PeriodicLayer):
             raise CaseError("a graph cell is linear elastic; use FiniteCell for large strain")
 
     def needs(self) -> Needs:
-        """Parts, memory and time that a step takes."""
+        """Return components, memory and time of a load step."""
         return Needs(
             kinematics="small strain, the mesh follows the surface",
             choices=cell_choices(
@@ -59,7 +59,7 @@ class GraphCell(PeriodicLayer):
         )
 
     def model(self, path: Path, *, recover_stress: bool = False) -> CellModel[Any]:
-        """Set up the contact of the cell for a path; a sliding obstacle turns its normals."""
+        """Set up the contact problem for a path; with sliding as a finite cell."""
         if path.slide is not None:
             fields = self.surface, self.depth, self.layers, self.law, self.obstacle
             return FiniteCell(*fields, coating=self.coating).model(path)
@@ -68,7 +68,7 @@ class GraphCell(PeriodicLayer):
 
 
 def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> ElasticCell:
-    """Set up the operators that a graph cell needs, and its contact geometry."""
+    """Set up the operators and the contact geometry of a graph cell."""
     from multiscale.micro.elastic.active_set import (
         ElasticBody,
         ReferenceInverse,
@@ -85,9 +85,10 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, cell.planes)
     lame, shear = cell.moduli
-    # iterations with single precision are as many; nearly incompressible cells need all digits
+    # single precision costs no iterations; nearly incompressible cells need double precision
     dtype = np.float64 if cell.nearly_incompressible else np.float32
     reference = flat_reference(cell, mesh, dtype)
+    # contact along the normals of the obstacle
     obstacle = cell.raised_obstacle
     normal = obstacle_normal(*surface_slopes(obstacle, spacing))
     along, push = _along_normals(None if cell.obstacle is None else normal)
@@ -150,16 +151,16 @@ def _recover(
 
 
 def _along_normals(normal: np.ndarray | None) -> tuple[Operator, Operator]:
-    """Part of surface vectors along the obstacle's normals, or z, and the vectors of parts."""
+    """Return the projection of surface vectors on the normals, or z, and its transpose."""
     if normal is not None:
         return (
             lambda vector: np.asarray(np.sum(vector * normal, axis=1)),
-            lambda part: np.asarray(part[:, None] * normal),
+            lambda component: np.asarray(component[:, None] * normal),
         )
 
-    def push(part: np.ndarray) -> np.ndarray:
-        vector = np.zeros((len(part), 3, part.shape[1]))
-        vector[:, 2] = part
+    def push(component: np.ndarray) -> np.ndarray:
+        vector = np.zeros((len(component), 3, component.shape[1]))
+        vector[:, 2] = component
         return vector
 
     return lambda vector: vector[:, 2], push

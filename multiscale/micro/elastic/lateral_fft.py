@@ -1,23 +1,23 @@
 r"""Exact inverse of the flat, laterally homogeneous, periodic layered cell in O(N log n).
 
 On a flat mesh with moduli that vary with depth only, the stiffness is block circulant in x and y.
-A lateral Fourier transform leaves one block-tridiagonal system of 3 x 3 blocks per wavenumber.
+A lateral Fourier transform leaves a block-tridiagonal system of 3 x 3 blocks per wavenumber.
 Multiplying the in-plane components by the imaginary unit makes every block real. With
 
 .. math:: s = \frac{4 \sin^2 \theta/2}{h}, \quad m = h (1 - \tfrac23 \sin^2 \theta/2), \quad
     \bar m = h \cos^2 \theta/2, \quad t = \sin \theta
 
-for the wave angles along x and along y, the block between two node planes is
+for the phase angles of a mode along x and along y, the block between two node planes is
 
 .. math::
     K_{xx} &= s_x (a\, m_y + b\, \bar m_y) + m_x (c\, s_y + d\, m_y), \quad
     K_{xy} = g\, t_x t_y, \quad K_{xz} = t_x (p\, m_y + q\, \bar m_y), \\
     K_{zz} &= e\, m_x m_y + f\, \bar m_x \bar m_y + c\, (s_x m_y + m_x s_y),    \tag{1}
 
-likewise :math:`K_{yy}` and :math:`K_{yz}`. It is symmetric within a plane; from a plane to the one
-above, :math:`K_{zx} = -K_{xz}` and :math:`K_{zy} = -K_{yz}`. The factors a to q come from integrals
-over the depth of the layers between, the terms of means from the mean dilatation (B-bar). The block
-of the opposite wave along x is its mirror image.
+likewise :math:`K_{yy}` and :math:`K_{yz}`. It is symmetric within a plane; from a plane to the next
+plane above, :math:`K_{zx} = -K_{xz}` and :math:`K_{zy} = -K_{yz}`. The factors a to q come from
+integrals over the depth of the layers between, the terms of means from the mean dilatation (B-bar).
+The block of the opposite wavenumber along x is its mirror image.
 """
 
 from collections.abc import Callable
@@ -32,15 +32,15 @@ from multiscale.numerics.compiled import compiled
 
 __all__ = ["LateralInverse", "SurfaceFilter", "factorise_flat_cell"]
 
-SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
-MANY = 2**16  # points of a surface from which contact on it takes several threads
-LEAST = 2**17  # pivots, or numbers that they multiply, for a thread
-WAVES = 64  # along x whose factors are computed at once in double precision
+SLAB = 2**20  # bytes of displacements in a slab, which fits into the second-level cache
+MANY = 2**16  # fewest points of a surface for several threads
+LEAST = 2**17  # fewest pivots, or factors of pivots, for a thread
+MODES = 64  # wavenumbers along x that are factorised at once in double precision
 
 
 @compiled(fastmath=True, forceinline=True)
 def _block(between, x, k, y, j):  # type: ignore[no-untyped-def]
-    """Stiffness between two node planes for a wave, (1): entries xx, xy, xz, yy, yz and zz."""
+    """Stiffness between two node planes for a mode, (1): entries xx, xy, xz, yy, yz and zz."""
     a, b, c, d, e = between[0], between[1], between[2], between[3], between[4]
     f, g, p, q = between[5], between[6], between[7], between[8]
     stiff_x, mass_x, mean_x, sine_x = x[0, k], x[1, k], x[2, k], x[3, k]
@@ -64,13 +64,13 @@ def _times(matrix, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @compiled(fastmath=True)
-def _factorise(begin, end, own, above, x, y, inverse):  # type: ignore[no-untyped-def]
+def _factorise(begin, end, within, above, x, y, inverse):  # type: ignore[no-untyped-def]
     """Invert the pivots of the block factorisation, from the base up."""
     for k in range(begin, end):
         for layer in range(inverse.shape[1]):  # node plane between this layer and the next
             pivot = inverse[k, layer]
             for j in range(inverse.shape[3]):
-                xx, xy, xz, yy, yz, zz = _block(own[layer], x, k, y, j)
+                xx, xy, xz, yy, yz, zz = _block(within[layer], x, k, y, j)
                 if layer > 0:
                     d = inverse[k, layer - 1, :, j]
                     d = d[0], d[1], d[2], d[3], d[4], d[5]
@@ -105,14 +105,14 @@ def _rotate(values, sign, m):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, forceinline=True)
 def _row(k, nx, inverse):  # type: ignore[no-untyped-def]
-    """Row of a wave along x, or of its mirror image, and the sign of what is odd in x."""
+    """Row of a mode along x, or of its mirror image, and the sign of terms odd in x."""
     real = inverse.dtype.type
     return (k, real(1.0)) if 2 * k <= nx else (nx - k, real(-1.0))
 
 
 @compiled(fastmath=True, forceinline=True)
 def _pivot(d, sign, v):  # type: ignore[no-untyped-def]
-    """Inverse pivot of a wave, from that of itself or of its mirror image."""
+    """Inverse pivot of a mode, from its stored value or its mirror image."""
     return d[0, v], sign * d[1, v], sign * d[2, v], d[3, v], d[4, v], d[5, v]
 
 
@@ -121,7 +121,7 @@ def _forward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyp
     """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
 
     The last axis of all arrays interleaves real and imaginary parts; the blocks are real. Loops
-    write where they do not read, for which they are vectorised.
+    write to other arrays than they read, so that they are vectorised.
     """
     nx, layers, _, m = values.shape
     for k in range(begin, end):
@@ -182,8 +182,8 @@ class LateralInverse:
     """Factors of the flat cell on a clamped base."""
 
     shape: tuple[int, int, int]  # points in x, layers, points in y
-    inverse: np.ndarray  # (nx // 2 + 1, layers, 6, 2 (ny // 2 + 1)), inverse pivots, all twice
-    coupling: tuple[np.ndarray, np.ndarray, np.ndarray]  # factors of (1) upwards, waves in x and y
+    inverse: np.ndarray  # (nx // 2 + 1, layers, 6, 2 (ny // 2 + 1)), inverse pivots, repeated
+    coupling: tuple[np.ndarray, np.ndarray, np.ndarray]  # factors of (1) upwards, modes in x and y
     scale: float = 1.0  # stiffness by which the factors are divided, N/m, for single precision
 
     @cached_property
@@ -193,7 +193,7 @@ class LateralInverse:
 
     @cached_property
     def _pivots(self) -> np.ndarray:
-        """Inverse pivots at the surface, for all waves."""
+        """Inverse pivots at the surface, for all modes."""
         nx = self.shape[0]
         rows = np.arange(nx)
         pivots = self.inverse[np.minimum(rows, nx - rows), -1, :, ::2]
@@ -210,7 +210,7 @@ class LateralInverse:
         nx, layers, ny = self.shape
         transform, values = self._workspace, self._workspace.view(self.inverse.dtype)
         dtype = np.float64 if force is None else force.dtype
-        size = 1.0  # of the forces, which then cannot underflow in single precision
+        size = 1.0  # norm of the forces: avoids underflow in single precision
         if force is None:
             transform[:] = 0.0
         else:
@@ -224,13 +224,13 @@ class LateralInverse:
             transform[:, -1] += _multiply_symbol(self._pivots, self._to_wavenumbers(added))
         self._substitute(_backward, values)
         scipy.fft.ifft(transform, axis=0, workers=thread_count(), overwrite_x=True)
-        found = np.empty((nx, layers, 3, ny), dtype) if out is None else out
-        self._over_slabs(partial(self._transform_back, size / self.scale, found))
-        return found
+        displacement = np.empty((nx, layers, 3, ny), dtype) if out is None else out
+        self._over_slabs(partial(self._transform_back, size / self.scale, displacement))
+        return displacement
 
     @cached_property
     def _workspace(self) -> np.ndarray:
-        """Transforms of the whole cell, written by every solve."""
+        """Memory for the transform of the whole cell, overwritten by every solve."""
         (nx, layers, _), m = self.shape, self.inverse.shape[3] // 2
         return np.empty((nx, layers, 3, m), np.result_type(self.inverse.dtype, np.complex64))
 
@@ -241,7 +241,7 @@ class LateralInverse:
         run_ranges(kernel, nx, self.inverse, *self.coupling, values, least=least)
 
     def _over_slabs(self, work: Callable[[slice], None]) -> None:
-        """Work on slabs of points along x, which fit into the cache, in threads."""
+        """Call ``work`` on slabs of points along x, which fit into the cache, in threads."""
         nx, layers, ny = self.shape
         rows = max(1, SLAB // (24 * layers * ny))
 
@@ -310,12 +310,12 @@ class SurfaceFilter:
 
     @cached_property
     def _transform(self) -> np.ndarray:
-        """Transform of a field, written by every call: new memory costs more than a transform."""
+        """Memory for transforms, overwritten by every call: new memory takes longer."""
         return np.empty(self.symbol.shape, complex)
 
     @property
     def coarse(self) -> "SurfaceFilter":
-        """The compliance of every other point, if the symbol takes nodal forces; nx is even."""
+        """Compliance to nodal forces on every other point; nx is even."""
         nx, m = self.symbol.shape
         rows = np.arange(nx // 2)
         rows[nx // 4 + 1 :] += nx // 2
@@ -329,28 +329,28 @@ class SurfaceFilter:
         """Multiply a field, shape (nx, ny), in the precision of the field."""
         threads = thread_count() if values.size >= MANY else 1
         if values.dtype == np.float32:
-            waves = scipy.fft.rfft2(values, workers=threads)
-            waves *= self._single
+            modes = scipy.fft.rfft2(values, workers=threads)
+            modes *= self._single
             options = {"workers": threads, "overwrite_x": True}
-            return np.asarray(scipy.fft.irfft2(waves, values.shape, **options))
-        symbol, transform, found = self.symbol, self._transform, np.empty(values.shape)
+            return np.asarray(scipy.fft.irfft2(modes, values.shape, **options))
+        symbol, transform, filtered = self.symbol, self._transform, np.empty(values.shape)
 
         def along_y(begin: int, end: int) -> None:
             np.fft.rfft(values[begin:end], axis=1, out=transform[begin:end])
 
         def along_x(begin: int, end: int) -> None:
-            part = transform[:, begin:end]
-            np.fft.fft(part, axis=0, out=part)
-            part *= symbol[:, begin:end]
-            np.fft.ifft(part, axis=0, out=part)
+            columns = transform[:, begin:end]
+            np.fft.fft(columns, axis=0, out=columns)
+            columns *= symbol[:, begin:end]
+            np.fft.ifft(columns, axis=0, out=columns)
 
         def back(begin: int, end: int) -> None:
-            np.fft.irfft(transform[begin:end], values.shape[1], axis=1, out=found[begin:end])
+            np.fft.irfft(transform[begin:end], values.shape[1], axis=1, out=filtered[begin:end])
 
         nx, m = symbol.shape
         for work, size in ((along_y, nx), (along_x, m), (back, nx)):
             run_ranges(work, size, least=-(-MANY * size // (2 * values.size)))
-        return found
+        return filtered
 
 
 def factorise_flat_cell(
@@ -388,27 +388,29 @@ def factorise_flat_cell(
         ],
         axis=-1,
     )
-    own, above = factors[:, 1, 1], factors[1:, 0, 1]
-    own[:-1] += factors[1:, 0, 0]
-    scale = float(np.max(own[:, 4] + own[:, 5])) * spacing[0] * spacing[1]
-    waves = [
-        _waves(n, step, count)
+    # factors of the blocks (1) within a node plane and to the next plane above
+    within, above = factors[:, 1, 1], factors[1:, 0, 1]
+    within[:-1] += factors[1:, 0, 0]
+    scale = float(np.max(within[:, 4] + within[:, 5])) * spacing[0] * spacing[1]
+    modes = [
+        _lateral_integrals(n, step, count)
         for n, step, count in zip(shape, spacing, (nx, ny // 2 + 1), strict=True)
     ]
+    # inverse pivots, repeated for the real and imaginary parts
     inverse = np.empty((nx // 2 + 1, layers, 6, 2 * (ny // 2 + 1)), dtype)
-    for first in range(0, len(inverse), WAVES):
-        part = slice(first, first + WAVES)
-        pivots = np.empty(inverse[part, ..., ::2].shape)
-        arguments = own / scale, above / scale, waves[0][:, part], waves[1], pivots
+    for first in range(0, len(inverse), MODES):
+        rows = slice(first, first + MODES)
+        pivots = np.empty(inverse[rows, ..., ::2].shape)
+        arguments = within / scale, above / scale, modes[0][:, rows], modes[1], pivots
         run_ranges(_factorise, len(pivots), *arguments, least=-(-LEAST // (layers * ny)))
-        inverse[part, ..., ::2] = inverse[part, ..., 1::2] = pivots
-    along_x, along_y = waves[0].astype(dtype), np.repeat(waves[1], 2, axis=1).astype(dtype)
+        inverse[rows, ..., ::2] = inverse[rows, ..., 1::2] = pivots
+    along_x, along_y = modes[0].astype(dtype), np.repeat(modes[1], 2, axis=1).astype(dtype)
     coupling = (above / scale).astype(dtype), along_x, along_y
     return LateralInverse((nx, layers, ny), inverse, coupling, scale)
 
 
-def _waves(points: int, spacing: float, count: int) -> np.ndarray:
-    """Sum up integrals for waves, shape (4, count): dN dN', N N', means of N and N', and N dN'."""
+def _lateral_integrals(points: int, spacing: float, count: int) -> np.ndarray:
+    """Integrals of modes, shape (4, count): dN dN', N N', means of N and N', and N dN'."""
     angle = 2.0 * np.pi * np.arange(count) / points
     square = np.sin(0.5 * angle) ** 2
     return np.array(

@@ -3,7 +3,7 @@ r"""Matrix-free elastic stiffness of the layered cell: trilinear hexahedra, from
 Displacements and forces are arrays of shape ``(nx, layers, 3, ny)``: the node plane at the clamped
 base is left out, and y runs fastest so that the kernel works on contiguous batches of elements.
 
-What the Gauss points need of a node plane, its *rows*, is computed once for the elements below and
+The *rows* of a node plane at the Gauss points are computed once for the elements below and
 above it. Each component has 8 rows: the derivative along x at the Gauss points :math:`q_y`, along y
 at :math:`q_x`, and the value at the four :math:`(q_x, q_y)`. Kernels take the mesh as
 :class:`~multiscale.micro.layer.GraphArrays`.
@@ -32,14 +32,14 @@ __all__ = [
     "stiffness_operator",
 ]
 
-BATCH = 32  # elements along y in one batch; the arrays of one batch stay in the first two caches
+BATCH = 32  # elements along y in a batch, whose arrays fit into the first two caches
 X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y and z
 NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions
 
-ROWS = 8 * BATCH  # of a component on one node plane
-EDGES = 12 * BATCH  # edge derivatives of a component in one element
-STRIPS = 8  # strips of elements that follow each other on one thread, at least
-LEAST = 7000  # elements for a thread
+ROWS = 8 * BATCH  # values of a component on a node plane
+EDGES = 12 * BATCH  # edge derivatives of a component in an element
+STRIPS = 8  # fewest consecutive strips of elements on a thread
+LEAST = 7000  # fewest elements for a thread
 
 
 @compiled(fastmath=True, forceinline=True)
@@ -50,10 +50,10 @@ def shape_functions(like):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def differences(nodes, grad, d, e, f, scale, lanes):  # type: ignore[no-untyped-def]
-    """Edge derivative in one direction at the Gauss points (qe, qf) of the other two.
+    """Edge derivative in a direction at the Gauss points (qe, qf) of the other two directions.
 
     ``d``, ``e`` and ``f`` are the distances in ``nodes`` between neighbours along the direction
-    of the derivative and along the other two; ``grad`` gets four rows.
+    of the derivative and along the other two directions; four rows of ``grad`` are written.
     """
     for v in range(lanes):
         a = scale * (nodes[d + v] - nodes[v])
@@ -122,7 +122,7 @@ def gather(field, sides, layer, start, lanes, nodes):  # type: ignore[no-untyped
     """Corner values of a batch, component by component; the base is fixed.
 
     ``field`` has the shape (nx, layers, 3, ny) and ``sides`` are the two planes of a strip of
-    elements. Lanes without an element repeat the first one.
+    elements. Lanes without an element repeat the first element.
     """
     ny = field.shape[3]
     for k in range(3):
@@ -156,7 +156,10 @@ def scatter(nodes, sides, layer, start, lanes, out):  # type: ignore[no-untyped-
                 high = low + 2 * BATCH
                 if layer + c > 0:
                     row = out[sides[a], layer + c - 1, k]
-                    near, far = row[start:], row[start + 1 :]  # for loops over lanes at once
+                    near, far = (
+                        row[start:],
+                        row[start + 1 :],
+                    )  # slices, so that loops are vectorised
                     for v in range(lanes):
                         near[v] += nodes[low + v]
                     for v in range(lanes - 1):
@@ -216,7 +219,7 @@ def _add_plane(rows, sides, start, lanes, per_x, per_y, line, plane):  # type: i
         next_line[0], next_far[0] = 0.0, 0.0
         for v in range(lanes):
             near_row[start + v] += line[v] + next_line[v]
-        for v in range(lanes):  # the same row if there is one point along x
+        for v in range(lanes):  # a separate loop: the same row if nx = 1
             far_row[start + v] += far[v] + next_far[v]
         near_row[last] += next_line[lanes]
         far_row[last] += next_far[lanes]
@@ -229,26 +232,26 @@ def _edge_derivatives(low, up, grad, lanes):  # type: ignore[no-untyped-def]
     for k in range(3):
         a, b, to = low[k * ROWS :], up[k * ROWS :], grad[k * EDGES :]
         for r in range(4):
-            one, two, along = r * BATCH, (4 + r) * BATCH, (8 + r) * BATCH
+            slope, value, along = r * BATCH, (4 + r) * BATCH, (8 + r) * BATCH
             for v in range(lanes):
-                to[2 * one + v] = NEAR * a[one + v] + FAR * b[one + v]
-                to[2 * one + BATCH + v] = FAR * a[one + v] + NEAR * b[one + v]
-                to[along + v] = b[two + v] - a[two + v]
+                to[2 * slope + v] = NEAR * a[slope + v] + FAR * b[slope + v]
+                to[2 * slope + BATCH + v] = FAR * a[slope + v] + NEAR * b[slope + v]
+                to[along + v] = b[value + v] - a[value + v]
 
 
 @compiled(fastmath=True)
 def _add_edge_fluxes(flux, low, up, lanes):  # type: ignore[no-untyped-def]
-    """Add to the rows below the elements and set those above: the transpose."""
+    """Add to the rows below the elements and set the rows above: the transpose."""
     NEAR, FAR = shape_functions(flux)
     for k in range(3):
         of, a, b = flux[k * EDGES :], low[k * ROWS :], up[k * ROWS :]
         for r in range(4):
-            one, two, along = r * BATCH, (4 + r) * BATCH, (8 + r) * BATCH
+            slope, value, along = r * BATCH, (4 + r) * BATCH, (8 + r) * BATCH
             for v in range(lanes):
-                a[one + v] += NEAR * of[2 * one + v] + FAR * of[2 * one + BATCH + v]
-                b[one + v] = FAR * of[2 * one + v] + NEAR * of[2 * one + BATCH + v]
-                a[two + v] -= of[along + v]
-                b[two + v] = of[along + v]
+                a[slope + v] += NEAR * of[2 * slope + v] + FAR * of[2 * slope + BATCH + v]
+                b[slope + v] = FAR * of[2 * slope + v] + NEAR * of[2 * slope + BATCH + v]
+                a[value + v] -= of[along + v]
+                b[value + v] = of[along + v]
 
 
 @compiled(fastmath=True)
@@ -303,10 +306,10 @@ def _add_stress(x, y, grad, flux, by_z, slopes, law):  # type: ignore[no-untyped
 def _column(qx, qy, grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyped-def]
     """Add the fluxes of the two Gauss points above each other at constant (qx, qy)."""
     x, y, z = 2 * qy * BATCH, (4 + 2 * qx) * BATCH, (8 + 2 * qx + qy) * BATCH
-    one = geometry.dtype.type(1.0)
+    unit = geometry.dtype.type(1.0)
     for v in range(lanes):
         height = geometry[z - 8 * BATCH + v]
-        inverse = one / height
+        inverse = unit / height
         lame, shear, bulk = moduli[v], moduli[BATCH + v], moduli[2 * BATCH + v]
         law = height * lame, height * shear, height * bulk, mean[v]
         by_z = (
@@ -328,15 +331,15 @@ def _column(qx, qy, grad, flux, geometry, moduli, mean, lanes):  # type: ignore[
 def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyped-def]
     """Stress at the eight Gauss points, pulled back to the edge derivatives.
 
-    ``geometry`` holds, for each lane, the element height at the four lateral Gauss points
+    ``geometry`` contains, for each lane, the element height at the four lateral Gauss points
     (rows 0-3), the slopes of the node surfaces in x at (qy, qz) (rows 4-7) and in y at
     (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component: derivatives along
     x at (qy, qz), along y at (qx, qz), along z at (qx, qy). ``moduli`` are Lame's parameters, and
-    the bulk modulus where the divergence goes over to its ``mean`` over the element (B-bar).
+    the bulk modulus where the divergence is replaced by its ``mean`` over the element (B-bar).
     """
     for k in range(3):
         flux[k * EDGES : k * EDGES + 8 * BATCH] = 0.0
-    # constant offsets: with loops the compiler does not see that the rows are apart
+    # constant offsets: with loops the compiler does not recognise that the rows are disjoint
     _column(0, 0, grad, flux, geometry, moduli, mean, lanes)
     _column(0, 1, grad, flux, geometry, moduli, mean, lanes)
     _column(1, 0, grad, flux, geometry, moduli, mean, lanes)
@@ -347,11 +350,11 @@ def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyp
 def _apply(  # type: ignore[no-untyped-def]
     first, end_chunk, chunks, last, mesh, lame, shear, blend, u, out
 ):
-    """Elastic forces of the elements in some chunks of strips along x.
+    """Elastic forces of the elements in chunks of strips along x.
 
-    The last strip of a chunk, whose far side is the next chunk's, waits until all others are done.
-    A single point in x or y has itself as neighbour: plane strain. The moduli are given for every
-    element, or once along an axis on which they are the same.
+    The last strip of a chunk, which shares nodes with the next chunk, follows in a second pass. A
+    single point in x or y is its neighbour: plane strain. The moduli have an entry for every
+    element, or a single entry along an axis on which they are constant.
     """
     nx, layers, _, ny = u.shape
     heights, planes, factor, dx, dy = mesh

@@ -1,4 +1,4 @@
-r"""Compliance of surfaces: of layered bodies, and of rough ones to first order in their slopes.
+r"""Compliance of layered bodies, and of rough bodies to first order in their slopes.
 
 The layered body lies on a clamped base, and its compliance is exact for every wavelength. In a
 layer, the displacement :math:`u_x = U \sin qx`, :math:`u_z = W \cos qx` solves Navier's
@@ -37,14 +37,14 @@ The top of a half-space strains in its plane by
 :math:`C_1` vanishes for incompressible bodies, :math:`\nu = 1/2`; in plane strain only the term of
 the mean remains.
 
-Two bodies, each in its own frame with z out of it and heights :math:`h_i` (so that the underside of
-the second is at :math:`-h_2` above the first), touch on a surface :math:`m` between theirs. While
-slopes are small and heights of short wavelengths,
+Two bodies, each in a local frame with z out of it and heights :math:`h_i` (so that the underside of
+the second is at :math:`-h_2` above the first), touch on a surface :math:`m` between both surfaces.
+While slopes are small and heights of short wavelengths,
 
 .. math::
     m = \frac{k_2 h_1 - k_1 h_2}{k_1 + k_2}, \qquad k_i = \frac{1 - \nu_i}{\mu_i}:    \tag{6}
 
-halfway between alike bodies, and on a rigid one, :math:`k_2 = 0`. Forces act along its normal
+halfway between equal bodies, and on a rigid body, :math:`k_2 = 0`. Forces act along its normal
 :math:`(-\nabla m, 1)`, along which the gap closes. The motions of both bodies in the plane,
 :math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance under forces in the plane
 add to the sum of :math:`C_1`
@@ -53,9 +53,9 @@ add to the sum of :math:`C_1`
     (c_1 - c_2) \left[\operatorname{div} \Delta^{-1} (f\, \nabla m)
       - \nabla m \cdot \nabla \Delta^{-1} f\right].    \tag{7}
 
-It is proportional to Dundurs' second constant. Of alike bodies nothing but
-:math:`C_1 f = c\,(\dots)` of the composite heights :math:`h_1 + h_2` is left: *half* as much as of
-one body with these heights and the contact modulus of both.
+It is proportional to Dundurs' second constant. For equal bodies only
+:math:`C_1 f = c\,(\dots)` of the composite heights :math:`h_1 + h_2` remains: *half* as much as for
+a single body with these heights and the contact modulus of both.
 
 The expansion of a boundary goes back to [1]_ and [2]_; (5) and (7) are derived here and are checked
 against conforming cells. Strains are small: large strain has terms of the order of :math:`C_1`.
@@ -76,7 +76,7 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = ["expanded_compliance", "layered_compliance"]
 
-_DEEP = 24.0  # thickness times wavenumber from which a layer is a half-space to rounding
+_DEEP = 24.0  # thickness times wavenumber above which a layer is a half-space to rounding
 
 
 def layered_compliance(
@@ -89,19 +89,21 @@ def layered_compliance(
     """Return the normal displacement under unit pressure, by wavenumber, m/Pa."""
     q_x = 2.0 * np.pi / size[0] * np.abs(np.fft.fftfreq(shape[0], 1.0 / shape[0]))
     q_y = 2.0 * np.pi / size[1] * np.arange(shape[1] // 2 + 1)
-    waves = np.hypot(q_x[:, None], q_y)
+    modes = np.hypot(q_x[:, None], q_y)
     layers: list[list[float]] = []  # thickness and moduli, with equal neighbours joined
     for h, first, second in zip(np.diff(planes), lame, shear, strict=True):
         if layers and layers[-1][1:] == [first, second]:
             layers[-1][0] += h
         else:
             layers.append([h, first, second])
+    # half-space for modes that do not reach below the upper layer
     h, first, second = layers[-1]
-    shallow = h * waves < _DEEP
+    shallow = h * modes < _DEEP
     with np.errstate(divide="ignore"):  # the mean is replaced
-        compliance = (first + 2.0 * second) / (2.0 * second * (first + second)) / waves
-    wavenumber, place = np.unique(waves[shallow], return_inverse=True)
+        compliance = (first + 2.0 * second) / (2.0 * second * (first + second)) / modes
 
+    # other modes: stiffness of the layers, eliminated from the base up
+    wavenumber, place = np.unique(modes[shallow], return_inverse=True)
     symbol = np.empty_like(wavenumber)
     symbol[0] = sum(h / (first + 2.0 * second) for h, first, second in layers)  # q = 0
     q = wavenumber[1:]
@@ -120,23 +122,23 @@ def layered_compliance(
 
 
 def _layer_stiffness(q: np.ndarray, thickness: float, lame: float, shear: float) -> np.ndarray:
-    """Stresses on the lower and upper face by (U, W) of both, shape (waves, 4, 4), Pa/m."""
+    """Stresses on the lower and upper face by (U, W) of both, shape (modes, 4, 4), Pa/m."""
     nu = 0.5 * lame / (lame + shear)
     kappa = 3.0 - 4.0 * nu
     depth = q * thickness
     motion, stress = np.zeros((2, q.size, 4, 4))
     for face, zeta in enumerate((np.zeros_like(q), depth)):
         for side, s in enumerate((1.0, -1.0)):
-            # each pair of waves starts from the face where it is largest
-            from_there = zeta - depth if s > 0.0 else zeta
-            wave = np.exp(s * from_there)
+            # each pair of solutions starts from the face where it is largest
+            distance = zeta - depth if s > 0.0 else zeta
+            decay = np.exp(s * distance)
             for term in range(2):  # a and b of (1) and (2)
                 column = 2 * side + term
-                value = from_there if term else np.ones_like(q)
+                value = distance if term else np.ones_like(q)
                 b = float(term)
-                motion[:, 2 * face, column] = -(s * value + kappa * b) * wave
-                motion[:, 2 * face + 1, column] = value * wave
-                outward = (2.0 * face - 1.0) * 2.0 * shear * q * wave
+                motion[:, 2 * face, column] = -(s * value + kappa * b) * decay
+                motion[:, 2 * face + 1, column] = value * decay
+                outward = (2.0 * face - 1.0) * 2.0 * shear * q * decay
                 shear_stress = value + 2.0 * s * (1.0 - nu) * b
                 stress[:, 2 * face, column] = -outward * shear_stress
                 stress[:, 2 * face + 1, column] = outward * (s * value + (1.0 - 2.0 * nu) * b)
@@ -157,7 +159,7 @@ def expanded_compliance(
     first, second = (1.0 - nu) / mu
     middle = (second * h[0] - first * h[1]) / (first + second)  # (6)
     q_x, q_y = 2.0 * np.pi * np.fft.fftfreq(nx, dx)[:, None], 2.0 * np.pi * np.fft.rfftfreq(ny, dy)
-    # the shortest wavelength has no derivative on the grid
+    # derivatives; the derivative of the shortest wavelength vanishes on the grid
     by_x, by_y = (
         1j * np.where(np.abs(q) * step < 0.999 * np.pi, q, 0.0)
         for q, step in ((q_x, dx), (q_y, dy))
@@ -169,7 +171,8 @@ def expanded_compliance(
     def to_points(transform: np.ndarray) -> np.ndarray:
         return np.asarray(fft.irfft2(transform, s=(nx, ny), overwrite_x=True))
 
-    area = dx * dy  # of a node, over which its force is spread
+    # products with the heights and with the tilt of the contact surface
+    area = dx * dy  # of a node, over which its force is distributed
     local = np.tensordot(c, h, 1) / area
     bent = fft.rfft2(np.tensordot(2.0 * c * (0.5 - nu), h, 1) / area)
     h_xx, h_yy, h_xy = (to_points(k * bent) for k in (by_x**2, by_y**2, by_x * by_y))

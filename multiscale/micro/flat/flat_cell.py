@@ -1,4 +1,4 @@
-"""The flat cell: small slopes, one unknown per contact node, no unknowns in the depth."""
+"""The flat cell: small slopes, an unknown per contact node, no unknowns in the depth."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,24 +20,24 @@ from multiscale.surfaces.surface import Surface
 __all__ = ["FlatCell", "assemble_flat_cell", "flat_compliance"]
 
 STEEPEST = 0.5
-"""Root mean square slope up to which a compliance is expanded in the slopes."""
+"""Largest root mean square slope of the expansion in the slopes."""
 
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
-FLAT, EXPANDED = 1.1e-6, 1.8e-6  # s of one core for a load step and a point, measured
+FLAT, EXPANDED = 1.1e-6, 1.8e-6  # s per load step and point on a core, measured
 
 
 @dataclass(frozen=True, eq=False)
 class FlatCell(PeriodicLayer):
-    """A flat elastic layer, above which the surface only makes the gap.
+    """A flat elastic layer with the roughness as gap.
 
-    Fast, and right for small slopes: against the conforming cell it errs by the first order in the
-    slope, or by the second where its compliance is expanded. In addition to the parameters of
+    Fast, and accurate for small slopes: relative to the conforming cell its error is of first order
+    in the slope, or of second order with an expanded compliance. In addition to the parameters of
     :class:`PeriodicLayer`:
 
     Parameters
     ----------
     hardness : float, optional
-        Largest local pressure, Pa: the cheap plastic limit.
+        Largest local pressure, Pa: a simple model of plastic flow.
     slope_order : int
         Order of the error in the slopes of both surfaces: 1, or 2 with
         :func:`~.compliance.expanded_compliance`.
@@ -62,8 +62,8 @@ class FlatCell(PeriodicLayer):
             )
         if any(body.heterogeneous for body in self.bodies):
             raise CaseError(
-                "a flat cell has one modulus in each layer, not in each element; use the "
-                "conforming geometry"
+                "moduli of a flat cell vary from layer to layer, not from element to element; use "
+                "the conforming geometry"
             )
         if self.hardness is not None and not 0.0 < self.hardness < np.inf:
             raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
@@ -77,44 +77,44 @@ class FlatCell(PeriodicLayer):
         for body in self.bodies:
             if body.coating or np.any([np.ptp(value) for value in body.layer_moduli]):
                 raise CaseError(
-                    "slope_order = 2 is derived for bodies of one material, since faces between "
-                    "materials are rough too; leave out coatings and moduli of layers, or set "
-                    "slope_order to 1"
+                    "slope_order = 2 is derived for bodies of a single material, since faces "
+                    "between materials are rough too; leave out coatings and moduli of layers, or "
+                    "set slope_order to 1"
                 )
             if body.depth < 0.5 * (period := max(self.surface.size)):
                 raise CaseError(
-                    f"slope_order = 2 is derived for half-spaces, and the depth of "
+                    f"slope_order = 2 is derived for half-spaces, but the depth of "
                     f"{body.depth:.3g} m is less than half of the period of {period:.3g} m; raise "
                     f"the depth"
                 )
         slope = max(rms_slope(surface) for surface in self.surfaces)
         if slope > STEEPEST:
             raise CaseError(
-                f"slope_order = 2 expands in slopes, and a surface has a root mean square slope "
+                f"slope_order = 2 expands in slopes, but a surface has a root mean square slope "
                 f"of {slope:.3g}, beyond {STEEPEST:g}; use the conforming geometry"
             )
 
     @property
     def surfaces(self) -> tuple[Surface, Surface]:
-        """The surface and the underside of the obstacle, heights out of their own bodies."""
+        """The surface and the underside of the obstacle, with heights out of each body."""
         under = 0.0 * self.surface.heights if self.obstacle is None else -self.obstacle.heights
         return self.surface, Surface(under, self.surface.size)
 
     @property
     def bodies(self) -> tuple[PeriodicLayer, ...]:
-        """The deformable bodies; the second is as flat as the first."""
+        """The deformable bodies, both flat."""
         return (self,) if self.second is None else (self, self.second.layer(self.surface))
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
-        """Return the statistics of both surfaces together, which make the gap, and heights, m."""
+        """Return the statistics of the sum of both surfaces, with its heights on request, m."""
         return statistics_of(composite(*self.surfaces), heights=heights)
 
     def element_cautions(self) -> list[str]:
-        """Return none: there are no elements."""
+        """Return no warnings: there are no elements."""
         return []
 
     def needs(self) -> Needs:
-        """Parts, memory and time that a step takes."""
+        """Return components, memory and time of a load step."""
         nx, ny = self.surface.heights.shape
         expanded = self.slope_order == 2
         return Needs(
@@ -129,8 +129,8 @@ class FlatCell(PeriodicLayer):
                 {
                     "stiffness": "a flat cell solves on its surface only",
                     "stress recovery": "a flat cell has no stress field",
-                    "slope expansion": "slopes are taken as small: errors are of their "
-                    "first order (slope_order)",
+                    "slope expansion": "slopes are assumed small: errors are of first order in "
+                    "the slopes (slope_order)",
                 },
             ),
             libraries=("numba",),
@@ -139,7 +139,7 @@ class FlatCell(PeriodicLayer):
         )
 
     def model(self, path: Path, *, recover_stress: bool = False) -> ElasticCell:
-        """Set up the contact of the cell for a path."""
+        """Set up the contact problem of the cell for a path."""
         path.check_still()
         return assemble_flat_cell(self)
 
@@ -161,7 +161,7 @@ def flat_compliance(cell: FlatCell) -> np.ndarray:
 
 
 def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
-    """Set up the contact of a cell with roughness as gap, on a flat elastic layer."""
+    """Set up the contact problem of a flat elastic layer with roughness as gap."""
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
     from multiscale.micro.flat.compliance import expanded_compliance
     from multiscale.micro.flat.flat_contact import coarse_start, solve_flat
@@ -196,7 +196,7 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
             guess = coarse_start(flat, gap, closing, load=load, cap=cap)
         if guess is None and start is not None:
             guess = start.force
-        answer = solve_flat(
+        contact = solve_flat(
             respond,
             gap,
             closing,
@@ -208,16 +208,16 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
             tolerance=max(tolerance, TOLERANCE),
         )
         displacement = np.zeros((nx, 3, ny))
-        displacement[:, 2] = -lift(answer.value)
+        displacement[:, 2] = -lift(contact.value)
         return ContactState(
             displacement,
-            answer.value,
-            answer.approach,
-            answer.value > 0.0,
-            answer.value,
-            answer.status,
-            answer.residuals[-1:],
-            len(answer.residuals),
+            contact.value,
+            contact.approach,
+            contact.value > 0.0,
+            contact.value,
+            contact.status,
+            contact.residuals[-1:],
+            len(contact.residuals),
         )
 
     return ElasticCell(solve, normal, heights, obstacle, cell.node_area, lambda u: u, cap=cap)

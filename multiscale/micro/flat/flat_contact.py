@@ -14,17 +14,17 @@ from multiscale.numerics.vectors import dot
 __all__ = ["FlatSolution", "coarse_start", "solve_flat"]
 
 _GAIN = 0.03  # reduction of the residual in single precision, on the nodes near contact
-_NEAR = 0.02  # of the range of the gap: distance within which a node is near contact
-_EXACT = 1e-4  # error of the load that the forces of a step carry, relative to the residual
-_FINE = 256  # points along an edge from which on every other point gives a first guess,
-_LOOSE = 3e-3  # and the tolerance of this guess
-_ROUNDING = 1e-12  # share of a square that may be rounding of a difference
+_NEAR = 0.02  # largest distance of a node near contact, over the range of the gap
+_EXACT = 1e-4  # error of the load after a step, relative to the residual
+_FINE = 256  # fewest points along an edge for a first guess on every other point,
+_COARSE = 3e-3  # and the tolerance of this guess
+_ROUNDING = 1e-12  # relative rounding of the difference of two squares
 _MATH = {
     "reassoc",
     "contract",
     "nnan",
     "nsz",
-}  # what kernels may assume, since a cap may be infinite
+}  # assumptions of kernels: numbers may be infinite, as the cap
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,12 @@ def solve_flat(
     -----
     Projected gradients on the box of forces that carry the load, with the two step lengths of
     Barzilai and Borwein in turn, each in the tangent of the box, and the exact minimum along the
-    feasible direction: one application of :math:`C` in each iteration, a half to a third of what
-    projected conjugate gradients take.
+    feasible direction: one application of :math:`C` in each iteration, and in total a half to a
+    third of the applications in projected conjugate gradients.
 
-    Steps of the forces are transformed in single precision, and only nodes near contact take part.
-    Each time that the residual of these nodes has fallen to 3/100, and at the end,
-    :math:`C \lambda` is computed anew in double precision, and all nodes are looked at.
+    Steps of the forces are transformed in single precision, for nodes near contact only. Each time
+    that the residual of these nodes has fallen to 3/100, and at the end, :math:`C \lambda` is
+    computed anew in double precision, and all nodes are checked.
 
     References
     ----------
@@ -82,6 +82,7 @@ def solve_flat(
     def respond(force: np.ndarray) -> np.ndarray:
         return np.asarray(compliance(force.reshape(shape)), force.dtype).ravel()
 
+    # first forces, in the box and with the load
     delta = 0.0 if approach is None else approach
     first = closing * delta - gap if load is None else closing
     guess = None if start is None or not start.any() else np.ravel(start)
@@ -103,7 +104,7 @@ def solve_flat(
     residual = 0.0  # of the last iteration
     for iteration in range(max_iterations):
         for fresh in (iteration == 0, True):
-            if fresh:  # look at all nodes, in double precision
+            if fresh:  # all nodes, in double precision
                 forces[node] = force
                 apart = (respond(forces) if iteration else moved) + gap
                 near = (forces > 0.0) | (apart - closing * delta < _NEAR * scale)
@@ -127,10 +128,11 @@ def solve_flat(
             if residual <= tolerance:
                 status = Status.CONVERGED
                 break
+        # exact minimum along the feasible direction, and the next step length
         sums = _advance(*state, delta, direction, node, unit, respond(spread), slope)
         curvature, along, across, squared, raised, free = sums
         if not curvature > 0.0:
-            if fresh:  # these are the forces of the minimum, to rounding
+            if fresh:  # the minimum up to rounding
                 status = Status.STALLED
                 break
             bound = np.inf
@@ -148,12 +150,12 @@ def solve_flat(
 def coarse_start(
     compliance: SurfaceFilter, gap: np.ndarray, closing: np.ndarray, *, load: float, cap: float
 ) -> np.ndarray | None:
-    """Guess the forces under a load from those on every other point; None on odd grids."""
+    """Guess the forces under a load from a solution on every other point; None on odd grids."""
     if min(gap.shape) < _FINE or gap.shape[0] % 2 or gap.shape[1] % 2:
         return None
     problem, cap = (compliance.coarse, gap[::2, ::2], closing[::2, ::2]), 4.0 * cap
     guess = coarse_start(*problem, load=load, cap=cap)
-    forces = solve_flat(*problem, load=load, cap=cap, start=guess, tolerance=_LOOSE).value
+    forces = solve_flat(*problem, load=load, cap=cap, start=guess, tolerance=_COARSE).value
     for axis in (0, 1):
         between = 0.5 * (forces + np.roll(forces, -1, axis))
         rows = np.stack([forces, between], axis + 1)
@@ -163,7 +165,7 @@ def coarse_start(
 
 @compiled
 def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # type: ignore[no-untyped-def]
-    """Solve for the approach at which the forces of a step, in their box, carry the load."""
+    """Solve for the approach at which the projected forces after a step carry the load."""
     low, high, reach = -np.inf, np.inf, load / step
     for _ in range(200):
         carried, slope = _carry(force, opening, closing, step, cap, delta)
@@ -188,7 +190,7 @@ def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # ty
 
 @compiled(fastmath=_MATH)
 def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untyped-def]
-    """Load of the forces after a step, in their box, and its derivative by the approach."""
+    """Load of the projected forces after a step, and its derivative by the approach."""
     load, slope = 0.0, 0.0
     for i in range(force.size):
         moved = force[i] - step * (opening[i] - closing[i] * delta)
@@ -202,10 +204,10 @@ def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untype
 def _project(  # type: ignore[no-untyped-def]
     force, opening, closing, step, cap, delta, direction, node, unit, spread
 ):
-    """Write the way of the forces to their box after a step, also to the surface, in units.
+    """Write the projected step, as ``direction``, and over ``unit`` into the surface.
 
-    Returns the deepest overlap, the products of the way with the opening and with itself, the
-    forces' product with what is open at them, and their sum.
+    Returns the deepest overlap, the products of the direction with the opening and with itself, the
+    product of forces and distances from contact, and the sum of the forces.
     """
     slope, length, distance, carried, deepest = 0.0, 0.0, 0.0, 0.0, -np.inf
     for i in range(force.size):

@@ -1,13 +1,13 @@
 r"""Steady sliding of a viscoelastic half-space over a rough rigid body: friction by hysteresis.
 
 The half-space moves with :math:`v` along :math:`+x` over the rough body, or the rough body along
-:math:`-x` under it. In the frame of the rough body, a wave :math:`e^{i(q_x x + q_y y)}` of the
+:math:`-x` under it. In the frame of the rough body, a mode :math:`e^{i(q_x x + q_y y)}` of the
 surface is :math:`e^{i \omega t}` for a point of the half-space, with :math:`\omega = q_x v`.
-Pressure and displacement are bound by a complex modulus,
+Pressure and displacement are related by a complex modulus, for small strain and small slopes,
 
-.. math:: p_q = \frac{q\, E(\omega)}{2 (1 - \nu^2)}\, u_q, \tag{1}
+.. math:: p_q = \frac{q\, E(\omega)}{2 (1 - \nu^2)}\, u_q. \tag{1}
 
-which is small strain and small slope. The pressure leads the displacement: it is higher on the
+The pressure leads the displacement: it is higher on the
 slopes that the half-space climbs, :math:`\partial h / \partial x > 0`, and lower behind summits.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding"]
 
-_LOOSE = 1e-3  # of the first residual, while the active set still changes
+_COARSE = 1e-3  # tolerance relative to the first residual, while the active set changes
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class RelaxingSolid:
     poissons_ratio : float
         :math:`0 \le \nu \le 1/2`.
     moduli : tuple of float
-        :math:`E_i > 0` that relax, Pa.
+        Moduli :math:`E_i > 0` that relax, Pa.
     times : tuple of float
-        Their relaxation times :math:`\tau_i > 0` at the reference temperature, s.
+        Relaxation times :math:`\tau_i > 0` of the moduli at the reference temperature, s.
 
     Raises
     ------
@@ -85,9 +85,9 @@ class RelaxingSolid:
     def complex_modulus(self, frequency: np.ndarray) -> np.ndarray:
         """Complex modulus, Pa, at angular frequencies times the shift of the times, 1/s."""
         modulus = np.full(np.shape(frequency), self.relaxed_modulus, dtype=complex)
-        for part, time in zip(self.moduli, self.times, strict=True):
+        for relaxing, time in zip(self.moduli, self.times, strict=True):
             turned = 1j * np.asarray(frequency) * time
-            modulus += part * turned / (1.0 + turned)
+            modulus += relaxing * turned / (1.0 + turned)
         return modulus
 
 
@@ -130,7 +130,7 @@ def solve_sliding(
         :math:`v`, m/s, at least 0.
     shift : float, factor of all relaxation times, for instance :func:`~multiscale.laws.wlf_shift`
     start : ndarray, optional
-        A pressure to start from, Pa.
+        First guess of the pressure, Pa.
     max_iterations : int
     tolerance : float
         Bound on the distance of contact points from contact, relative to the range of heights.
@@ -143,7 +143,7 @@ def solve_sliding(
     Raises
     ------
     CaseError
-        If the pressure is not positive, or something moves that has no viscosity.
+        If the pressure is not positive, or a body without viscosity slides.
 
     Notes
     -----
@@ -159,11 +159,11 @@ def solve_sliding(
         raise CaseError(f"the velocity must not be negative (m/s), got {velocity:g}")
     if velocity > 0.0 and not solid.moduli:
         raise CaseError(
-            "the body slides but has no viscosity, so its answer has no rate; give it moduli that "
-            "relax, or velocity 0"
+            "the body slides but is not viscous, so that the velocity has no effect; give moduli "
+            "that relax, or velocity 0"
         )
     respond, stiffen, slope = _filters(surface, solid, velocity * shift)
-    typical = float(np.median(np.abs(stiffen.symbol)))  # stiffness of a wave, Pa/m
+    typical = float(np.median(np.abs(stiffen.symbol)))  # stiffness of a mode, Pa/m
     heights = surface.heights
     scale = float(np.ptp(heights))
     load = pressure * heights.size
@@ -178,15 +178,16 @@ def solve_sliding(
         goal = tolerance * scale
         p, gap, off, iterations = _close(respond, stiffen, heights, p, active, goal, fine)
         linear += iterations
-        wanted = np.where(active, p, -typical * gap) > 0.0
-        changed = bool(np.any(wanted != active))
+        # primal-dual active set
+        following = np.where(active, p, -typical * gap) > 0.0
+        changed = bool(np.any(following != active))
         if not np.isfinite(off):
             status = Status.NOT_FINITE
             break
         if not changed and fine:
             status = Status.CONVERGED if off <= goal else Status.STALLED
             break
-        fine, active = not changed, wanted
+        fine, active = not changed, following
     return SlidingContact(
         p,
         float(np.sum(p * slope) / load),
@@ -201,9 +202,9 @@ def solve_sliding(
 def _filters(
     surface: Surface, solid: RelaxingSolid, velocity: float
 ) -> "tuple[SurfaceFilter, SurfaceFilter, np.ndarray]":
-    """From pressure to displacement and back (1), both without their means, and the slope along x.
+    """Return filters from pressure to displacement and back (1), without means, and slopes along x.
 
-    The wave with two points along x, which an odd number of points does not have, has no direction.
+    The mode with a wavelength of two points along x, on even grids, has a real modulus and no slope.
     """
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
@@ -240,7 +241,7 @@ def _close(
         return centred(stiffen(r.reshape(active.shape))).ravel()
 
     off = centred(heights - respond(p)).ravel()
-    aim = 0.3 * goal if fine else max(0.3 * goal, _LOOSE * float(np.linalg.norm(off)))
+    aim = 0.3 * goal if fine else max(0.3 * goal, _COARSE * float(np.linalg.norm(off)))
     change, iterations = minimal_residual(apply, off, precondition, goal=aim, room=200)
     p = p + change.reshape(active.shape)
     gap = respond(p) - heights

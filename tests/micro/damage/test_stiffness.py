@@ -253,7 +253,7 @@ def test_directions_of_an_isotropic_solid_are_alike():
         (lambda: effective_stiffness(Cavities(CUBE), E, NU), "takes a VoxelImage, got Cavities"),
         (
             lambda: effective_stiffness(VoxelImage(np.ones((2, 2, 2)), CUBE), E, NU),
-            "holds no solid",
+            "contains no solid",
         ),
         (
             lambda: effective_stiffness(VoxelImage(np.zeros((2, 2, 2)), CUBE), -E, NU),

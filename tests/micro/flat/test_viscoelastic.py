@@ -151,7 +151,7 @@ def test_very_slow_and_very_fast_sliding_are_elastic(number, modulus):
         (lambda: solve_sliding(FLAT, RUBBER, 1.0, -1.0), "velocity must not be negative"),
         (
             lambda: solve_sliding(FLAT, RelaxingSolid(1.0, 0.5, (), ()), 1.0, 1.0),
-            "slides but has no viscosity",
+            "slides but is not viscous",
         ),
     ],
 )
