@@ -20,15 +20,15 @@ logger = logging.getLogger(__name__)
 LEAST_DILATATION = 0.05  # smallest det F of an accepted iterate
 HALVINGS = 7  # of a Newton step
 FORCING = (1e-4, 0.1)  # bounds on the relative tolerance of the linear problem
-DIVERGED = 30.0  # ratio of the residual to the smallest one at which the iteration stops
-PATIENCE = 12  # iterations in which the error has to halve
+DIVERGED = 30.0  # ratio of the residual to the smallest residual at which the iteration stops
+PATIENCE = 12  # iterations in which the error must halve
 SHRINK, GROW = 0.4, 1.7  # factors of the length after a failed and after an easy increment
 EASY = 7  # Newton iterations up to which an increment counts as easy
 PRESSED = 0.6  # largest increment of :func:`_press`, relative to the largest change of the approach
 TOO_FAR = 1.2  # ratio to the largest change of the approach above which an increment is repeated
 SMALLEST = 1e-4  # shortest increment, relative to the step of the path
 LONGEST = 3.0  # prediction, relative to the last increment
-STILL = 1e-6  # change of the load or approach, relative to it, that is none
+STILL = 1e-6  # relative change of load or approach that counts as zero
 MOST = 400  # largest number of increments of a step beyond the fewest
 LINEAR = (1_000, 20_000)  # linear iterations allowed in a step: per increment, and in addition
 
@@ -43,12 +43,12 @@ def solve_increment(
     max_iterations: int = 40,
     tolerance: float = 1e-8,
 ) -> CellState:
-    """Solve one load increment from a state of equilibrium."""
+    """Solve a load increment from a state of equilibrium."""
     equations = CellEquations(scene, start, target)
     active, delta = None, start.approach if target.approach is None else target.approach
     if guess is not None:
         active, delta = guess
-    # start from the prediction if its residual is smaller than that of the last state
+    # start from the prediction if its residual is smaller than the residual of the last state
     now = None
     if predicted is not None:
         ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
@@ -58,14 +58,14 @@ def solve_increment(
         now = equations.at(start.displacement, delta, active)
     run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
     while run.goes_on(now.error):
-        # give up where the error grows, or does not halve any more
+        # stop if the error grows, or does not halve any more
         errors = run.residuals
         grown = len(errors) > 5 and errors[-1] > DIVERGED * min(errors)
         late = len(errors) > PATIENCE
         if grown or (late and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE])):
             run.stop(Status.STALLED)
             break
-        # solve the linear problem as well as the step deserves, and shorten the step
+        # solve the linear problem with an accuracy that follows the error, and shorten the step
         forcing = min(FORCING[1], max(FORCING[0], 0.2 * now.error**0.75))
         move, shift, iterations = scene.solver.step(now, forcing, 0.4 * tolerance)
         linear += iterations
@@ -136,9 +136,9 @@ def walk_step(
     largest_approach: float = np.inf,
 ) -> Walk:
     """Compute a step of a path in increments."""
-    wanted = 0.0 if target.load in (None, 0.0) else float(target.load or 0.0) - start.load
-    # only the load changes, of a body that flows
-    flows = bool(wanted and np.isfinite(largest_approach) and np.all(target.slide == start.slide))
+    added = 0.0 if target.load in (None, 0.0) else float(target.load or 0.0) - start.load
+    # a body flows, and only the load changes
+    flows = bool(added and np.isfinite(largest_approach) and np.all(target.slide == start.slide))
     presses = flows and increments == 1 and not start.active.any()
     state, work = start, np.zeros(3, dtype=int)
     reached, length = 0.0, 1.0 / increments
@@ -149,45 +149,46 @@ def walk_step(
         # try an increment, from a prediction
         share = min(1.0, reached + length)
         share = 1.0 if 1.0 - share < 1e-9 else share
-        part = share - reached
-        aim = _between(start, target, share, part)
+        step = share - reached
+        aim = _between(start, target, share, step)
         end = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
         moved = abs(end.approach - state.approach)
-        # accept it and lengthen the next one, or repeat it shorter
+        # accept it and lengthen the next increment, or repeat it shorter
         if end.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
             state, reached = end, share
             if len(end.residuals) - 1 <= EASY:
-                length = min(1.0 / increments, GROW * part)
+                length = min(1.0 / increments, GROW * step)
             if moved > 0.0:
-                length = min(length, part * largest_approach / moved)
+                length = min(length, step * largest_approach / moved)
         elif flows:
             presses = True
         elif end.status is Status.CONVERGED:
-            length = part * largest_approach / moved
+            length = step * largest_approach / moved
         else:
-            length = SHRINK * part
+            length = SHRINK * step
             if length < SMALLEST:
                 state = replace(state, status=end.status)
                 break
+    # increments of the approach instead of the load
     if presses:
         longest = PRESSED * largest_approach
         state = _press(scene, state, target, longest, tolerance, work, increments)
-        carried = (state.load - start.load) / wanted
+        carried = (state.load - start.load) / added
         reached = 1.0 if state.status is Status.CONVERGED else carried
     count, newton, linear = map(int, work)
     return Walk(state, count, newton, linear, reached)
 
 
 def _spent(work: np.ndarray, increments: int) -> Status | None:
-    """Return the limit of a step that was reached, on increments or linear iterations, or None."""
+    """Return the status if the limit on increments or linear iterations is reached, or None."""
     if work[0] >= increments + MOST:
         return Status.MAX_ITERATIONS
     most = LINEAR[0] * max(increments, work[0]) + LINEAR[1]
     return Status.WORK_SPENT if work[2] >= most else None
 
 
-def _between(start: CellState, target: Target, share: float, part: float) -> Target:
-    """Return the target of an increment of length ``part`` that ends at a share of the step."""
+def _between(start: CellState, target: Target, share: float, length: float) -> Target:
+    """Return the target of an increment of a length that ends at a share of the step."""
 
     def at(begin: float, end: float | None) -> float | None:
         return None if end is None else begin + share * (end - begin)
@@ -196,7 +197,7 @@ def _between(start: CellState, target: Target, share: float, part: float) -> Tar
         at(start.load, target.load),
         at(start.approach, target.approach),
         start.slide + share * (target.slide - start.slide),
-        part * target.time_step,
+        length * target.time_step,
     )
 
 
@@ -211,9 +212,9 @@ def _press(
 ) -> CellState:
     """Prescribe the approach of a flowing body until it carries the load of a target.
 
-    An increment of the approach, at most ``longest``, m, is never too long for the flow, whatever
-    the load that it adds. Without hardening a larger load may have no equilibrium until another
-    asperity touches, but a larger approach has one.
+    An increment of the approach, at most ``longest``, m, is never too long for the flow, for any
+    added load. Without hardening there may be no equilibrium under a larger load until another
+    asperity touches, but there is equilibrium at a larger approach.
     """
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0
@@ -223,8 +224,8 @@ def _press(
         end = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
         # the load lies within the increment: interpolate, and prescribe the load
         if end.status is Status.CONVERGED and sign * (end.load - load) >= 0.0:
-            part = (load - state.load) / (end.load - state.load)
-            between = _extrapolate(end, part - 1.0)
+            share = (load - state.load) / (end.load - state.load)
+            between = _extrapolate(end, share - 1.0)
             end = _increment(scene, state, target, tolerance, between, work)
             if end.status is Status.CONVERGED:
                 return end
@@ -241,17 +242,18 @@ def _press(
 
 
 def _predict(state: CellState, aim: Target) -> tuple[np.ndarray, float] | None:
-    """Go on as in the last increment, if the cell is moved on in the same direction."""
+    """Extrapolate the last increment, if the target lies in the same direction."""
     if aim.approach is None:
-        wanted, last, still = float(aim.load or 0.0) - state.load, state.change[2], state.load
+        added, last, present = float(aim.load or 0.0) - state.load, state.change[2], state.load
     else:
-        wanted, last, still = aim.approach - state.approach, state.change[3], state.approach
-    ways = (
+        added, last, present = aim.approach - state.approach, state.change[3], state.approach
+    # slide, load or approach, and time: the first of them that changed decides
+    changes = (
         (aim.slide - state.slide, state.change[:2], 0.0),
-        (np.array([wanted]), np.array([last]), STILL * abs(still)),
+        (np.array([added]), np.array([last]), STILL * abs(present)),
         (np.array([aim.time_step]), state.change[4:], 0.0),
     )
-    for now, before, least in ways:
+    for now, before, least in changes:
         if np.linalg.norm(before) > least:
             ratio = float(now @ before) / float(before @ before)
             return _extrapolate(state, ratio) if 0.0 < ratio <= LONGEST else None
@@ -272,7 +274,7 @@ def _increment(
     ahead: tuple[np.ndarray, float] | None,
     work: np.ndarray,
 ) -> CellState:
-    """Solve one increment and add its cost to ``work``; without contact, return a free body."""
+    """Solve an increment and add its cost to ``work``; without contact, return a free body."""
     guess = None
     if aim.load != 0.0 and not state.active.any():
         guess = _first_touch(scene, state, aim)
@@ -297,7 +299,7 @@ def _increment(
 def _first_touch(
     scene: CellScene, state: CellState, aim: Target
 ) -> tuple[np.ndarray, float] | None:
-    """Contact nodes and approach, m, of an estimate, for a cell without contact."""
+    """Estimate contact nodes and approach, m, of a cell without contact."""
     meeting = scene.meet(state.displacement, 0.0, aim.slide)
     gap, closing = meeting.gap, meeting.normal[:, 2]
     if aim.approach is not None:
@@ -306,7 +308,7 @@ def _first_touch(
 
 
 def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:
-    """Solve for the free body; the approach is the target's, or the approach of the first touch."""
+    """Solve for the free body at the target's approach, or at first touch under zero load."""
     reach = float(np.ptp(scene.opposite.body.heights)) + abs(state.approach)
     shape = scene.opposite.shape
     reach += 0.0 if shape is None else float(np.ptp(shape.heights))

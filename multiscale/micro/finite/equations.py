@@ -1,11 +1,11 @@
 r"""Bodies, states and equations of cells with friction, large strain or two bodies.
 
-One load increment joins geometry, material, contact and friction.
+A load increment couples geometry, material, contact and friction.
 
 Unknowns are the displacement :math:`u` and, if the load is prescribed, the approach
 :math:`\delta`. The contact forces are the internal forces :math:`f(u)` at the surface. With the
 pressure force :math:`p = -n \cdot f`, the gap :math:`g`, the slip :math:`w` of the step tangential
-to the obstacle and :math:`f_t` the tangential part of the force,
+to the obstacle and :math:`f_t` the tangential component of the force,
 
 .. math::
     p = \max(0,\, p - \rho_n g), \qquad
@@ -42,7 +42,7 @@ __all__ = [
     "join",
 ]
 
-LARGEST_SHARE = 0.9999  # bound on share, for a finite resistance across the slip
+LARGEST_SHARE = 0.9999  # bound on the share, for a finite resistance across the slip
 UNLOADED = 1e-3  # least scale of residuals over the largest contact forces so far
 
 
@@ -51,11 +51,11 @@ class BodyResponse:
     """Response of a body, or of all bodies of a scene, to a displacement at the end of a step."""
 
     force: np.ndarray  # internal forces, N, in the shape of the displacement
-    tangent: Callable[[np.ndarray], np.ndarray]  # times a displacement, N, until the next response
+    tangent: Callable[[np.ndarray], np.ndarray]  # times a displacement, N; until the next response
     state: Callable[[], Any] = lambda: None  # internal variables at the end of the step
-    least_dilatation: float = 1.0  # smallest det F; the forces are undefined unless it is positive
+    least_dilatation: float = 1.0  # smallest det F; forces are defined if it is positive
     flowing: float = 0.0  # share of the Gauss points that flow
-    matrix: csr_array | None = None  # the tangent of a body that assembles it, N/m
+    matrix: csr_array | None = None  # assembled tangent of a mesh, N/m
 
 
 Respond = Callable[[np.ndarray], BodyResponse]
@@ -68,14 +68,14 @@ class FiniteBody(Protocol):
     shape: tuple[int, ...]
 
     def begin(self, state: Any, time_step: float) -> Respond:
-        """Begin a step in time, s, from internal variables."""
+        """Begin a time step, s, from internal variables."""
 
     def rest(self) -> Any:
-        """Return the internal variables before any load; None of a body without any."""
+        """Return the internal variables before any load; None if the body has no state."""
         return None
 
     def surface(self, displacement: np.ndarray) -> np.ndarray:
-        """Return the part of a displacement at the surface, a view of shape (nx, 3, ny)."""
+        """Return the displacement at the surface, a view of shape (nx, 3, ny)."""
         return displacement[:, -1, :3]
 
 
@@ -87,7 +87,7 @@ class LinearLayer(FiniteBody):
     stiffness: Callable[[np.ndarray], np.ndarray]  # times a displacement, N
 
     def begin(self, state: Any, time_step: float) -> Respond:
-        """Begin a step in time."""
+        """Begin a time step."""
         return lambda u: BodyResponse(self.stiffness(u), self.stiffness)
 
 
@@ -98,7 +98,7 @@ class CellState:
     displacement: np.ndarray  # of all bodies, m, as a vector
     approach: float  # of the opposite side since the first touch, m
     slide: np.ndarray  # (2,), displacement of the opposite side in its plane, m
-    material: tuple[Any, ...]  # internal variables of each body; None for a body without any
+    material: tuple[Any, ...]  # internal variables of each body, or None
     force: np.ndarray  # (nx, 3, ny), force of the opposite side on the first body, N
     active: np.ndarray  # (nx, ny), contact nodes
     slipping: np.ndarray  # (nx, ny), contact nodes that slip
@@ -110,7 +110,7 @@ class CellState:
     peak: float = 0.0  # largest norm of the contact forces so far, N
     moved: np.ndarray | None = None  # change of the displacement in the last increment, m
     change: np.ndarray = field(default_factory=lambda: np.zeros(5))
-    # of the last increment: slide, m, load, N, approach, m, and time, s
+    # changes in the last increment: slide, m, load, N, approach, m, and time, s
 
     @property
     def load(self) -> float:
@@ -119,7 +119,7 @@ class CellState:
 
 
 class LinearSolver(Protocol):
-    """Solves the linear problems of Newton steps, and the elastic cell for a first estimate."""
+    """Solver of the linear problems of Newton steps, and of the elastic cell at first contact."""
 
     def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
         """Estimate contact nodes and approach, m, of an open cell under a load, N."""
@@ -133,13 +133,13 @@ class LinearSolver(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CellScene:
-    r"""The constant data of a path on a cell: one body against a rigid side, or two bodies.
+    r"""The constant data of a path on a cell: a body against a rigid side, or two bodies.
 
-    Vectors contain the displacements of, or the forces on, all bodies. The second body is in its
-    own frame, in which z points out of its surface.
+    Vectors contain the displacements of, or the forces on, all bodies. The second body has a local
+    frame, in which z points out of its surface.
     """
 
-    bodies: tuple[FiniteBody, ...]  # one or two
+    bodies: tuple[FiniteBody, ...]  # 1 or 2
     opposite: OppositeSide
     friction: float  # local coefficient; 0 leaves out all tangential equations
     weights: tuple[float, float]  # rho_n and rho_t of the contact equations, N/m
@@ -148,13 +148,13 @@ class CellScene:
     def split(self, vector: np.ndarray) -> list[np.ndarray]:
         """Return the field of each body, as views."""
         ends = np.cumsum([np.prod(body.shape) for body in self.bodies])[:-1]
-        parts = zip(np.split(vector, ends), self.bodies, strict=True)
-        return [part.reshape(body.shape) for part, body in parts]
+        pairs = zip(np.split(vector, ends), self.bodies, strict=True)
+        return [values.reshape(body.shape) for values, body in pairs]
 
     def surfaces(self, vector: np.ndarray) -> list[np.ndarray]:
         """Return the field at the surface of each body, views of shape (nx, 3, ny)."""
-        parts = zip(self.bodies, self.split(vector), strict=True)
-        return [body.surface(part) for body, part in parts]
+        pairs = zip(self.bodies, self.split(vector), strict=True)
+        return [body.surface(field) for body, field in pairs]
 
     def surface(self, vector: np.ndarray) -> np.ndarray:
         """Return the field at the surface of the first body, a view of shape (nx, 3, ny)."""
@@ -179,8 +179,8 @@ class CellScene:
             responses = [step(v) for step, v in zip(steps, self.split(u), strict=True)]
 
             def tangent(v: np.ndarray) -> np.ndarray:
-                parts = zip(responses, self.split(v), strict=True)
-                return join([response.tangent(part) for response, part in parts])
+                pairs = zip(responses, self.split(v), strict=True)
+                return join([response.tangent(field) for response, field in pairs])
 
             return BodyResponse(
                 join([response.force for response in responses]),
@@ -194,20 +194,20 @@ class CellScene:
         return respond
 
     def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
-        """Find the contact points at a displacement, m, an approach, m, and a slide, (2,), m."""
+        """Locate the contact points at a displacement, m, an approach, m, and a slide, (2,), m."""
         return self.opposite.meet(self.surfaces, u, approach, slide)
 
 
 def join(fields: list[np.ndarray]) -> np.ndarray:
     """Concatenate the fields of all bodies."""
-    return np.concatenate([part.reshape(-1) for part in fields])
+    return np.concatenate([values.reshape(-1) for values in fields])
 
 
 @dataclass(frozen=True, eq=False)
 class Tangential:
-    """Tangential part of the contact equations."""
+    """Tangential contact equations."""
 
-    slip: np.ndarray  # (nx, 3, ny), tangential motion past the obstacle in the increment, m
+    slip: np.ndarray  # (nx, 3, ny), tangential motion along the obstacle in the increment, m
     direction: np.ndarray  # (2, nx, 3, ny), tangents along and across the trial friction force
     bound: np.ndarray  # (nx, ny), largest friction force, N
     slipping: np.ndarray  # (nx, ny), whether a node slips
@@ -232,23 +232,23 @@ def evaluate_friction(
     bound: np.ndarray,
     weight: float,
 ) -> Tangential:
-    r"""Find the nodes that slip, and the directions of their slip."""
-    pulled = tangential - weight * slip
-    size = np.linalg.norm(pulled, axis=1)
+    r"""Select the nodes that slip, and compute the directions of their slip."""
+    trial = tangential - weight * slip
+    size = np.linalg.norm(trial, axis=1)
     slipping = active & (size > bound)
     share = np.where(slipping, bound / np.where(size > 0.0, size, 1.0), 0.0)
-    sideways = np.zeros_like(pulled)  # an arbitrary tangent where the trial force vanishes
+    sideways = np.zeros_like(trial)  # an arbitrary tangent where the trial force vanishes
     sideways[:, 0], sideways[:, 2] = normal[:, 2], -normal[:, 0]
     sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
-    pulls = (size > 1e-12 * float(size.max()))[:, None]
-    along = np.where(pulls, pulled / np.maximum(size, 1e-300)[:, None], sideways)
+    defined = (size > 1e-12 * float(size.max()))[:, None]
+    along = np.where(defined, trial / np.maximum(size, 1e-300)[:, None], sideways)
     direction = np.stack([along, np.cross(normal, along, axis=1)])
     return Tangential(slip, direction, bound, slipping, share)
 
 
 @dataclass(frozen=True, eq=False)
 class CellEquations:
-    """The equations (1) of one increment."""
+    """The equations (1) of an increment."""
 
     scene: CellScene
     start: CellState
@@ -259,11 +259,11 @@ class CellEquations:
         return self.scene.begin(self.start.material, self.target.time_step)
 
     def at(self, u: np.ndarray, delta: float, active: np.ndarray | None = None) -> "Iterate":
-        """Evaluate (1), and choose the slipping nodes and, if not given, the contact nodes."""
+        """Evaluate (1), and select the slipping nodes and, if not given, the contact nodes."""
         return self._with(self._respond(u), u, delta, active)
 
     def error_at_start(self, delta: float) -> float:
-        """Residual of (1) at the start, if the forces inside are still as they were."""
+        """Residual of (1) at the start, with unchanged internal forces."""
         u, force = self.start.displacement, np.zeros_like(self.start.displacement)
         self.scene.meet(u, delta, self.target.slide).react(force, -self.start.force)
         self.scene.surface(force)[:] += self.start.force
@@ -277,6 +277,7 @@ class CellEquations:
         active: np.ndarray | None = None,
     ) -> "Iterate":
         scene, target = self.scene, self.target
+        # contact points, pressure forces and contact nodes
         force = scene.surface(response.force)
         meeting = scene.meet(u, delta, target.slide)
         normal = meeting.normal
@@ -286,6 +287,7 @@ class CellEquations:
             active = trial > 0.0
             if target.load and not active.any():  # at least one node carries the load
                 active = trial == trial.max()
+        # slipping nodes
         friction = None
         if scene.friction > 0.0:
             slip = self._slip(u, delta, target.slide)
@@ -301,7 +303,7 @@ class CellEquations:
 
     @cached_property
     def _slip(self) -> Callable[[np.ndarray, float, np.ndarray], np.ndarray]:
-        """Motion past the opposite side since the start, m."""
+        """Motion along the opposite side since the start, m."""
         start, scene = self.start, self.scene
         return scene.opposite.slip_since(
             scene.surfaces, start.displacement, start.approach, start.slide
@@ -310,7 +312,7 @@ class CellEquations:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """The equations at one displacement."""
+    """The equations at a displacement."""
 
     equations: CellEquations
     response: BodyResponse
@@ -340,7 +342,7 @@ class Iterate:
 
     @property
     def sticking(self) -> np.ndarray:
-        """Contact nodes held in all directions."""
+        """Contact nodes that stick."""
         return np.asarray(self.active & ~self.slipping)
 
     @property
@@ -367,14 +369,14 @@ class Iterate:
 
     @cached_property
     def missing(self) -> float:
-        """Change of the vertical contact force that balance needs, N; 0 at a given approach."""
+        """Missing change of the vertical contact force, N; 0 at a given approach."""
         if self.target.load is None:
             return 0.0
         return -self.target.load - float(self.contact_force[:, 2].sum())
 
     @cached_property
     def distance(self) -> np.ndarray:
-        """Steps of the prescribed motions, shape (rows, nx, ny), m."""
+        """Missing prescribed motions, shape (rows, nx, ny), m."""
         rows = [np.where(self.active, self.meeting.gap, 0.0)]
         if self.friction is not None:
             rows += list(np.where(self.sticking, -self.friction.along(self.friction.slip), 0.0))
@@ -382,7 +384,7 @@ class Iterate:
 
     @cached_property
     def opens(self) -> bool:
-        """Whether a prescribed motion is not met up to rounding."""
+        """Whether a prescribed motion is missing by more than rounding."""
         lag = np.abs(self.distance).max()
         return bool(
             lag > 1e-10 * max(abs(self.delta), float(np.abs(self.scene.surface(self.u)).max()), lag)
@@ -402,10 +404,12 @@ class Iterate:
     @cached_property
     def error(self) -> float:
         """Residual of (1), relative to the contact forces."""
+        # equilibrium
         balance = self.response.force.copy()
         self.scene.surface(balance)[:] -= self.contact_force
         self.meeting.react(balance, self.contact_force)
         forces = float(np.vdot(balance, balance))
+        # friction force of slipping nodes
         off = (
             self.contact_force
             + np.where(self.active, self.pressure, 0.0)[:, None] * self.meeting.normal
@@ -414,10 +418,11 @@ class Iterate:
             off = off - self.friction.bound[:, None] * self.friction.direction[0]
             off = np.where(self.slipping[:, None], off, 0.0)
         forces += float(np.vdot(off, off))
+        # prescribed motions, and tension
         weight = np.array([self.scene.weights[0]] + [self.scene.weights[1]] * 2)
-        held = self.distance * weight[: len(self.distance), None, None]
-        pulled = np.minimum(np.where(self.active, self.pressure, 0.0), 0.0)
-        total = np.sqrt(forces + float(np.vdot(held, held)) + float(np.vdot(pulled, pulled)))
+        motion = self.distance * weight[: len(self.distance), None, None]
+        tension = np.minimum(np.where(self.active, self.pressure, 0.0), 0.0)
+        total = np.sqrt(forces + float(np.vdot(motion, motion)) + float(np.vdot(tension, tension)))
         missing = abs(self.missing) / self.target.load if self.target.load else 0.0
         if total == 0.0 and missing == 0.0:
             return 0.0
@@ -428,9 +433,9 @@ class Iterate:
     ) -> None:
         """Remove the contact forces from the surface forces and add their reactions, in place.
 
-        At a sticking node the contact force is the whole force; at a slipping node its normal
-        part, the friction at the bound, the resistance across the slip and the turning of the
-        normal.
+        At a sticking node the contact force is the whole force; at a slipping node it consists of
+        the normal component, the friction at the bound, the resistance across the slip and the
+        change by the turning normal.
         """
         top, normal = self.scene.surface(vector), self.meeting.normal
         pushed = np.sum(normal * top, axis=1)

@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 __all__ = ["FiniteCell", "HistoryModel", "current_weight", "make_scene", "plastic_approach"]
 
-PLASTIC_APPROACH = 0.05  # largest approach of an increment over the gap amplitude, plastic body
-LONGEST_SLIDE = 1000  # largest number of increments of a slide in one step of the path
+PLASTIC_APPROACH = 0.05  # largest approach of an increment over the gap amplitude, if a body flows
+LONGEST_SLIDE = 1000  # largest number of increments of a slide in a step of the path
 TANGENTIAL_WEIGHT = 0.3  # relative to the tangential stiffness of a single node
-PAIR, FLOWING = 3e-6, 4.5e-5  # s of one core for a load step and an unknown, measured
+PAIR, FLOWING = 3e-6, 4.5e-5  # s per load step and unknown on a core, measured
 
 
 @dataclass(frozen=True, eq=False)
 class FiniteCell(PeriodicLayer):
     """A layer at large strain, with friction or against a second deformable body.
 
-    Contact is sought in the current configuration. In addition to the parameters of
+    Contact is searched in the current configuration. In addition to the parameters of
     :class:`PeriodicLayer`:
 
     Parameters
@@ -60,23 +60,23 @@ class FiniteCell(PeriodicLayer):
         if self.obstacle is not None and self.obstacle.size != self.surface.size:
             raise CaseError(
                 f"both bodies need the same area, the first has {self.surface.size} m, the "
-                f"opposite {self.obstacle.size} m; crop or repeat one"
+                f"opposite {self.obstacle.size} m; crop or repeat a surface"
             )
         grid = self.surface.heights.shape
         if self.obstacle is not None and np.any(np.less(grid, self.obstacle.heights.shape)):
             raise CaseError(
-                f"contact is decided at the nodes of the first body, which has {grid} points, "
-                f"fewer than the opposite body with {self.obstacle.heights.shape}; exchange them "
-                f"or resample one"
+                f"contact is evaluated at the nodes of the first body, which has {grid} points, "
+                f"fewer than the opposite body with {self.obstacle.heights.shape}; exchange the "
+                f"bodies or resample a surface"
             )
         try:
-            self.second_layer  # noqa: B018  checks itself
+            self.second_layer  # noqa: B018  raises if it is not valid
         except CaseError as error:
             raise CaseError(f"the opposite body: {error}") from error
 
     @property
     def second_layer(self) -> PeriodicLayer:
-        """The second body in its own frame, with z out of its surface."""
+        """The second body in its local frame, with z out of its surface."""
         if self.second is None:
             raise ValueError("the obstacle of this cell is rigid")
         under = self.obstacle
@@ -94,7 +94,7 @@ class FiniteCell(PeriodicLayer):
         return any(body.law.flows for body in self.bodies)
 
     def needs(self) -> Needs:
-        """Parts, memory and time that a step takes."""
+        """Return components, memory and time of a load step."""
         laws, mu = [body.law for body in self.bodies], self.friction_coefficient
         large, pair = any(law.finite_strain for law in laws), self.second is not None
         linear = not all(law.finite_strain for law in laws)
@@ -134,8 +134,8 @@ class FiniteCell(PeriodicLayer):
         viscous = any(body.law.rate_dependent for body in self.bodies)
         if path.time is not None and not viscous:
             raise CaseError(
-                "the path has times, but the body has no viscosity and its answer no rate; leave "
-                "out time or take a Prony law"
+                "the path has times, but the body is not viscous and does not depend on time; "
+                "leave out time or give a Prony law"
             )
         if viscous and path.time is None:
             raise CaseError("a viscous body needs the time (s) at the end of each step of its path")
@@ -145,15 +145,15 @@ class FiniteCell(PeriodicLayer):
             longest = float(np.hypot(*steps.T).max())
             if self.slid_increments(longest, largest) > LONGEST_SLIDE:
                 raise CaseError(
-                    f"a slide of {longest:.3g} m in one step is "
+                    f"a slide of {longest:.3g} m in a step is "
                     f"{longest / min(self.surface.size):.3g} periods of the cell and needs more "
-                    f"than {LONGEST_SLIDE} increments; the cell repeats itself after one period"
+                    f"than {LONGEST_SLIDE} increments; the cell repeats itself after a period"
                 )
         area, edges = float(np.prod(self.surface.size)), element_edges(self)
         return FiniteModel(make_scene(self), area, largest, path.increments, self, edges)
 
     def largest_approach(self, refinement: int = 1) -> float:
-        """Return the largest change of the approach in one increment, m."""
+        """Return the largest change of the approach in an increment, m."""
         if not self.flows:
             return np.inf
         heights, obstacle = self.surface.heights, self.obstacle
@@ -164,10 +164,10 @@ class FiniteCell(PeriodicLayer):
         return plastic_approach(float(span), refinement)
 
     def slid_increments(self, length: float, largest: float) -> int:
-        """Count the increments of a slide: a node passes at most one point in each.
+        """Count the increments of a slide: in each a node passes at most a single point.
 
-        In a body that flows, sliding up the slopes closes at most one largest approach in each. A
-        node that slides along a rigid flat passes no points.
+        In a body that flows, sliding up the slopes closes the gap by at most ``largest`` in each. A
+        rigid flat has no points to pass.
         """
         from multiscale.micro.elastic.flat_reference import surface_slopes
 
@@ -182,12 +182,12 @@ class FiniteCell(PeriodicLayer):
 
 @dataclass(frozen=True, eq=False)
 class HistoryModel(ABC):
-    """Model of a cell with an answer that depends on its path: each step takes increments."""
+    """Model of a cell with history: each step is solved in increments."""
 
     scene: "CellScene"
-    area: float  # nominal, m2
-    largest_approach: float  # largest change of the approach in one increment, m
-    increments: int  # fewest of a step
+    area: float  # nominal area, m2
+    largest_approach: float  # largest change of the approach in an increment, m
+    increments: int  # fewest increments of a step
     remembers: ClassVar[bool] = True
 
     def rest(self) -> "CellState":
@@ -195,7 +195,7 @@ class HistoryModel(ABC):
         return self.scene.rest()
 
     def step(self, state: "CellState", target: Target, tolerance: float) -> "Step[CellState]":
-        """Walk from a state to a target, or as far as there is equilibrium."""
+        """Solve for a target in increments, or as far as there is equilibrium."""
         from multiscale.micro.finite.cell_newton import walk_step
 
         walk = walk_step(
@@ -220,7 +220,7 @@ class HistoryModel(ABC):
         return Step(walk.state, cost | {"increments": float(walk.increments)})
 
     def fewest_increments(self, state: "CellState", target: Target) -> int:
-        """Count the increments of a prescribed approach, none larger than the largest one."""
+        """Count the increments of a prescribed approach."""
         if target.approach is None or not np.isfinite(self.largest_approach):
             return 1
         change = abs(target.approach - state.approach)
@@ -240,7 +240,7 @@ class HistoryModel(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FiniteModel(HistoryModel):
-    """Model of one or two bodies below a graph."""
+    """Model of a cell of one or two layers that follow height maps."""
 
     cell: FiniteCell
     edges: tuple[EdgeLayer, EdgeLayer]  # of contact, along x and y
@@ -254,6 +254,7 @@ class FiniteModel(HistoryModel):
     def surface(self, state: "CellState") -> ContactSurface:
         """Contact surface of a state in the current configuration."""
         cell, scene, grid = self.cell, self.scene, self.cell.surface.heights.shape
+        # mean displacement jump and mean heights of both sides
         moved, *second = scene.surfaces(state.displacement)
         weight = _weight(cell, moved)
         mean, height = _means(cell, moved)
@@ -286,7 +287,7 @@ def plastic_approach(span: float, refinement: int) -> float:
 
 
 def _weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
-    """Area of each node on the mean plane, m²; at large strain of the deformed surface."""
+    """Area of each node on the mean plane, m²; at large strain in the deformed surface."""
     return current_weight(cell, moved) if cell.law.finite_strain else cell.node_area
 
 
@@ -300,7 +301,7 @@ def _means(cell: PeriodicLayer, moved: np.ndarray) -> tuple[np.ndarray, float]:
 def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
     """Area of each node of a surface moved by (nx, 3, ny), m, projected on the mean plane, m²."""
     dx, dy = cell.surface.spacing
-    # diagonals of each facet: to the next node in x and y, and from the next in x to the next in y
+    # diagonals of each facet: to the next node in x and y, and between the next nodes in x and y
     change = [np.roll(moved[:, k], (-1, -1), axis=(0, 1)) - moved[:, k] for k in range(2)]
     other = [np.roll(moved[:, k], -1, axis=1) - np.roll(moved[:, k], -1, axis=0) for k in range(2)]
     facet = 0.5 * ((dx + change[0]) * (dy + other[1]) - (dy + change[1]) * (other[0] - dx))
@@ -342,7 +343,7 @@ def _weights(inverse: "LateralInverse") -> tuple[float, float]:
 
 
 def _layer(cell: PeriodicLayer) -> tuple["FiniteBody", "Reference"]:
-    """Body, and its flat cell; at large strain both have pressures where volumes are mean."""
+    """Return a body and its flat cell; at large strain with pressures for mean dilatation."""
     from multiscale.micro.elastic.flat_reference import flat_reference
     from multiscale.micro.elastic.stiffness import stiffness_operator
     from multiscale.micro.finite.equations import LinearLayer

@@ -1,8 +1,8 @@
 r"""Layers at large strain as bodies: internal forces, matrix-free tangent, state.
 
 Displacements, m, and forces, N, are arrays of shape ``(nx, layers, 3 or 4, ny)``, with pressures as
-the fourth component where volumes are means of elements. The tangent is stored as the stiffness
-matrix of each element; one kernel applies it for all laws. The mesh of the kernels is a
+the fourth component for the mean dilatation of elements. The tangent is stored as the stiffness
+matrix of each element; the same kernel applies it for all laws. The mesh of the kernels is a
 :class:`~multiscale.micro.layer.GraphArrays`.
 """
 
@@ -49,9 +49,9 @@ from multiscale.micro.finite.strain import (
     WEIGHT,
     Moduli,
     edge_forces,
+    inlined,
     kernel,
     logarithm,
-    part,
     point_rows,
     pull_back,
     strain_batch,
@@ -62,8 +62,8 @@ __all__ = ["LargeStrainLayer", "pressure_scale"]
 
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
-SHARE = math.sqrt(0.125)  # of each corner in an amplitude
-LEAST = 1000  # elements for a thread
+SHARE = math.sqrt(0.125)  # weight of each corner in an amplitude
+LEAST = 1000  # fewest elements for a thread
 LEAST_SLOPE = 0.1  # of ln J / J times J^2, which falls to 0 at J = e
 NO_STATE = np.zeros((1, 1, 1, 8, 7, 1))
 State = np.ndarray | None
@@ -76,7 +76,7 @@ CURVED = LATER + 9 * BATCH  # 6: M
 
 @kernel
 def _neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-untyped-def]
-    r"""Add the flux of one Gauss point and write its tangent, both pulled back.
+    r"""Add the flux of a Gauss point and write its tangent, both pulled back.
 
     With :math:`R = \mu I + S_v`, the frozen second Piola-Kirchhoff stress :math:`S_v` (rows 11, 22,
     33, 12, 23, 13), :math:`g = F^{-T} T^t`, the volumetric Kirchhoff stress :math:`\tau` and its
@@ -149,7 +149,7 @@ def _neo_hookean_tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-
             out[8 * STEP + v] = (p + w) * z * c + curved * m[5 * BATCH + v]
 
 
-@part
+@inlined
 def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
     """Volumetric Kirchhoff stress J p, or of U = modulus / 2 ln^2 J, and its derivative by ln J."""
     det = s[DET + q * BATCH :]
@@ -163,17 +163,17 @@ def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
             s[LOG + v], s[LOG + BATCH + v] = modulus * s[CHANGE + v], modulus
 
 
-@part
+@inlined
 def _dilate(s, q):  # type: ignore[no-untyped-def]
-    """Add the flux of one Gauss point whose forces are the derivatives of the volume."""
+    """Add the flux of a Gauss point of the derivatives of the volume."""
     weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
     for direction, row in enumerate(point_rows(q)[:3]):
         _spread(s[PULLED + direction * BATCH :], weight, det, s[DILATED + row :])
 
 
-@part
+@inlined
 def _spread(g, weight, det, out):  # type: ignore[no-untyped-def]
-    """Add one direction of this flux to its rows of the three components."""
+    """Add a direction of this flux to its rows of the three components."""
     for v in range(BATCH):
         volume = weight[v] * det[v]
         out[v] += volume * g[v]
@@ -199,7 +199,7 @@ def _couple(s, mesh, modulus, scale, rows):  # type: ignore[no-untyped-def]
 
 
 def _run_coloured(kernel: Callable[..., None], u: np.ndarray, *arguments: Any) -> None:
-    """Run a kernel on pairs of strips, of which it takes the first, then the second."""
+    """Run a kernel on the first strips of all pairs, then on the second strips."""
     nx, layers, _, ny = u.shape
     for colour in range(2):
         least = -(-LEAST // (layers * ny))
@@ -212,8 +212,8 @@ def _respond(  # type: ignore[no-untyped-def]
 ):
     """Compute the forces and the tangent of pairs of strips.
 
-    ``scale`` is the pressure over its unknown, Pa/m, or 0 without pressures. Rows of ``least`` are
-    the smallest det F and the number of flowing Gauss points of a strip.
+    ``scale`` is the pressure per unit of its unknown, Pa/m, or 0 without pressures. Rows of
+    ``least`` are the smallest det F and the number of flowing Gauss points of a strip.
     """
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
@@ -265,7 +265,7 @@ def _respond(  # type: ignore[no-untyped-def]
 
 @kernel
 def _update(begin, end, mesh, law, moduli, u, state, new):  # type: ignore[no-untyped-def]
-    """Write the state at the end of a step, of strips: of J2 plasticity, or I - C^-1."""
+    """Write the state of strips at the end of a step: of J2 plasticity, or I - C^-1."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     for i in range(begin, end):
@@ -327,7 +327,7 @@ def _apply_tangent(begin, end, colour, tangent, u, out):  # type: ignore[no-unty
                 scatter(s, sides, layer, start, lanes, out)
 
 
-@part
+@inlined
 def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
     """Add the forces of the pressure to ``y``, and write the change of the volume."""
     for v in range(lanes):
@@ -339,7 +339,7 @@ def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
             out[v] += rows[row + v] * x[row + v]
 
 
-@part
+@inlined
 def _to_modes(s, x):  # type: ignore[no-untyped-def]
     """Amplitudes of the modes 1 to 7 of corner values, which are replaced."""
     for k in range(3):
@@ -349,7 +349,7 @@ def _to_modes(s, x):  # type: ignore[no-untyped-def]
             out[v] = values[BATCH + v]
 
 
-@part
+@inlined
 def _from_modes(y, s):  # type: ignore[no-untyped-def]
     """Corner values of the modes 1 to 7."""
     for k in range(3):
@@ -362,7 +362,7 @@ def _from_modes(y, s):  # type: ignore[no-untyped-def]
 
 
 def pressure_scale(mesh: GraphMesh, shear_modulus: float) -> float:
-    """Return the pressure over its unknown, Pa/m, for equations of one size."""
+    """Return the pressure per unit of its unknown, Pa/m, which scales its equations like forces."""
     return shear_modulus / min(mesh.surface.spacing)
 
 
@@ -382,13 +382,13 @@ class LargeStrainLayer(FiniteBody):
 
     @property
     def _points(self) -> tuple[int, ...]:
-        """Shape of the Gauss points, but for the lanes."""
+        """Shape of the Gauss points without the lanes."""
         nx, ny, layers = self.mesh.shape
         return nx, layers, -(-ny // BATCH), 8
 
     @cached_property
     def _tangent(self) -> np.ndarray:
-        """One buffer for the tangents of all iterations."""
+        """Buffer for the tangents of all iterations."""
         rows = ENTRIES + MOTIONS + 1 if self.mixed else ENTRIES
         return np.empty((*self._points[:3], rows * BATCH), dtype=np.float32)
 
@@ -403,7 +403,7 @@ class LargeStrainLayer(FiniteBody):
         return np.zeros((*self._points, rows, BATCH)) if rows else None
 
     def begin(self, state: Any, time_step: float) -> Respond:
-        """Begin a step in time; viscous branches push with the stress of the step before."""
+        """Begin a time step; viscous branches add the frozen stress of the previous step."""
         law = self.law
         if isinstance(law, J2):
             hard = Moduli(law.shear_modulus, law.volume_modulus, *law.hardening)

@@ -3,8 +3,8 @@ r"""Tangent stiffness of the hexahedra of a batch, in single precision.
 In the parent coordinates :math:`\xi \in [-1, 1]^3`, a trilinear field is a sum of eight modes
 :math:`\xi^m = \xi_x^{m_x} \xi_y^{m_y} \xi_z^{m_z}` with :math:`m \in \{0, 1\}^3`. Their amplitudes
 :math:`a_m` follow from the corner values by a Walsh transform, which is orthogonal here. With the
-Gauss points at :math:`\pm g = \pm 1/\sqrt 3`, a derivative of a mode has one absolute value at all
-points, so that sums over points are Walsh transforms as well. For the tangents
+Gauss points at :math:`\pm g = \pm 1/\sqrt 3`, a derivative of a mode has the same absolute value at
+all points, so that sums over points are Walsh transforms as well. For the tangents
 :math:`A_{kl}` between the derivatives of two components,
 
 .. math::
@@ -12,7 +12,7 @@ points, so that sums over points are Walsh transforms as well. For the tangents
         \hat A^{kl}_{ij}\bigl((m - i) \oplus (n - j)\bigr), \qquad
     \hat A_{ij}(w) = \tfrac12 s_i s_j \sum_q (-1)^{w \cdot q} A_{ij}(q),    \tag{1}
 
-where :math:`i \in m` means the directions in which the mode is linear and :math:`s` the scales
+where :math:`i \in m` are the directions in which the mode is linear and :math:`s` the scales
 :math:`(1/\Delta x, 1/\Delta y, 1)`. The mode :math:`m = 0` is a translation, which causes no force.
 Only the upper triangle of a block with :math:`k = l` is stored: 231 numbers in all. Without the
 translations, the rounding of single precision does not affect them.
@@ -21,14 +21,14 @@ translations, the rounding of single precision does not affect them.
 import numpy as np
 
 from multiscale.micro.elastic.stiffness import BATCH
-from multiscale.micro.finite.strain import kernel, part
+from multiscale.micro.finite.strain import inlined, kernel
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["add_matrix", "multiply", "walsh"]
 
 MOTIONS = 21  # modes 1 to 7, component by component
 ENTRIES = 3 * 28 + 3 * 49
-POINT_ROWS = 6 * 9  # of the tangent of a Gauss point: all of each block
+POINT_ROWS = 6 * 9  # rows of the tangent of a Gauss point, with all entries of each block
 FIRST, SECOND = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # components of the blocks
 HALF = np.float32(0.5)
 STEP = 3 * BATCH  # the rows of three blocks alternate
@@ -44,8 +44,8 @@ def _terms() -> tuple[np.ndarray, np.ndarray]:
             for i, j in np.ndindex(3, 3):
                 x, y = 4 >> i, 4 >> j  # bits of the directions
                 if m & x and n & y:
-                    wave = (m - x) ^ (n - y)
-                    row = POINT_ROWS * wave + first + 3 * (3 * i + j)
+                    w = (m - x) ^ (n - y)
+                    row = POINT_ROWS * w + first + 3 * (3 * i + j)
                     places.append((3 * BATCH * entry, BATCH * row, i, j))
                     factors.append(3.0 ** (1.0 - 0.5 * (m.bit_count() + n.bit_count())))
             entry += 1
@@ -73,7 +73,7 @@ def walsh(rows, start, stride, scale):  # type: ignore[no-untyped-def]
 
 @kernel
 def add_matrix(points, sums, dx, dy, matrix):  # type: ignore[no-untyped-def]
-    """Write (1) from the tangents of the Gauss points, 54 rows each; ``sums`` is as large as it."""
+    """Write (1) from the tangents of the Gauss points, 54 rows each; ``sums`` is scratch memory."""
     scales = (np.float32(1.0 / dx), np.float32(1.0 / dy), np.float32(1.0))
     for row in range(POINT_ROWS):
         walsh(points, row * BATCH, POINT_ROWS * BATCH, HALF)
@@ -89,7 +89,7 @@ def add_matrix(points, sums, dx, dy, matrix):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always", fastmath=True)
 def _sort(sums, matrix, first, entries):  # type: ignore[no-untyped-def]
-    """Copy the entries of three blocks block by block, as they are multiplied."""
+    """Copy the entries of three blocks block by block, in the order of the product."""
     for block in range(3):
         for entry in range(entries):
             to, place = first + block * entries + entry, first + 3 * entry + block
@@ -97,7 +97,7 @@ def _sort(sums, matrix, first, entries):  # type: ignore[no-untyped-def]
                 matrix[to * BATCH + v] = sums[place * BATCH + v]
 
 
-@part
+@inlined
 def multiply(t, x, y):  # type: ignore[no-untyped-def]
     """Multiply motions ``x``, 21 rows, by the stiffness ``t`` and write the forces ``y``."""
     for k in range(3):
@@ -129,7 +129,7 @@ def _multiply_block(t, row, column, x, y):  # type: ignore[no-untyped-def]
             )
 
 
-@part
+@inlined
 def _multiply_triangle(t, x, y):  # type: ignore[no-untyped-def]
     """Write a symmetric 7 x 7 block, upper triangle row by row, times seven rows."""
     for v in range(BATCH):

@@ -1,6 +1,6 @@
 r"""J2 plasticity in logarithmic strain for a batch: return map, flux, new state, tangent.
 
-For the equations see :class:`multiscale.laws.bulk.J2`, which is compiled here without a spectral
+For the equations see :class:`multiscale.laws.bulk.J2`; these kernels need no spectral
 decomposition. With the deviator :math:`e` of the strain of :mod:`.strain` and the
 pulled back directions :math:`g = F^{-T} T^t`,
 
@@ -44,9 +44,9 @@ from multiscale.micro.finite.strain import (
     TANH,
     WEIGHT,
     combine,
+    inlined,
     kernel,
     logarithmic_strain,
-    part,
     point_rows,
     trial_strain,
     turn_vectors,
@@ -60,17 +60,17 @@ SIZE = ALPHA + BATCH  # |e|
 GAMMA = SIZE + BATCH  # flow of the step
 LIMIT = GAMMA + BATCH  # yield stress, and its slope
 SLOPE = LIMIT + BATCH
-FLOWS = SLOPE + BATCH  # 1 where it flows, 0 elsewhere
+FLOWS = SLOPE + BATCH  # 1 in flowing lanes, 0 elsewhere
 KEEP = FLOWS + BATCH  # 4: kappa, tau_v and two factors of the tangent, weighted
 TURNED = KEEP + 4 * BATCH  # 9: e g
 assert TURNED + 9 * BATCH <= DILATED, "the rows of the law are too few"
-EXPONENTS = 24  # terms of an exponential, enough for a plastic strain of 1 in one step
+EXPONENTS = 24  # terms of an exponential, enough for a plastic strain of 1 in a step
 ROOT_2_3 = math.sqrt(2.0 / 3.0)
 TINY = 1e-150
 
 # rows in single precision
 TURNS = 0  # 3 x 9: g, eg, eeg
-POWERS = TURNS + 27 * BATCH  # 15: as from STRAIN on
+POWERS = TURNS + 27 * BATCH  # 15: e, as in STRAIN
 MODULI = POWERS + 15 * BATCH  # 4: kappa, tau_v and the factors of the first two terms of (2)
 SERIES = MODULI + 4 * BATCH  # 6: kappa / 2 h in places 00, 01, 11, 02, 12, 22
 MOVED = SERIES + 6 * BATCH  # 3 x 9: sums of m e^j g
@@ -101,7 +101,7 @@ def _harden(s, moduli):  # type: ignore[no-untyped-def]
 
 @kernel
 def _flow(s, state, moduli, lanes):  # type: ignore[no-untyped-def]
-    """Find |e| and the flow by Newton's iteration; return the number of flowing lanes."""
+    """Compute |e| and the flow by Newton's iteration; return the number of flowing lanes."""
     for v in range(BATCH):
         x, y, z = s[STRAIN + 6 * BATCH + v], s[STRAIN + 7 * BATCH + v], s[STRAIN + 8 * BATCH + v]
         s[SIZE + v] = math.sqrt(x + y + z)
@@ -128,7 +128,7 @@ def _flow(s, state, moduli, lanes):  # type: ignore[no-untyped-def]
     return int(flowing)
 
 
-@part
+@inlined
 def _factors(s, weight, shear):  # type: ignore[no-untyped-def]
     """Factors of (1) and of its tangent times the weight of the point."""
     for v in range(BATCH):
@@ -143,9 +143,9 @@ def _factors(s, weight, shear):  # type: ignore[no-untyped-def]
         s[KEEP + 3 * BATCH + v] = weight[v] * lose / (size * size)
 
 
-@part
+@inlined
 def _push(factors, g, turned, flux):  # type: ignore[no-untyped-def]
-    """Add the flux (1) in one direction."""
+    """Add the flux (1) in a direction."""
     for v in range(BATCH):
         keep, volumetric = factors[v], factors[BATCH + v]
         flux[v] += keep * turned[v] + volumetric * g[v]
@@ -170,7 +170,7 @@ def plastic(s, q, moduli, state, w, tangent, lanes):  # type: ignore[no-untyped-
 
 @kernel
 def plastic_state(s, moduli, state, new):  # type: ignore[no-untyped-def]
-    r"""State at the end of the step.
+    r"""Write the state at the end of the step.
 
     .. math:: C_p^{-1} + F^{-1} b\, (e^{-2 \Delta\gamma N} - I) F^{-t} - I
 
@@ -181,7 +181,7 @@ def plastic_state(s, moduli, state, new):  # type: ignore[no-untyped-def]
     _flow(s, state, moduli, BATCH)
     for k in range(3 * BATCH):
         s[FACTOR + k] = 0.0
-    for term in range(EXPONENTS, 0, -1):  # the exponential less I in powers of e, without trace
+    for term in range(EXPONENTS, 0, -1):  # exponential minus I in powers of e
         for v in range(BATCH):
             scale = -2.0 * s[GAMMA + v] / (term * s[SIZE + v] + TINY)
             a, b, c = s[FACTOR + v] + 1.0, s[FACTOR + BATCH + v], scale * s[FACTOR + 2 * BATCH + v]
@@ -201,7 +201,7 @@ def plastic_state(s, moduli, state, new):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tangent(s, w, turned, moduli, tangent):  # type: ignore[no-untyped-def]
-    """Write the tangent (2) of one Gauss point.
+    """Write the tangent (2) of a Gauss point.
 
     ``w`` is scratch of SINGLE_ROWS in single precision. ``turned`` are the rows of e g, and
     ``moduli`` the rows of kappa, tau_v and the factors of the first two terms, weighted.
@@ -283,11 +283,11 @@ def _sums(w):  # type: ignore[no-untyped-def]
 
 @compiled(inline="always", fastmath=True)  # offsets become constants
 def _write(w, rows, a, metrics, out):  # type: ignore[no-untyped-def]
-    """Write three rows of the tangent of two components, which are given by their offsets."""
+    """Write three rows of the tangent of two components, given by their offsets."""
     k, m, share = rows
     x, y, z = metrics
     for v in range(BATCH):
-        one, two, three = w[share + v], w[share + BATCH + v], w[share + 2 * BATCH + v]
+        r0, r1, r2 = w[share + v], w[share + BATCH + v], w[share + 2 * BATCH + v]
         p = w[MODULI + 2 * BATCH + v] * w[TURNS + a * BATCH + k + v]
         q = w[MODULI + 3 * BATCH + v] * w[TURNS + (9 + a) * BATCH + k + v]
         r, s = w[MOVED + a * BATCH + m + v], w[MOVED + (9 + a) * BATCH + m + v]
@@ -296,18 +296,18 @@ def _write(w, rows, a, metrics, out):  # type: ignore[no-untyped-def]
         out[3 * a * STEP + v] = (
             p * w[g] + q * w[g + 9 * BATCH]
             + r * w[h] + s * w[h + 9 * BATCH] + t * w[h + 18 * BATCH]
-            + one * w[METRICS + x * BATCH + v] + two * w[METRICS + (6 + x) * BATCH + v]
-            + three * w[METRICS + (12 + x) * BATCH + v]
+            + r0 * w[METRICS + x * BATCH + v] + r1 * w[METRICS + (6 + x) * BATCH + v]
+            + r2 * w[METRICS + (12 + x) * BATCH + v]
         )  # fmt: skip
         out[(3 * a + 1) * STEP + v] = (
             p * w[g + BATCH] + q * w[g + 10 * BATCH]
             + r * w[h + BATCH] + s * w[h + 10 * BATCH] + t * w[h + 19 * BATCH]
-            + one * w[METRICS + y * BATCH + v] + two * w[METRICS + (6 + y) * BATCH + v]
-            + three * w[METRICS + (12 + y) * BATCH + v]
+            + r0 * w[METRICS + y * BATCH + v] + r1 * w[METRICS + (6 + y) * BATCH + v]
+            + r2 * w[METRICS + (12 + y) * BATCH + v]
         )  # fmt: skip
         out[(3 * a + 2) * STEP + v] = (
             p * w[g + 2 * BATCH] + q * w[g + 11 * BATCH]
             + r * w[h + 2 * BATCH] + s * w[h + 11 * BATCH] + t * w[h + 20 * BATCH]
-            + one * w[METRICS + z * BATCH + v] + two * w[METRICS + (6 + z) * BATCH + v]
-            + three * w[METRICS + (12 + z) * BATCH + v]
+            + r0 * w[METRICS + z * BATCH + v] + r1 * w[METRICS + (6 + z) * BATCH + v]
+            + r2 * w[METRICS + (12 + z) * BATCH + v]
         )  # fmt: skip

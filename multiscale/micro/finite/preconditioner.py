@@ -1,6 +1,6 @@
 r"""Newton steps by a Krylov method, with flat elastic cells as the preconditioner.
 
-On the surface, some motions are prescribed and others are supported by springs. With rows :math:`E`
+On the surface, motions are prescribed or supported by springs. With rows :math:`E`
 of unit directions, compliances :math:`\epsilon` of the springs and the flat cell :math:`K_0`,
 
 .. math::
@@ -10,7 +10,7 @@ of unit directions, compliances :math:`\epsilon` of the springs and the flat cel
 where :math:`\zeta` is a change of the approach, unknown if the load is prescribed (last equation)
 and 0 otherwise. Conjugate gradients solve the remaining problem on the surface.
 
-Two bodies are joined at their surfaces. With their compliances :math:`C_1`, :math:`C_2`, the
+Two bodies are coupled at their surfaces. With their compliances :math:`C_1`, :math:`C_2`, the
 interpolation :math:`W` of the second surface at the nodes of the first and the mirror :math:`M`,
 forces :math:`l` on the nodes and their reactions move both against each other by
 
@@ -25,9 +25,9 @@ At large strain pressures :math:`p` of the elements (tensile) can be unknowns. W
 .. math::
     A z + B^t p = r, \qquad B z - \frac{V}{\kappa}\, p = g. \tag{3}
 
-Slopes and deformation change :math:`B` by their size, whatever the bulk modulus is. Without the
+Slopes and deformation change :math:`B` by their size, independent of the bulk modulus. Without the
 pressures, forces would change by :math:`\kappa / \mu` times as much, and conjugate directions with
-them.
+the forces.
 
 References
 ----------
@@ -54,19 +54,19 @@ from multiscale.numerics.krylov import conjugate_gradients, minimal_residual
 __all__ = ["Constraint", "FlatCells", "MixedReference", "join_flat_cells", "mixed_reference"]
 
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which the preconditioner has a spring
-KRYLOV_MEMORY = 1e9  # bytes of the directions of one linear problem
+KRYLOV_MEMORY = 1e9  # bytes of the directions of a linear problem
 SINGLE = 4e-6  # least relative tolerance of a linear problem, which single precision reaches
 KRYLOV_ITERATIONS = (60, 400)  # bounds on the number of stored directions
-_INNER = 1e-3  # relative tolerance on the surface; the flexible Krylov method allows for it
+_INNER = 1e-3  # relative tolerance on the surface; the Krylov method is flexible
 _LIMIT = 200  # iterations on the surface
 _MIRRORED = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])[:, None, None]  # of xx, xy, xz, yy, yz, zz
 
 
 @dataclass(frozen=True, eq=False)
 class FlatCells:
-    """The flat cells of one or two bodies."""
+    """The flat cells of all bodies."""
 
-    references: tuple[Reference, ...]  # of each body in its own frame
+    references: tuple[Reference, ...]  # of each body in its local frame
     both: Reference  # flat cell with the sum of the compliances, on the grid of the first body
 
     def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
@@ -89,7 +89,7 @@ class FlatCells:
             z, shift = constraint.solve(r[:size], r[size] / weight)
             return np.append(z, np.asarray(shift, z.dtype))
 
-        # a first step meets the prescribed motions, and all Krylov directions keep them
+        # the first step satisfies the prescribed motions, all Krylov directions leave them fixed
         first, shift = constraint.solve(-now.residual, now.missing, now.distance)
         x = np.append(first, shift)
         rest = np.append(-now.residual, weight * now.missing if carries else 0.0) - apply(x)
@@ -106,20 +106,20 @@ class FlatCells:
 
     def constraint(self, now: Iterate) -> "Constraint":
         """Return prescribed motions and springs of an iterate."""
-        rows, held = now.meeting.normal[None], now.active[None]
-        spring = np.zeros(held.shape)
+        rows, fixed = now.meeting.normal[None], now.active[None]
+        spring = np.zeros(fixed.shape)
         if now.friction is not None:
             rows = np.concatenate([rows, now.friction.direction])
-            held = np.stack([now.active, now.sticking, now.sticking])
+            fixed = np.stack([now.active, now.sticking, now.sticking])
             strong = now.friction.share > LEAST_SPRING
-            spring = np.zeros(held.shape)
+            spring = np.zeros(fixed.shape)
             spring[2] = np.where(strong, now.scene.weights[1] * now.friction.stretch, 0.0)
-        return Constraint(self, now, rows, held, spring)
+        return Constraint(self, now, rows, fixed, spring)
 
     def solve(
         self, loads: list[Field], correct: Callable[[Field], Field], meeting: Meeting
     ) -> list[Field]:
-        """Solve for nodal forces; ``correct`` adds forces on the nodes for their relative motion.
+        """Solve for nodal forces; ``correct`` returns contact forces from the relative motion.
 
         The relative motion of the nodes and the forces have the shape (nx, 3, ny).
         """
@@ -164,18 +164,18 @@ def join_flat_cells(first: Reference, second: Reference, compliance: np.ndarray)
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """Rows of (1), one for each direction of each surface node."""
+    """Rows of (1) for each direction of each surface node."""
 
     cells: FlatCells
     now: Iterate
     direction: np.ndarray  # (rows, nx, 3, ny), unit directions
-    held: np.ndarray  # (rows, nx, ny), whether a motion is prescribed
-    spring: np.ndarray  # (rows, nx, ny), stiffness that supports a motion, N/m; 0 without
+    fixed: np.ndarray  # (rows, nx, ny), whether a motion is prescribed
+    spring: np.ndarray  # (rows, nx, ny), stiffness that supports a motion, N/m, or 0
 
     @cached_property
     def touched(self) -> np.ndarray:
-        """Rows that take part in the surface problem."""
-        return np.asarray(self.held | (self.spring > 0.0))
+        """Rows of the surface problem."""
+        return np.asarray(self.fixed | (self.spring > 0.0))
 
     @cached_property
     def _give(self) -> np.ndarray:
@@ -201,17 +201,17 @@ class Constraint:
 
     def _respond(self, force: Field) -> Field:
         if self._vertical:
-            return np.where(self.held, self.cells.both.vertical[0](force[0]), 0.0)
+            return np.where(self.fixed, self.cells.both.vertical[0](force[0]), 0.0)
         moved = self.along(self.cells.compliance(self.push(force), self.now.meeting))
         return np.asarray(moved + self._give * force)
 
     def _resist(self, moved: Field) -> Field:
         if self._vertical:
-            return np.where(self.held, self.cells.both.vertical[1](moved[0]), 0.0)
-        return self.along(self.cells.both.stiffness(self.push(moved)))  # as if both grids matched
+            return np.where(self.fixed, self.cells.both.vertical[1](moved[0]), 0.0)
+        return self.along(self.cells.both.stiffness(self.push(moved)))  # as on matching grids
 
     def surface_solve(self, right_hand_side: Field) -> Field:
-        """Find the forces along the rows, N, for given motions, m, both (rows, nx, ny)."""
+        """Solve for the forces along the rows, N, for given motions, m, both (rows, nx, ny)."""
         r = right_hand_side * self.touched
         goal = _INNER * float(np.linalg.norm(r))
         return conjugate_gradients(self._respond, r, self._resist, goal=goal, limit=_LIMIT)[0]
@@ -229,10 +229,10 @@ class Constraint:
 
         def correct(moved: Field) -> Field:
             nonlocal shift
-            wanted = self.along(moved)
+            excess = self.along(moved)
             if distance is not None:
-                wanted = wanted - distance
-            force = self.surface_solve(wanted)
+                excess = excess - distance
+            force = self.surface_solve(excess)
             if self.now.target.load is not None:
                 balance = float(np.vdot(self.closing, force))
                 shift = -(missing + balance) / float(np.vdot(self.closing, self._unit))
@@ -242,15 +242,15 @@ class Constraint:
         z = join(self.cells.solve(self.now.scene.split(residual), correct, self.now.meeting))
         target = -self.closing * shift if distance is None else distance - self.closing * shift
         moved = self.now.meeting.relative(z)
-        off = np.where(self.held, target - np.sum(self.direction * moved, axis=2), 0.0)
-        # prescribed motions are exact despite rounding and the inner tolerance
+        off = np.where(self.fixed, target - np.sum(self.direction * moved, axis=2), 0.0)
+        # correct prescribed motions for rounding and the inner tolerance
         self.now.scene.surface(z)[:] += self.push(off)
         return z, shift
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MixedReference(Reference):
-    """The flat cell of a body of shape (nx, layers, 4, ny), with pressures over a scale."""
+    """The flat cell of a body of shape (nx, layers, 4, ny), with scaled pressures."""
 
     faces: np.ndarray  # (3, layers), quarter of an element's faces across x, y, z, times scale, N/m
     give: np.ndarray  # (layers,), V over kappa times the square of the scale, N/m
@@ -261,7 +261,7 @@ class MixedReference(Reference):
         correct: Callable[[Field], Field] | None,
         out: Field | None = None,
     ) -> Field:
-        """Solve (3) with eliminated pressures; ``correct`` adds forces on the surface."""
+        """Solve (3) with eliminated pressures; ``correct`` returns added surface forces."""
         assert force is not None
         z = np.empty_like(force) if out is None else out
         _push(self.faces, self.give, force, z)
@@ -285,7 +285,7 @@ def _push(faces, give, force, z):  # type: ignore[no-untyped-def]
         for layer in range(layers):
             p = force[i, layer, 3]
             factor = 1.0 / give[layer]
-            for j in range(1, ny):  # of both elements beside a node
+            for j in range(1, ny):  # of both elements next to a node
                 total[j], turned[j] = factor * (p[j - 1] + p[j]), factor * (p[j - 1] - p[j])
             total[0], turned[0] = factor * (p[ny - 1] + p[0]), factor * (p[ny - 1] - p[0])
             for a in range(2):

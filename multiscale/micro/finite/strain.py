@@ -1,8 +1,8 @@
 r"""Strains of a batch of hexahedra: deformation gradients from corner values, logarithmic strain.
 
-All numbers of a batch are in one array ``s`` of rows of :data:`BATCH` lanes, one lane for each
-element. The constants below are offsets of its rows. With one array the compiler recognises
-overlaps and vectorises every loop over lanes; with one array for each quantity, in a named tuple,
+All numbers of a batch are in a single array ``s`` of rows of :data:`BATCH` lanes, a lane for each
+element. The constants below are offsets of its rows. With a single array the compiler recognises
+overlaps and vectorises every loop over lanes; with an array for each quantity, in a named tuple,
 the gradients take 1.7 times as long. Lanes without an element repeat the first element and are not
 scattered. Lengths are in m, forces in N, stresses in Pa. The mesh is a
 :class:`~multiscale.micro.layer.GraphArrays`.
@@ -22,8 +22,8 @@ The deviator of the logarithmic strain needs no spectral decomposition. With the
 .. math::
     \tfrac12 \ln b = \operatorname{artanh} Z, \qquad Z = I - 2 (b + I)^{-1},    \tag{2}
 
-by its series in :math:`Z`. Where :math:`Z` is too large for it, :math:`b` is replaced by its root,
-whose logarithm is half as large.
+by its series in :math:`Z`. Where :math:`Z` is too large for the series, :math:`b` is replaced by
+its root, which has half the logarithm.
 """
 
 import math
@@ -46,10 +46,10 @@ __all__ = [
     "Moduli",
     "combine",
     "edge_forces",
+    "inlined",
     "kernel",
     "logarithm",
     "logarithmic_strain",
-    "part",
     "point_rows",
     "pull_back",
     "strain_batch",
@@ -59,8 +59,8 @@ __all__ = [
 
 # without ninf and nnan, because callers check for NaN
 kernel = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"})
-part = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
-"""Kernel that joins its caller, which saves the counting of references to slices."""
+inlined = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
+"""Kernel that is inlined into its caller, which saves the counting of references to slices."""
 
 NODES = 0  # 24 rows: corner values, component by component
 EDGES = NODES + 24 * BATCH  # 36: edge derivatives
@@ -100,11 +100,11 @@ LAST = FACTOR + 3 * BATCH
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 NEAR = 0.03  # largest Z : Z of the series of artanh
 TERMS = 10  # of this series
-ROOTS = 20  # enough for any b whose eigenvalues double precision tells apart
+ROOTS = 20  # enough for any b with eigenvalues that differ in double precision
 
 
 class Moduli(NamedTuple):
-    """Moduli of a law, Pa; those of :class:`multiscale.laws.bulk.J2` are 0 without flow."""
+    """Moduli of a law, Pa; the moduli of plastic flow are 0 for an elastic law."""
 
     shear: float
     volume: float  # of the change of volume
@@ -149,7 +149,7 @@ def _mesh_batch(mesh, sides, layer, start, lanes, s):  # type: ignore[no-untyped
     element_geometry(lateral, z[layer], z[layer + 1], bottom, top, s[GEOMETRY:], BATCH)
 
 
-@part
+@inlined
 def point_rows(q):  # type: ignore[no-untyped-def]
     """Offsets of the derivatives by x, y and zeta at a Gauss point, and of its height."""
     qx, qy, qz = q // 4, (q // 2) % 2, q % 2
@@ -206,7 +206,7 @@ def strain_batch(mesh, u, sides, layer, start, lanes, s):  # type: ignore[no-unt
     return _deformation(s, mesh.dx * mesh.dy / 8.0)
 
 
-@part
+@inlined
 def pull_back(s, q):  # type: ignore[no-untyped-def]
     """F^-T and F^-T T^t of (1) at a Gauss point."""
     rx, ry, _, rt = point_rows(q)
@@ -220,9 +220,9 @@ def pull_back(s, q):  # type: ignore[no-untyped-def]
     )
 
 
-@part
+@inlined
 def _pull(f, det, height, by_x, by_y, out):  # type: ignore[no-untyped-def]
-    """Write COFACTOR, PULLED and DEFORMED. A loop over few slices takes its lanes at once."""
+    """Write COFACTOR, PULLED and DEFORMED; loops over few slices are vectorised."""
     for i in range(3):
         first, second = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
         row, copy = 3 * i * BATCH, 18 * BATCH + first
@@ -239,7 +239,7 @@ def _pull(f, det, height, by_x, by_y, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def logarithm(x, out):  # type: ignore[no-untyped-def]
-    """Natural logarithm of a row, by the series of atanh if all lanes are near one."""
+    """Natural logarithm of a row, by the series of atanh if all lanes are near 1."""
     far = 0.0
     for v in range(BATCH):
         root = math.sqrt(math.sqrt(x[v]))
@@ -255,7 +255,7 @@ def logarithm(x, out):  # type: ignore[no-untyped-def]
             out[v] = math.log(x[v])
 
 
-@part
+@inlined
 def trial_strain(s, state):  # type: ignore[no-untyped-def]
     """Elastic left Cauchy-Green tensor of the step without flow."""
     for k in range(3):
@@ -293,7 +293,7 @@ def _invert(s, rows, more, out):  # type: ignore[no-untyped-def]
         s[out + 5 * BATCH + v] = scale * c
 
 
-@part
+@inlined
 def _square(s, tensor):  # type: ignore[no-untyped-def]
     """Write the square of a symmetric tensor and its invariants into the nine rows after it."""
     for v in range(tensor, tensor + BATCH):
@@ -307,9 +307,9 @@ def _square(s, tensor):  # type: ignore[no-untyped-def]
         s[v + 14 * BATCH] = x * (y * z - b) + xy * (xz * yz - xy * z) + xz * (xy * yz - xz * y)
 
 
-@part
+@inlined
 def combine(s, tensor, out):  # type: ignore[no-untyped-def]
-    """Write the polynomial of a symmetric tensor with its FACTOR; the square has its rows."""
+    """Write the polynomial with FACTOR of a symmetric tensor with rows of its square."""
     for row in range(3):
         x, y, to = tensor + row * BATCH, tensor + (6 + row) * BATCH, out + row * BATCH
         for v in range(BATCH):
@@ -334,7 +334,7 @@ def turn_vectors(s, tensor, vectors, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def _take_root(s):  # type: ignore[no-untyped-def]
-    """Square root of ROOT by the iteration of Denman and Beavers, which converges for any b."""
+    """Square root of ROOT by the iteration of Denman and Beavers, convergent for any b."""
     for k in range(6 * BATCH):
         s[OTHER + k] = 1.0 if k < 3 * BATCH else 0.0
     for _ in range(60):
@@ -353,6 +353,7 @@ def _take_root(s):  # type: ignore[no-untyped-def]
 @kernel
 def logarithmic_strain(s):  # type: ignore[no-untyped-def]
     """Deviator of the logarithmic strain and its square, from the trial b."""
+    # Z of b, or of a root of b that is close enough to I
     for k in range(6 * BATCH):
         s[ROOT + k] = s[TRIAL + k]
     scale, far = 1.0, 1.0

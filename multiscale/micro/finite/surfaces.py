@@ -1,13 +1,13 @@
 r"""The opposite side in the current configuration: contact points, gaps, normals, forces.
 
-The surface nodes of the opposite side carry Catmull-Rom splines for its current position,
+The surface nodes of the opposite side define Catmull-Rom splines for its current position,
 
 .. math:: x(\xi) = \sum_j W_j(\xi)\, x_j,    \tag{1}
 
 periodic but for the period of the cell, with :math:`\xi` in grid points. A node at :math:`y` meets
 it at the point :math:`\xi` above or below it. The splines reproduce linear functions, so that the
 nodal forces :math:`W_j t` of a force :math:`t` at :math:`x(\xi)` have the same resultant and the
-same moment. Their normals are continuous: sliding nodes meet no kinks.
+same moment. The normals are continuous, so that sliding nodes meet no kinks.
 
 With the tangents :math:`x_\alpha = \partial x / \partial \xi^\alpha` of a contact point, their
 duals :math:`a^\alpha` and the normal :math:`n`, a node that moves by :math:`w` relative to the
@@ -18,9 +18,9 @@ point changes
     \delta n = -a^\alpha\, n \cdot (x_{\alpha\beta}\, \delta\xi^\beta
         + \textstyle\sum_j W_{j,\alpha}\, \delta u_j).    \tag{2}
 
-A rigid side has no :math:`u_j`. The displacements of a second body are :math:`u_2 = M v_2`,
-:math:`M = \mathrm{diag}(1, 1, -1)`, with :math:`v_2` in its own frame. A contact force :math:`t` on
-the node leaves :math:`-W_j t` on the nodes of the second body.
+For a rigid side :math:`u_j = 0`. The displacements of a second body are :math:`u_2 = M v_2`,
+:math:`M = \mathrm{diag}(1, 1, -1)`, with :math:`v_2` in its local frame. A contact force :math:`t`
+on the node has the reactions :math:`-W_j t` on the nodes of the second body.
 
 References
 ----------
@@ -45,7 +45,7 @@ __all__ = ["MIRROR", "DeformedSurface", "Meeting", "OppositeSide", "Projection"]
 
 MIRROR = np.array([1.0, 1.0, -1.0])[None, :, None]
 SEARCHES = 40  # largest number of Newton steps of a search
-LEAST = 1000  # searches for a thread
+LEAST = 1000  # fewest searches for a thread
 CLOSE = 1e-13  # tolerance of a search, in grid distances
 
 Surfaces = Callable[[np.ndarray], Sequence[np.ndarray]]
@@ -63,7 +63,7 @@ def _catmull_rom(t, w):  # type: ignore[no-untyped-def]
 
 @kernel
 def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def]
-    """Position, derivatives 1, 2 and 11, 12, 22 at (x, y); return the cell."""
+    """Write position and derivatives 1, 2 and 11, 12, 22 at (x, y); return the grid cell."""
     nx, _, ny = field.shape
     i, j = np.int64(np.floor(x)), np.int64(np.floor(y))
     _catmull_rom(x - i, wx)
@@ -88,7 +88,7 @@ def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def
 def _locate(  # type: ignore[no-untyped-def]
     begin, end, field, dx, dy, target, search, place, values, column, weight
 ):
-    """Find the places above the targets if ``search`` is true, and sample the surface there."""
+    """Search the places above the targets if ``search`` is true, and sample the surface there."""
     nx, _, ny = field.shape
     for node in range(begin, end):
         wx, wy = np.empty((3, 4)), np.empty((3, 4))
@@ -139,7 +139,7 @@ class Projection:
         return self.place.shape[1:]
 
     def field(self, row: int) -> np.ndarray:
-        """One row of the values as a field, shape (nx, 3, ny)."""
+        """Return a row of the values as a field, shape (nx, 3, ny)."""
         return np.moveaxis(self.values[:, row].reshape(*self.grid, 3), -1, 1)
 
     @cached_property
@@ -167,11 +167,11 @@ class Projection:
 class DeformedSurface:
     """A surface in its current position."""
 
-    spacing: tuple[float, float]  # of its nodes before deformation, m
-    field: np.ndarray  # (nx, 3, ny), lateral displacements of its nodes, and their heights, m
+    spacing: tuple[float, float]  # distances of nodes before deformation, m
+    field: np.ndarray  # (nx, 3, ny), lateral displacements and heights of nodes, m
 
     def above(self, place: np.ndarray) -> Projection:
-        """Find the points above or below places in the plane, shape (2, nx, ny), m."""
+        """Search the points above or below places in the plane, shape (2, nx, ny), m."""
         mean = self.field.mean(axis=(0, 2))
         guess = [(place[k] - mean[k]) / self.spacing[k] for k in range(2)]
         return self._locate(np.stack(guess), place)
@@ -197,13 +197,13 @@ class DeformedSurface:
 class Meeting:
     """Contact points of the nodes of the first body on the opposite side."""
 
-    gap: np.ndarray  # (nx, ny), along the normal, m; negative where one side is inside the other
+    gap: np.ndarray  # (nx, ny), gap along the normal, m; negative in penetration
     normal: np.ndarray  # (nx, 3, ny), unit normals into the opposite side
-    point: Projection | None  # points of the opposite side; None if normals do not turn
+    point: Projection | None  # points of the opposite side; None if normals are constant
     surfaces: Surfaces  # of each body, views of a vector, (nx, 3, ny)
 
     def relative(self, vector: np.ndarray) -> np.ndarray:
-        """Motion of the nodes relative to the points they meet, shape (nx, 3, ny), m."""
+        """Motion of the nodes relative to their contact points, shape (nx, 3, ny), m."""
         first, *second = self.surfaces(vector)
         return first - MIRROR * self.point.carry(second[0]) if second and self.point else first
 
@@ -252,10 +252,10 @@ class Meeting:
 class OppositeSide:
     """Rigid obstacle, or underside of the second body before deformation, seen from below.
 
-    The approach counts from the first touch of the points of the first body before any sliding.
+    The approach counts from the first touch of the nodes of the first body before any sliding.
     """
 
-    body: Surface  # of the first body before deformation, with the grid of the nodes
+    body: Surface  # surface of the first body before deformation, with the grid of the nodes
     shape: Surface | None  # heights of the opposite side, m; None if it is flat
     follows: bool = True  # whether nodes meet it at their current places (large strain)
 
@@ -284,7 +284,7 @@ class OppositeSide:
     def meet(
         self, surfaces: Surfaces, u: np.ndarray, approach: float, slide: np.ndarray
     ) -> Meeting:
-        """Find the contact points at a displacement, m, an approach, m, and a slide, (2,), m."""
+        """Locate the contact points at a displacement, m, an approach, m, and a slide, (2,), m."""
         moved = surfaces(u)
         heights = self.body.heights + moved[0][:, 2]
         if self.shape is None:
@@ -303,7 +303,7 @@ class OppositeSide:
     def slip_since(
         self, surfaces: Surfaces, u: np.ndarray, approach: float, slide: np.ndarray
     ) -> Callable[[np.ndarray, float, np.ndarray], np.ndarray]:
-        """Return ``slip(u, approach, slide)``, the motion since then past the points met, m."""
+        """Return ``slip(u, approach, slide)``: motion since then along the contact points, m."""
         before, point = surfaces(u), None
         if len(before) > 1:
             point = self.meet(surfaces, u, approach, slide).point
@@ -311,22 +311,22 @@ class OppositeSide:
         def slip(u_now: np.ndarray, approach_now: float, slide_now: np.ndarray) -> np.ndarray:
             moved = surfaces(u_now)
             if point is None:  # a rigid side moves as a whole
-                past = moved[0] - before[0]
-                past[:, :2] -= (slide_now - slide)[None, :, None]
-                past[:, 2] += approach_now - approach
-                return np.asarray(past)
+                motion = moved[0] - before[0]
+                motion[:, :2] -= (slide_now - slide)[None, :, None]
+                motion[:, 2] += approach_now - approach
+                return np.asarray(motion)
             position = moved[0].copy()
             position[:, :2] += np.moveaxis(self.places, 0, 1)
             position[:, 2] += self.body.heights
-            met = self._at(moved, approach_now, slide_now).at(point.place)
-            return np.asarray(position - met.field(0))
+            opposite = self._at(moved, approach_now, slide_now).at(point.place)
+            return np.asarray(position - opposite.field(0))
 
         return slip
 
     def _at(
         self, moved: Sequence[np.ndarray], approach: float, slide: np.ndarray
     ) -> DeformedSurface:
-        """Return the surface, which a second body has moved by its displacements."""
+        """Return the opposite surface, with the displacements of a second body."""
         assert self.shape is not None
         height = self.shape.heights + (self.distance - approach)
         return self._surface(height, slide, *moved[1:])

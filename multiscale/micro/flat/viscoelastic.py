@@ -204,7 +204,7 @@ def _filters(
 ) -> "tuple[SurfaceFilter, SurfaceFilter, np.ndarray]":
     """Return filters from pressure to displacement and back (1), without means, and slopes along x.
 
-    The mode with a wavelength of two points along x, on even grids, has a real modulus and no slope.
+    The mode with a wavelength of two points along x, on even grids, has a real modulus, no slope.
     """
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 

@@ -214,7 +214,7 @@ def test_a_rough_obstacle_is_smooth_periodic_and_moves():
         (lambda: Path(pressure=(1.0,), increments=0), "increments of a path must be at least 1"),
         (
             lambda: solve_cell(cell(bulk=NeoHookean(1.0, 0.3)), Path(pressure=(0.1,), time=(1.0,))),
-            "the body has no viscosity",
+            "the body is not viscous",
         ),
         (
             lambda: solve_cell(cell(bulk=Prony(1.0, 0.3, (0.5,), (1.0,))), Path(pressure=(0.1,))),

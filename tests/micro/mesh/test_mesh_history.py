@@ -147,5 +147,5 @@ def test_what_a_path_on_a_mesh_does_not_take_is_a_sentence(changes, message):
 
 def test_times_are_refused():
     cell = graph_mesh_cell(rough(), 1.0, 4, METAL)
-    with pytest.raises(CaseError, match="no viscosity"):
+    with pytest.raises(CaseError, match="not viscous"):
         solve_cell(cell, Path(pressure=(0.001,), time=(1.0,)))
