@@ -149,23 +149,23 @@ def walk_step(
         # try an increment, from a prediction
         share = min(1.0, reached + length)
         share = 1.0 if 1.0 - share < 1e-9 else share
-        step = share - reached
-        aim = _between(start, target, share, step)
+        span = share - reached
+        aim = _between(start, target, share, span)
         end = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
         moved = abs(end.approach - state.approach)
         # accept it and lengthen the next increment, or repeat it shorter
         if end.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
             state, reached = end, share
             if len(end.residuals) - 1 <= EASY:
-                length = min(1.0 / increments, GROW * step)
+                length = min(1.0 / increments, GROW * span)
             if moved > 0.0:
-                length = min(length, step * largest_approach / moved)
+                length = min(length, span * largest_approach / moved)
         elif flows:
             presses = True
         elif end.status is Status.CONVERGED:
-            length = step * largest_approach / moved
+            length = span * largest_approach / moved
         else:
-            length = SHRINK * step
+            length = SHRINK * span
             if length < SMALLEST:
                 state = replace(state, status=end.status)
                 break

@@ -149,7 +149,7 @@ def solve_sliding(
     -----
     With the compliance :math:`C` of (1), the approach :math:`\delta` and the gap
     :math:`g = C p + \delta - h`: :math:`0 \le p \perp g \ge 0`. The compliance is positive, though
-    not symmetric: its skew part makes the friction. A primal-dual active set is solved by minimal
+    not symmetric: its skew part causes the friction. A primal-dual active set is solved by minimal
     residuals, preconditioned by the stiffness (1).
     """
     check_limits(tolerance, max_iterations)
