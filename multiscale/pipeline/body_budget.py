@@ -178,7 +178,7 @@ def changed_sliders(
     change: Change,
     slabs: int | None = None,
 ) -> list[InterfaceLaw]:
-    """Make the laws of all interfaces, as :meth:`Bodies.sliders`, with a change."""
+    """Return the laws of all interfaces, as :meth:`Bodies.sliders`, with a change."""
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
     return change_friction(bodies.sliders(case, laws, normal, slabs), change)
 
@@ -208,8 +208,8 @@ def with_joint_budget(
 ) -> Dataset:
     """Return the result of rough joints with error budget and intervals of their answers.
 
-    Answers in cycles are compared with those of paths of few steps; twice the slabs at least halve
-    the error of the beds.
+    Answers in cycles are compared with paths of few steps; twice the slabs at least halve the error
+    of the beds.
     """
     result = with_cautions(result, *sources.unknown)
     known, cycles = result["known"].to_numpy() == 1, asked.cycles

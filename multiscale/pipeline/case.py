@@ -45,7 +45,7 @@ FILES = (
 """Keys of tables, and of lists of tables, that name files."""
 
 OF_RUNS = {"law": INTERFACE_LAW, "rve": RVE}
-"""Keys whose dataset may also come from the folder of a run, or from a shipped case."""
+"""Keys of datasets that may also come from the folder of a run, or from a shipped case."""
 
 MOVED = {
     "joint": 'height and width in [structure] kind = "blocks", preloads in [statics], the rest in '
@@ -111,7 +111,7 @@ def load_case(case: str | Path) -> Case:
 def case_of_image(
     image: Path, youngs_modulus: str, poissons_ratio: float, voxel_size: str, void_value: float
 ) -> Case:
-    """Make the case of a representative volume whose binary image is in a file or a folder.
+    """Return the case of a representative volume with a binary image in a file or a folder.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _placed(kind: str, file: Path, case: Case, quick: bool) -> tuple[Path, Case]
 
 
 def taken_cases(case: Case) -> dict[Path, Case]:
-    """Return the cases whose laws and volumes a case takes, by their places in its run folder."""
+    """Return the cases that make laws and volumes of a case, by places in its run folder."""
     if case.structure is None:
         return {}
     laws, volumes = case.structure.taken_laws(case), case.structure.taken_volumes()
@@ -223,6 +223,6 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
         tables = " and ".join(f"[{name}]" if name in of_tables else name for name in unread)
         raise CaseError(
             f"{path}: {tables} would be read by no stage of this case, which has the stages "
-            f"{', '.join(one.name for one in stages)}; leave it out"
+            f"{', '.join(stage.name for stage in stages)}; leave it out"
         )
     return case

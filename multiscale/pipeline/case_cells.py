@@ -282,7 +282,7 @@ def _mesh_of_file(case: Case, path: Path) -> MeshCell:
 
 
 def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
-    """Make the surfaces of both bodies, or the first of them; a map of both is read once."""
+    """Build the surfaces of both bodies, or the first ``made``; a map of both is read once."""
     count, seed = case.micro.realisations, case.micro.seed
     settings = [body.surface for body in case.bodies]
     files = [table.file.resolve() for table in settings if isinstance(table, InstrumentSurface)]

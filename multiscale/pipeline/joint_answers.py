@@ -103,7 +103,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
 
 
 def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
-    """Return the answers of bodies under named loads, then those of the last cycle."""
+    """Return the answers of bodies under named loads, then of the last cycle."""
     name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
     loads = {f"{name} {load}": (name, k) for k, load in enumerate(map(str, result["load"].values))}
     real = {}

@@ -389,7 +389,7 @@ def measured_side(
     of_map: Spectrum | None = None,
     other_map: bool = False,
 ) -> RoughSide:
-    """Make the realisations of one body from its measured map or line scan."""
+    """Build the realisations of a body from its measured map or line scan."""
     if settings.profile == "isotropic":
         # windows of a shared file are counted for both bodies, random surfaces are not
         seeds = [2 * (seed + k) + side for k in range(len(which))]
@@ -411,7 +411,7 @@ def measured_side(
 def _isotropic(
     scan: Surface, settings: InstrumentSurface, cell: CellSettings, seeds: list[int]
 ) -> RoughSide:
-    """Make isotropic surfaces with the self-affine spectrum fitted to a line scan.
+    """Build isotropic surfaces with the self-affine spectrum fitted to a line scan.
 
     The rms height of an isotropic surface is the rms height of its profiles, and its rms slope is
     larger by the square root of two. Only the line scan has the waviness above the fit.

@@ -116,7 +116,7 @@ def plan(
     ----------
     case : Case
         With ``accuracy``; its cells, grid and realisations are where the planner starts from.
-    out : Path, cells go to the folder ``plan`` in it; those found there are not computed again
+    out : Path, cells go to the folder ``plan`` in it; stored cells are not computed again
     executor, progress
         As of :func:`~multiscale.pipeline.run`, for every ensemble.
 
@@ -243,7 +243,7 @@ def _smallest(case: Case) -> int:
 
 
 def _check(case: Case) -> None:
-    """Refuse cases whose surface would differ between grids, or whose grids are too coarse."""
+    """Refuse cases with surfaces that differ between grids, or with too coarse grids."""
     for number, body in enumerate(case.bodies, start=1):
         if isinstance(body.surface, InstrumentSurface) and body.surface.short_cutoff is None:
             raise CaseError(

@@ -135,7 +135,7 @@ def _table(settings: InstrumentSurface) -> str:
         named = settings.channel
         lines.append(f"channel = {named if isinstance(named, int) else _text(named)}")
     if settings.size is not None:
-        lines.append(f"size = [{', '.join(_length(one) for one in settings.size)}]")
+        lines.append(f"size = [{', '.join(_length(edge) for edge in settings.size)}]")
     if settings.unit is not None:
         lines.append(f"unit = {_length(settings.unit)}")
     if settings.detrend_order != InstrumentSurface.model_fields["detrend_order"].default:

@@ -100,7 +100,7 @@ def run(
     force : bool, default False
         Whether all stages and cells are computed again, even if they are up to date.
     sparing : bool, default False
-        Whether only what took long is written, from which a run that was killed goes on: no case,
+        Whether only slow results are written, from which a run that was killed goes on: no case,
         no fields, and no cells and datasets that cost less than :data:`WORTH`.
 
     Raises

@@ -141,7 +141,7 @@ def structure_stage(
     answer: Callable[[Dataset], Iterable[str]] = lambda result: (),
     **record: Any,
 ) -> Stage:
-    """Make the stage that solves some kinds of structures, with further fields of its record."""
+    """Build the stage that solves some kinds of structures, with further fields of its record."""
 
     def run(case: Case, datasets: Datasets, job: Job) -> Dataset:
         result = solve(case.structure, case, datasets, job)

@@ -39,7 +39,7 @@ __all__ = ["Sweep", "load_sweep", "run_sweep"]
 MOST_POINTS = 100_000
 
 MOST_KEPT = 100
-"""Largest number of points whose run folders are kept without request."""
+"""Largest number of points with run folders that stay without request."""
 MOST_JOINED = 500  # points that are in memory before they are joined
 MOST_LETTERS = 60  # of the name of a folder, without its checksum
 

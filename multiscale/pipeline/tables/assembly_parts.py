@@ -340,7 +340,7 @@ class StatedLaw(Settings):
     _rise = field_validator("pressures")(must_rise)
 
     def build(self) -> Exponential:
-        """Make the law."""
+        """Return the law."""
         return Exponential(self.pressure_scale, self.decay_length, pressure_range=self.pressures)
 
 
@@ -352,7 +352,7 @@ class LinearLaw(Settings):
     """Pressures of the bed of sliders, Pa; its stiffness is the same at all."""
 
     def build(self) -> Tabulated:
-        """Make the law."""
+        """Return the law."""
         return Tabulated(np.array([0.0, self.stiffness]), np.array([0.0, -1.0]))
 
 

@@ -139,7 +139,7 @@ class Bodies(StructureKind):
         return self
 
     def _faces(self) -> list[tuple[str, str]]:
-        """Every face that is named outside a body, and by what."""
+        """Return every user of a face outside the bodies, and the face."""
         named = [
             (f"interface {i}", face)
             for i, interface in enumerate(self.interfaces)

@@ -183,7 +183,7 @@ class LinkLawSettings(Settings):
     rigidity: Rigidity = Field(description='EA, N, or `"inextensible"`.')
 
     def build(self) -> LinkLaw:
-        """Make the law."""
+        """Return the law."""
         return LAWS[self.kind](self.rigidity)
 
 
