@@ -133,7 +133,7 @@ def _porous(flat: "Mesh", law: Linear | J2, pores: "Cavities") -> GradedElastic:
     """Return the moduli of every element below a flat surface, reduced in pores."""
     if isinstance(law, J2):
         raise CaseError(
-            "a layer with pores must be elastic, but its law flows; leave out the pores or the law"
+            "a layer with pores must be elastic, but its law flows; leave out the pores"
         )
     void = pores.void_at(flat.p[:, flat.t].mean(axis=1))
     if void[flat.f2t[0, flat.boundaries["top"]]].any():

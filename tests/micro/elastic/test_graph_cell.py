@@ -272,7 +272,7 @@ def test_a_shallow_cell_is_named_before_it_is_solved(caplog):
         ({"layers": 1}, "at least 2 layers, got 1"),
         ({"youngs_modulus": 0.0}, "youngs_modulus must be positive"),
         ({"poissons_ratio": 0.5}, "between -1 and 0.5, got 0.5"),
-        ({"youngs_modulus": np.ones(4)}, r"one of each layer \(10,\) or one .* \(4,\)"),
+        ({"youngs_modulus": np.ones(4)}, r"of the layers \(10,\) or of .* \(4,\)"),
         ({"poissons_ratio": np.linspace(0.1, 0.6, 10)}, "0.5, got 0.54"),
         ({"obstacle": rough(16)}, "must have the grid of the surface"),
     ],
@@ -286,7 +286,7 @@ def test_a_refused_cell_says_why(changes, message):
     ("arguments", "message"),
     [
         ({}, "either pressures or approaches"),
-        ({"pressure": (1.0,), "approach": (1.0,)}, "give one of them"),
+        ({"pressure": (1.0,), "approach": (1.0,)}, "give one of both"),
         ({"pressure": ()}, "at least one step"),
         ({"pressure": (-1.0,)}, "adhesion is not modelled"),
         ({"approach": (np.nan,)}, "finite"),

@@ -218,7 +218,7 @@ def test_a_small_pore_takes_the_share_of_a_dilute_sphere_from_the_stiffness_of_a
     [
         (0.9, 0.2, Elastic(1.0, 0.3), "cuts the surface"),
         (0.5, 0.01, Elastic(1.0, 0.3), "no element has its centre in a pore"),
-        (0.5, 0.2, J2(1.0, 0.3, 0.01), "leave out one"),
+        (0.5, 0.2, J2(1.0, 0.3, 0.01), "leave out the pores"),
     ],
 )
 def test_pores_that_a_layer_cannot_have_are_refused(height, radius, law, message):
