@@ -1,8 +1,8 @@
-"""One function per figure: it takes a dataset and axes, returns the axes, and saves nothing.
+"""Figures: each function takes a dataset and axes, draws on the axes and returns them.
 
-Every function draws on ``ax``, the current axes if not given, and returns these axes.
+Every function draws on ``ax``, by default the current axes, and saves nothing.
 
-Only here quantities get labels and are converted to µm, MPa and kN. Functions whose names begin
+Quantities get labels and are converted to µm, MPa and kN only here. Functions with names that begin
 with ``draw`` make whole figures and write them.
 """
 

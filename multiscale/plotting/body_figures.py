@@ -1,6 +1,6 @@
 """Figures of bodies under named loads: their stress in space, interfaces, loads and bolts.
 
-A ``result`` follows ``MACRO_RESULT`` and is of
+A ``result`` follows ``MACRO_RESULT`` and is computed by
 :func:`multiscale.macro.substructures.follow_cut_loads`.
 """
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 __all__ = ["MOST_DRAWN", "load_pictures", "plot_body_stress", "plot_load_paths"]
 
 MOST_DRAWN = 4
-"""Interfaces that are drawn, from the first on."""
+"""Largest number of drawn interfaces, from the first."""
 
 SHOWN = 0.04
-"""Largest displacement in the picture, over the size of the bodies."""
+"""Largest displacement in the figure, over the size of the bodies."""
 
 BRIGHTEST = 0.995
-"""Share of the elements whose stress the colours distinguish; the others have the last colour."""
+"""Quantile of the stress at the end of the colour scale."""
 
 
 def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3D":
@@ -39,7 +39,7 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
     result : Dataset, follows ``MACRO_RESULT``, with elements
     step : int, load step
     ax : Axes3D
-        Axes to draw on. The title says how many times the displacements are enlarged.
+        Axes to draw on. The title has the factor of the displacements.
     """
     corners = result["corners"].to_numpy().astype(int)
     stress = 1e-6 * result["equivalent_stress"].to_numpy()[step]
@@ -79,9 +79,9 @@ def plot_load_paths(result: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def load_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
-    """Return what is drawn of bodies under loads, by name; interfaces at the last step known.
+    """Return the plots of bodies under loads, by name; interfaces at the last known step.
 
-    A path of which only one step has a value is no line, and is not drawn.
+    Paths with a value at a single step are not drawn.
     """
     draw: dict[str, Callable[..., object]] = {}
     if np.isfinite(result["load_displacement"].values).any(axis=1).sum() > 1:

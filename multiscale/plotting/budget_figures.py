@@ -11,16 +11,16 @@ from multiscale.upscaling.budget import ALWAYS, known_error, total_error, unknow
 
 __all__ = ["estimated_steps", "plot_error_budget", "step_labels"]
 
-COLOURS = (*(f"C{k}" for k in range(10)), "0.3", "0.7")  # of the terms
+COLOURS = (*(f"C{k}" for k in range(10)), "0.3", "0.7")  # colours of the terms
 
 UNKNOWN = 0.15
-"""Height of what is not known, over the largest total; it has no number."""
+"""Height of the bar of unknown terms, over the largest total; it has no meaning."""
 
 SMALLEST_SHARE = 0.02
 """Ratio to the largest total below which a bar has no caption."""
 
 PRESSURES = ("nominal_pressure", "fit_pressure", "preload")
-"""Variables that tell the pressure of a step; steps of named loads have none."""
+"""Variables with the pressure of a step; missing for named loads."""
 
 
 def plot_error_budget(
@@ -28,28 +28,28 @@ def plot_error_budget(
 ) -> Axes:
     """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
 
-    The height of a filled bar is the total of the known terms. As terms add as squares, each term
-    has its share of the sum of the squares. Terms that are not known stand hatched on top of every
-    bar, with a question mark: their height means nothing. A step without any known term has no
-    bar but the word unknown.
+    The height of a filled bar is the total of the known terms. As squares of terms add up, the
+    height of a term is its share of the sum of squares. Unknown terms are hatched on top of every
+    bar, with a question mark, at an arbitrary height. A step without any known term has the word
+    unknown instead of a bar.
 
     Parameters
     ----------
     budget : Dataset
-        Follows ``ERROR_BUDGET``, or a law or macro result that carries one; steps without any
-        term are left out.
+        Follows ``ERROR_BUDGET``, or a law or macro result with a budget; steps without any term are
+        left out.
     quantity : str, optional, quantity to plot; the first of the budget if not given
     """
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
-    one = budget.sel(quantity=chosen).isel(step=estimated_steps(budget, chosen))
-    half = 100.0 * total_error(one["error_bias"].values, one["error_half_width"].values)
-    error = known_error(one.expand_dims("quantity"))[0]
+    shown = budget.sel(quantity=chosen).isel(step=estimated_steps(budget, chosen))
+    half = 100.0 * total_error(shown["error_bias"].values, shown["error_half_width"].values)
+    error = known_error(shown.expand_dims("quantity"))[0]
     known = np.isfinite(error)
     total = np.where(known, 100.0 * error, 0.0)
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)
-    for k, term in enumerate(one["error_term"].values):
+    for k, term in enumerate(shown["error_term"].values):
         if not np.any(half[k] > 0.0):  # unknown or zero
             continue
         ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=COLOURS[k], label=str(term))
@@ -70,10 +70,10 @@ def plot_error_budget(
             ax.text(
                 float(x), float(height + above), caption, ha="center", va="bottom", fontsize="small"
             )
-    ax.set_xticks(at, step_labels(one))
+    ax.set_xticks(at, step_labels(shown))
     ax.set_ylim(0.0, 1.2 * (top or 1.0) + above)
     ax.grid(visible=False, axis="x")
-    if any(name in one.variables for name in PRESSURES):
+    if any(name in shown.variables for name in PRESSURES):
         ax.set(xlabel="mean pressure (MPa)")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize="small")
@@ -83,7 +83,7 @@ def plot_error_budget(
 def estimated_steps(budget: Dataset, quantity: str) -> np.ndarray:
     """Return the steps at which any term of the budget of a quantity was estimated.
 
-    Terms without a part in an answer are zero also where it is none.
+    Terms that do not affect the quantity are zero also at steps without an estimate.
     """
     half = budget["error_half_width"].sel(quantity=quantity).values
     always = np.isin(budget["error_term"], ALWAYS)[:, None]
@@ -95,7 +95,7 @@ def step_labels(budget: Dataset, *, unit: str = "") -> list[str]:
     for name in PRESSURES:
         if name in budget.variables:
             return [f"{1e-6 * value:.3g}{unit}" for value in budget[name].values]
-    if "largest_displacement" in budget:  # of a mode that vibrates
+    if "largest_displacement" in budget:  # result of vibration
         along = length_unit(budget["largest_displacement"].values[-1:])
         modes, sizes = budget["step_mode"].values, along.scale * budget["largest_displacement"]
         which = [f"mode {mode}, " for mode in modes] if len(set(modes)) > 1 else [""] * len(modes)

@@ -30,9 +30,9 @@ ELEMENT_FIELDS = {
     "damage": (1.0, "mean damage of the inclusions"),
     "cracked_share": (100.0, "cracked inclusions (%)"),
     "equivalent_amplitude": (1e-6, "von Mises amplitude (MPa)"),
-    "stiffness_share": (1.0, "stiffness that is left"),
+    "stiffness_share": (1.0, "remaining stiffness"),
 }
-"""Factor and label of the fields of elements that are drawn, by their names."""
+"""Factor and label of the drawn fields of elements, by name."""
 
 
 def plot_damage_sphere(sections: Dataset, *, ax: "Axes3D") -> "Axes3D":
@@ -107,9 +107,9 @@ def plot_element_field(
     ax.add_collection(drawn)
     ax.autoscale_view()
     if near and (damaged := np.flatnonzero(life["damage"].values > 0.0)).size:
-        own = 1e3 * place[corners[damaged]][..., [first, second]].reshape(-1, 2)
-        half = 1.5 * np.ptp(own, axis=0).max()
-        x, y = own.mean(axis=0)
+        around = 1e3 * place[corners[damaged]][..., [first, second]].reshape(-1, 2)
+        half = 1.5 * np.ptp(around, axis=0).max()
+        x, y = around.mean(axis=0)
         ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
     ax.set(aspect="equal", xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
     if "crack_position" in life:

@@ -1,4 +1,4 @@
-"""Faces of the elements of meshes, for pictures of bodies."""
+"""Faces of the elements of meshes, for figures of bodies."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -16,7 +16,7 @@ _CORNERS = {
 
 @dataclass(frozen=True, eq=False)
 class OuterFaces:
-    """Faces that belong to one element only."""
+    """Faces that belong to a single element."""
 
     corners: np.ndarray  # (faces, corners of a face), nodes
     element: np.ndarray  # (faces,), in increasing order
@@ -28,7 +28,7 @@ def list_faces(corners: np.ndarray) -> np.ndarray:
 
 
 def outer_faces(corners: np.ndarray) -> OuterFaces:
-    """Find the outer faces of elements, whose ``corners`` have the shape (elements, corners)."""
+    """Return the outer faces of elements with ``corners`` of shape (elements, corners)."""
     faces = list_faces(corners)
     every = faces.reshape(-1, faces.shape[2])
     _, first, count = np.unique(

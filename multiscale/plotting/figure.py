@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
-else:  # a name for annotations, without what takes long to load
+else:  # a name for annotations, without the slow import
     Axes = Any
 
 __all__ = [
@@ -37,38 +37,38 @@ __all__ = [
 DOTS_PER_INCH = 150
 
 PROGRAM = "multiscale"
-"""What the files of figures name as their program."""
+"""Program in the metadata of figure files."""
 
 SIZE = (5.2, 4.0)
-"""Width and height of a figure, if nothing else is asked for, inches."""
+"""Default width and height of a figure, inches."""
 
 WIDE = (8.6, 4.2)
-"""Width and height of a figure that stands alone in the width of a page, inches."""
+"""Width and height of a figure as wide as a page, inches."""
 
-MARGIN = 8  # rows of pixels above and below what is drawn
+MARGIN = 8  # rows of pixels above and below the drawing
 
 LAYOUT_PASSES, SETTLED = 5, 1e-3
-"""Most layout passes, as axes of fixed aspect change in size with the room for their labels, and
-motion of all axes, over the size of the figure, below which there are no more."""
+"""Largest number of layout passes, as axes of fixed aspect change in size with their labels, and
+motion of the axes, over the size of the figure, below which the passes end."""
 
 TICKS = {
     0.5: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0),
     1.0: (1.0, 2.0, 3.0, 5.0),
     2.5: (1.0, 2.0, 5.0),
 }
-"""Labelled parts of a decade on logarithmic axes, by the number of decades below which they are."""
+"""Labelled multiples in a decade of logarithmic axes, by the largest number of decades."""
 
 DECADES, MOST_TICKS = max(TICKS), 30
 
 SPACE_TICKS, FLATTEST, SPACE_ZOOM = 5, 0.05, 0.9
-"""Ticks on the longest edge of a box in space, least ratio of its edges, and its size over the size
-that matplotlib chooses."""
+"""Ticks on the longest edge of a box in space, smallest ratio of its edges, and its size over the
+size that matplotlib chooses."""
 
 WIDE_ASPECT = 1.5
-"""Width over height of axes above which a colour bar stands below them."""
+"""Width over height of axes above which a colour bar is below them."""
 
 BAR_THICKNESS, BAR_BESIDE, BAR_BELOW = 0.12, 0.08, 0.65
-"""Thickness of a colour bar, its distance beside axes, and below axes with labels, inches."""
+"""Thickness of a colour bar, its distance to axes at its left and above it, inches."""
 
 
 def axes_or_current(ax: Axes | None) -> Axes:
@@ -88,10 +88,10 @@ def new_figure(width: float = SIZE[0], height: float = SIZE[1]) -> "Figure":
 
 
 def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
-    """Put a colour bar beside axes whose limits and equal aspect are set, below wide ones.
+    """Add a colour bar to the right of axes with limits and equal aspect, or below wide axes.
 
-    Axes of fixed aspect may be far smaller than their room in the layout, at whose edge a bar
-    would stand apart from them. This bar is as long as the axes.
+    Axes of fixed aspect may be smaller than their space in the layout, which would separate them
+    from the bar. This bar has the length of the axes.
     """
     from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
@@ -103,8 +103,8 @@ def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
         below = blended_transform_factory(along, inches)
         place = ax.inset_axes((0.0, -BAR_BELOW, 1.0, BAR_THICKNESS), transform=below)
     else:
-        beside = blended_transform_factory(inches, along)
-        place = ax.inset_axes((BAR_BESIDE, 0.0, BAR_THICKNESS, 1.0), transform=beside)
+        right_of = blended_transform_factory(inches, along)
+        place = ax.inset_axes((BAR_BESIDE, 0.0, BAR_THICKNESS, 1.0), transform=right_of)
     orientation = "horizontal" if wide else "vertical"
     ax.figure.colorbar(mappable, cax=place, label=label, orientation=orientation)
 
@@ -129,7 +129,7 @@ def colour_faces(
 
 
 def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
-    """Show a box in true proportions, with ticks as far apart on short edges as on long ones."""
+    """Show a box in true proportions, with equal distances of ticks on all edges."""
     from matplotlib.ticker import FixedLocator, MaxNLocator
 
     lengths = high - low
@@ -140,7 +140,7 @@ def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
         axis.set_major_locator(
             MaxNLocator(ticks) if ticks else FixedLocator([float(f"{middle:.1g}")])
         )
-    # a flat structure stays visible, and labels inside the figure
+    # keep a flat structure visible, and labels inside the figure
     edges = np.maximum(lengths, FLATTEST * lengths.max())
     wider = 0.5 * (edges - lengths)
     (x, y, z) = np.stack([low - wider, high + wider], axis=1)
@@ -149,7 +149,7 @@ def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
 
 
 def _label_logarithms(axis: "Axis") -> None:
-    """Write numbers as an engineer does at the ticks of a logarithmic axis: 1, 2, 5, 10."""
+    """Write plain numbers at the ticks of a logarithmic axis: 1, 2, 5, 10."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = sorted(axis.get_view_interval())  # an inverted axis falls
@@ -164,21 +164,21 @@ def _label_logarithms(axis: "Axis") -> None:
 
 
 def _dress(ax: Axes) -> None:
-    """Give axes the style of all figures: open frame, quiet title, legend without a box."""
+    """Set the style of all figures: open frame, medium title, legend without a box."""
     if ax.get_label() == "<colorbar>":
         return
     if not ax.images:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(color="0.9", linewidth=0.6)
         ax.set_axisbelow(True)
-    # at a height of its own, for which matplotlib would search slowly
+    # at a fixed height, as the search of matplotlib is slow
     ax.set_title(ax.get_title(), fontsize="medium", y=1.0)
     if (legend := ax.get_legend()) is not None:
         legend.get_frame().set(linewidth=0.0, alpha=0.8)
 
 
 def save_figure(figure: "Figure", file: Path) -> Path:
-    """Write a figure in the style of all figures as a complete PNG file, or no file."""
+    """Write a figure in the style of all figures as a PNG file, complete or not at all."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.image import imsave
 
@@ -189,7 +189,7 @@ def save_figure(figure: "Figure", file: Path) -> Path:
                 _label_logarithms(axis)
     layout = figure.get_layout_engine()
     if layout is not None:
-        figure.set_dpi(DOTS_PER_INCH)  # sizes of letters depend on it
+        figure.set_dpi(DOTS_PER_INCH)  # text sizes depend on it
         fixed = any(ax.get_aspect() != "auto" for ax in figure.axes)
         before = np.full((len(figure.axes), 4), np.inf)
         for _ in range(LAYOUT_PASSES if fixed else 1):
@@ -198,12 +198,12 @@ def save_figure(figure: "Figure", file: Path) -> Path:
             if np.abs(places - before).max(initial=0.0) < SETTLED:
                 break
             before = places
-        figure.set_layout_engine("none")  # or it would be drawn twice
+        figure.set_layout_engine("none")  # prevents a second layout in draw()
     figure.set_dpi(DOTS_PER_INCH)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     image = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-    if layout is not None and fixed:  # axes of fixed aspect leave room above and below them
+    if layout is not None and fixed:  # axes of fixed aspect leave space above and below
         drawn = np.flatnonzero(image.min(axis=(1, 2)) < image.max())
         image = image[max(drawn[0] - MARGIN, 0) : drawn[-1] + MARGIN]
     buffer = BytesIO()
@@ -232,7 +232,7 @@ def on_axes(
 ) -> Callable[[Path], Path]:
     """Return ``draw(file)``, which calls ``plot(*shown, ax=..., **options)`` for a PNG file.
 
-    The axes are new, of a size in inches.
+    The axes are new; ``size`` is in inches.
     """
 
     def draw(file: Path) -> Path:
@@ -244,4 +244,4 @@ def on_axes(
 
 
 in_space = partial(on_axes, projection="3d")
-"""The same with axes in space."""
+"""As :func:`on_axes`, with axes in space."""

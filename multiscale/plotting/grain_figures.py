@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 ANSWERS = ("side_share", "floor_share", "plate_shear", "plate_pressure")
-"""Quantities that a motion is asked for, beside its run-out."""
+"""Answers of a motion, in addition to the run-out."""
 
 
 def plot_force_network(
@@ -36,9 +36,9 @@ def plot_force_network(
 
     Parameters
     ----------
-    frame : int, number of the frame; the last one if not given
+    frame : int, number of the frame; the last frame if not given
     slab : tuple of float, optional
-        Range of y, m, of the plotted grains and contacts; all if not given.
+        Range of y, m, of the plotted grains and contacts; unlimited if not given.
     """
     from matplotlib.collections import LineCollection, PatchCollection
     from matplotlib.patches import Circle
@@ -106,7 +106,7 @@ def plot_biaxial_curve(result: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def _plot_answer(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the quantity that a motion is asked for over time: weight borne, run-out or stress."""
+    """Plot the answer of a motion over time: load of walls, run-out or stress."""
     if "run_out" in result:
         times = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
         shown = result[["run_out"]].assign(time=("frame", times))
@@ -115,7 +115,7 @@ def _plot_answer(result: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def grain_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
-    """Return what is drawn of grains, by name: forces, energies, the solver, and the answer."""
+    """Return the plots of grains, by name: answer, forces, energies and solver."""
     y = result["position"].values[-1, :, 1]
     middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
     slab = (float(middle - half), float(middle + half))

@@ -38,7 +38,7 @@ LEGEND_BELOW = 0.45
 """Distance of the legend of the zones below the axes, inches."""
 
 BESIDE = 0.05
-"""Width of the bodies that is drawn beside a joint, over its longer edge."""
+"""Width of the drawn margin of a joint, over its longer edge."""
 
 LEVEL = 1e-6
 """Height, relative to a body, up to which corners lie on its top."""
@@ -67,7 +67,7 @@ def plot_joint_plan(
     ----------
     quantity : str
         ``"contact_state"``, ``"pressure"`` or ``"dissipation"``, the loss of the last cycle.
-    step : int, step; the last one if not given
+    step : int, step; the last step if not given
     joint : int, number of the joint
     title : str, its preload and shear if not given
     """
@@ -76,11 +76,11 @@ def plot_joint_plan(
     from matplotlib.transforms import ScaledTranslation
 
     ax = axes_or_current(ax)
-    mine = np.flatnonzero(result["point_joint"].values == joint)
-    area = result["point_area"].values[mine]
+    points = np.flatnonzero(result["point_joint"].values == joint)
+    area = result["point_area"].values[points]
     if quantity == "contact_state":
-        state = result["contact_state"].values[step, mine]
-        draw_points(result, mine, state, ax).set(
+        state = result["contact_state"].values[step, points]
+        draw_points(result, points, state, ax).set(
             cmap=ListedColormap(ZONE_COLOURS), clim=(-0.5, 2.5)
         )
         middle = ScaledTranslation(0.5, 0.0, ax.transAxes)  # type: ignore[arg-type]
@@ -101,10 +101,10 @@ def plot_joint_plan(
             bbox_transform=ax.figure.dpi_scale_trans + middle,
         )
     else:
-        value = -1e-6 * result["traction"].values[step, mine, 0]
+        value = -1e-6 * result["traction"].values[step, points, 0]
         if quantity == "dissipation":
-            value = result["dissipation"].values[_last_cycle(result)][:, mine].sum(axis=0)
-        dots = draw_points(result, mine, value, ax)
+            value = result["dissipation"].values[_last_cycle(result)][:, points].sum(axis=0)
+        dots = draw_points(result, points, value, ax)
         dots.set_clim(0.0, float(np.nanmax(value)))
         add_colour_bar(dots, ax, QUANTITIES[quantity])
     if not title:
@@ -121,8 +121,8 @@ def plot_joint_plan(
 def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes) -> "Collection":
     """Draw the values at some points of a joint, seen along its normal, and return the artist.
 
-    Each point colours its part of the faces of one body, or, where the points are the corners of
-    no faces, a disc of the area that it stands for.
+    Each point colours its share of the faces of a body, or a disc of its area if the points are not
+    the corners of faces.
     """
     from matplotlib.collections import EllipseCollection, PolyCollection
 
@@ -134,10 +134,10 @@ def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes
         corner = place[faces]  # (faces, corners, 2)
         edge = 0.5 * (corner + np.roll(corner, -1, axis=1))
         centre = np.broadcast_to(corner.mean(axis=1, keepdims=True), corner.shape)
-        parts = np.stack([corner, edge, centre, np.roll(edge, 1, axis=1)], axis=2)
+        quarters = np.stack([corner, edge, centre, np.roll(edge, 1, axis=1)], axis=2)
         colours = value[faces.ravel()]
         drawn = PolyCollection(
-            list(parts.reshape(-1, 4, 2)), array=colours, edgecolors="face", linewidths=0.6
+            list(quarters.reshape(-1, 4, 2)), array=colours, edgecolors="face", linewidths=0.6
         )
     else:
         across = 1e3 * np.sqrt(4.0 / np.pi * result["point_area"].values[points])
@@ -156,15 +156,15 @@ def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes
     ax.set_aspect("equal")
     seen = drawn.get_datalim(ax.transData)
     seen = seen.padded(BESIDE * max(seen.width, seen.height))
-    ax.set(xlim=seen.intervalx, ylim=seen.intervaly)  # bodies may be far larger
+    ax.set(xlim=seen.intervalx, ylim=seen.intervaly)  # bodies may be larger
     ax.set(xlabel=f"{names[0]} (mm)", ylabel=f"{names[1]} (mm)")
     return drawn
 
 
 def _faces(result: Dataset, points: np.ndarray) -> np.ndarray:
-    """Faces of a body whose corners are all of some points, (faces, corners), by their numbers.
+    """Faces of a body with all corners among the points, (faces, corners), as numbers of points.
 
-    None if no body has such faces.
+    Empty if no body has such faces.
     """
     if "corners" not in result:
         return np.empty((0, 3), dtype=int)
@@ -174,17 +174,17 @@ def _faces(result: Dataset, points: np.ndarray) -> np.ndarray:
     number[same[: points.size]] = np.arange(points.size)
     faces = number[same[points.size :]][list_faces(result["corners"].values)]
     for body in np.unique(result["element_body"].values):
-        own = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
-        own = own[np.all(own >= 0, axis=1)]
-        if np.unique(own).size == points.size:
-            return np.asarray(own)
+        body_faces = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
+        body_faces = body_faces[np.all(body_faces >= 0, axis=1)]
+        if np.unique(body_faces).size == points.size:
+            return np.asarray(body_faces)
     return np.empty((0, 3), dtype=int)
 
 
 def _seen(result: Dataset, points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:
-    """Find the normal of the plane of some points and two axes in it, (3, 3), and their names.
+    """Return the normal of the plane of some points and two axes in it, (3, 3), and their names.
 
-    The axes are those of the coordinates, unless the plane is oblique.
+    The axes are coordinate axes, unless the plane is oblique.
     """
     axes = plane_axes(result["point_position"].values[points])
     across, first, second = np.argmax(np.abs(axes), axis=1)
@@ -195,7 +195,7 @@ def _seen(result: Dataset, points: np.ndarray) -> tuple[np.ndarray, tuple[str, s
 def _outlines(result: Dataset, axes: np.ndarray) -> list[np.ndarray]:
     """Outline of the top of every body in plan, (2, points) in m with NaN between its edges.
 
-    The top is what lies farthest along the first of the axes; the plan is in the others.
+    The top is farthest along the first of the axes; the other axes span the plan.
     """
     if "corners" not in result:
         return []
@@ -203,9 +203,9 @@ def _outlines(result: Dataset, axes: np.ndarray) -> list[np.ndarray]:
     faces = list_faces(corners)
     lines = []
     for body in np.unique(result["element_body"].values):
-        own = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
-        height = place[own] @ axes[0]
-        top = own[np.all(height > height.max() - LEVEL * np.ptp(height), axis=1)]
+        body_faces = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
+        height = place[body_faces] @ axes[0]
+        top = body_faces[np.all(height > height.max() - LEVEL * np.ptp(height), axis=1)]
         edges = np.sort(np.stack([top, np.roll(top, 1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         edge, count = np.unique(edges, axis=0, return_counts=True)
         ends = place[edge[count == 1]] @ axes[1:].T  # (edges, 2, 2)
@@ -226,11 +226,11 @@ def _last_cycle(result: Dataset) -> slice:
 
 
 def plot_hysteresis(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the shear of the cycles over its displacement; the loop encloses the lost energy.
+    """Plot the shear of the cycles over its displacement; the loop encloses the dissipated energy.
 
     The elastic displacement, shear over the stiffness without slip, is subtracted: it would hide a
     slender loop, and encloses no area. The bands are loops that enclose the ends of the intervals
-    of the loss, if these are known: as much wider about the middle of both branches.
+    of the loss, if known, with widths scaled about the middle of both branches.
     """
     ax = axes_or_current(ax)
     first = _sheared(result)
@@ -250,32 +250,32 @@ def plot_hysteresis(result: Dataset, *, ax: Axes | None = None) -> Axes:
         low, high = result[f"cycle_energy_{kind}"].values[:, -1] / loss
         style: dict[str, Any] = {"color": "C0", "alpha": alpha, "linewidth": 0}
         for side, label in ((-1.0, f"{kind.replace('_', ' ')}, 95 %"), (1.0, None)):
-            ends = (middle + side * one * width for one in (low, high))
+            ends = (middle + side * ratio * width for ratio in (low, high))
             ax.fill_betweenx(shear[last:][:half], *ends, label=label, **style)
         ax.legend(loc="upper left", fontsize="small")
     ax.plot(slip, shear, ".-", color="C0", linewidth=1.0, markersize=4)
-    caption = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ lost"
+    caption = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ dissipated"
     ax.set_title(f"last cycle: {caption}")
-    ax.set_xlabel("tangential displacement less the elastic one (µm)")
+    ax.set_xlabel("tangential minus elastic displacement (µm)")
     ax.set_ylabel("tangential traction (MPa)")
     return ax
 
 
 def _plot_cycles(result: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
     """Plot an answer of closed cycles over the amplitude, a line for each preload."""
-    if name == "cycle_loss":  # cycles without slip have no place on logarithmic axes
+    if name == "cycle_loss":  # logarithmic axes cannot show cycles without slip
         result = result.assign({name: result[name].where(result[name] > 0.0)})
     ax = plot_lines(result, name, by="cycle_preload", ax=ax, title="closed cycles, by preload")
     if name == "cycle_loss":
         shear, low = 1e-6 * result["cycle_shear"].values, 1e3 * float(result[name].min())
         ax.set(xscale="log", yscale="log", xticks=shear, ylim=(0.5 * low, None))
         ax.set_xticks([], minor=True)
-        ax.set_xticklabels([f"{one:.3g}" for one in shear])
+        ax.set_xticklabels([f"{amplitude:.3g}" for amplitude in shear])
     return ax
 
 
 def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
-    """Return what is drawn of a joint, by name: zones and pressure, loop and loss if it is sheared.
+    """Return the plots of a joint, by name: zones and pressure, and under shear loop and loss.
 
     Zones are drawn at the last step that has an answer, at the amplitude of the shear.
 
@@ -287,7 +287,7 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     slips = result["slip_fraction"].values
     if np.isnan(slips).all():
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
-        raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
+        raise CaseError(f"no step has an answer, so that no joint can be drawn: {why}")
     step = int(np.flatnonzero(np.isfinite(slips))[-1])
     draw: dict[str, Callable[..., object]] = {
         "contact_zones": partial(plot_joint_plan, result, step=step),
@@ -301,6 +301,6 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
         draw["joint_stiffness"] = partial(plot_joint_stiffness, result)
     if "cycle_loss" in result:
         for name in ("secant_stiffness", "cycle_loss"):
-            if (result[name].values > 0.0).sum(axis=1).max() > 1:  # one amplitude is no line
+            if (result[name].values > 0.0).sum(axis=1).max() > 1:  # a line needs two amplitudes
                 draw[name] = partial(_plot_cycles, result, name)
     return draw

@@ -42,7 +42,7 @@ BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
 
 LEAST = 0.1
-"""Lower end of a band on a logarithmic axis over the least value, where it is zero."""
+"""Lower end of a band on a logarithmic axis over the smallest value, if the end is zero."""
 
 STATISTICS = ("mean", "std")
 """Statistics over realisations, drawn as markers with bars."""
@@ -57,7 +57,7 @@ def plot_gap_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> 
         ax.plot(gap, pressure, ".", color="0.6", markersize=4)
     along = 1e-6 * np.geomspace(law.attrs["pressure_min"], law.attrs["pressure_max"], 200)
     laws = fitted_laws(law, [None, *range(law.sizes["sample"])])
-    _draw_law(ax, along, [1e6 * one.gap_at(1e6 * along) for one in laws], sideways=True)
+    _draw_law(ax, along, [1e6 * sample.gap_at(1e6 * along) for sample in laws], sideways=True)
     ax.set(yscale="log", xlabel="mean gap (µm)", ylabel="mean pressure (MPa)")
     ax.set_title("normal law and realisations")
     return ax
@@ -66,7 +66,7 @@ def plot_gap_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> 
 def _draw_law(
     ax: Axes, along: np.ndarray, answers: Sequence[np.ndarray], *, sideways: bool = False
 ) -> None:
-    """Draw the answers of the mean law, the first ones, as a line, and of its samples as a band."""
+    """Draw the answer of the mean law, the first, as a line, and of its samples as a band."""
     mean, *samples = answers
     if samples:
         fill = ax.fill_betweenx if sideways else ax.fill_between
@@ -77,23 +77,25 @@ def _draw_law(
 
 
 def plot_unloading(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot pressure against mean gap for unloading from the largest pressure, beside loading."""
+    """Plot pressure against mean gap for unloading from the largest pressure, and for loading."""
     ax = axes_or_current(ax)
     hysteretic = hysteretic_from_dataset(law)
     up = loading_branch(response)
     down = response.drop_sel(step=up["step"].values)
-    for part, colour in ((up, "C0"), (down, "C1")):
-        mean, spread = (getattr(1e6 * part["mean_gap"], name)("realisation") for name in STATISTICS)
+    for branch, colour in ((up, "C0"), (down, "C1")):
+        mean, spread = (
+            getattr(1e6 * branch["mean_gap"], name)("realisation") for name in STATISTICS
+        )
         ax.errorbar(
             mean,
-            1e-6 * part["nominal_pressure"],
+            1e-6 * branch["nominal_pressure"],
             xerr=spread,
             fmt="o",
             markersize=3,
             color=colour,
             elinewidth=0.8,
         )
-    pressed, eased = (one["nominal_pressure"].to_numpy() for one in (up, down))
+    pressed, eased = (branch["nominal_pressure"].to_numpy() for branch in (up, down))
     peak = float(law["unloading_peak_pressure"].max())
     along = np.linspace(1e-6 * pressed.min(), 1e-6 * peak, 300)
     ax.plot(1e6 * hysteretic.loading.gap_at(1e6 * along), along, color="C0", label="loading")
@@ -128,7 +130,7 @@ def plot_conductance(law: Dataset, *, ax: Axes | None = None) -> Axes:
     data = law["fit_pressure"].to_numpy()
     along = np.geomspace(data.min(), data.max(), 200)
     laws = fitted_laws(law, [None, *range(law.sizes["sample"])])
-    conducted = [unit.scale * ratio * one.stiffness(one.gap_at(along)) for one in laws]
+    conducted = [unit.scale * ratio * sample.stiffness(sample.gap_at(along)) for sample in laws]
     _draw_law(ax, 1e-6 * along, conducted)
     ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)")
     ax.set(ylabel=f"{SHOWN[name].label} ({unit.name})")
@@ -145,14 +147,14 @@ def plot_area_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) ->
         ax.plot(pressure, fraction, ".", color="0.6", markersize=4)
     along = np.linspace(0.0, 1e-6 * law.attrs["pressure_max"], 200)
     laws = areas_from_dataset(law, [None, *range(law.sizes["sample"])])
-    _draw_law(ax, along, [100.0 * one.contact_fraction(1e6 * along) for one in laws])
+    _draw_law(ax, along, [100.0 * sample.contact_fraction(1e6 * along) for sample in laws])
     ax.set(xlabel="mean pressure (MPa)", ylabel="real over nominal contact area (%)")
     ax.set_title("area law and realisations")
     return ax
 
 
 def plot_leakage(law: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot hydraulic apertures of an interface against mean pressure, as far as it is open."""
+    """Plot hydraulic apertures of an interface against mean pressure, where it is open."""
     ax = axes_or_current(ax)
     pressure = 1e-6 * law["fit_pressure"].to_numpy()
     ax.plot(pressure, 1e6 * law["fit_mean_gap"], color="0.5", label="mean gap")
@@ -169,29 +171,29 @@ def plot_leakage(law: Dataset, *, ax: Axes | None = None) -> Axes:
     if tight.size:
         ax.axvspan(tight[0], tight[-1], color="0.9", zorder=0, label="tight")
     ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)", ylabel="gap, aperture (µm)")
-    ax.set_title("what the interface lets through")
+    ax.set_title("hydraulic aperture of the interface")
     ax.legend()
     return ax
 
 
 def plot_shear_law(law: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot tangential traction over full slip against slip: sheared cells beside the bed."""
+    """Plot tangential traction over full slip against slip, of sheared cells and of the bed."""
     ax = axes_or_current(ax)
     pressure, friction = law["shear_pressure"].values, float(law["shear_friction"])
     slip = law["shear_slip"].values
     along = np.abs(slip).argmax(axis=1)
     for at, colour in zip(np.unique(pressure), cycle(f"C{k}" for k in range(10)), strict=False):
         for axis, mark, line in ((0, "o", "-"), (1, "s", "--")):
-            kept = (pressure == at) & (along == axis)
-            if not np.any(kept):
+            sheared = (pressure == at) & (along == axis)
+            if not np.any(sheared):
                 continue
-            way = 1e6 * np.append(0.0, slip[kept, axis])
+            length = 1e6 * np.append(0.0, slip[sheared, axis])
             cells, bed = (
-                np.append(0.0, law[name].values[kept, axis]) / (friction * at)
+                np.append(0.0, law[name].values[sheared, axis]) / (friction * at)
                 for name in ("shear_traction", "shear_bed_traction")
             )
-            ax.plot(way, cells, mark, color=colour, markersize=4)
-            ax.plot(way, bed, line, color=colour, label=f"{1e-6 * at:.3g} MPa, {'xy'[axis]}")
+            ax.plot(length, cells, mark, color=colour, markersize=4)
+            ax.plot(length, bed, line, color=colour, label=f"{1e-6 * at:.3g} MPa, {'xy'[axis]}")
     ax.set(xlabel="slip (µm)", ylabel="traction over full slip", title="sheared cells and bed")
     ax.legend()
     return ax
@@ -240,8 +242,8 @@ def plot_friction_bell(
         )
         shift = friction_at(law, temperature).peak_speed / reference.peak_speed
 
-        def bell(one: Any, shift: float = shift) -> np.ndarray:
-            return np.asarray(one.coefficient(nearest, along / shift))
+        def bell(sample: Any, shift: float = shift) -> np.ndarray:
+            return np.asarray(sample.coefficient(nearest, along / shift))
 
         try:
             low, high = law_band(law, bell)
@@ -268,17 +270,17 @@ def plot_footprint(
     quantity : {"pressure", "friction"}, normal pressure, or traction against the motion
     """
     ax = axes_or_current(ax)
-    one = result.isel(step=step)
-    x, y = 1e3 * one["point_position"].values[:, :2].T
-    traction = 1e-3 * one["traction"].values
+    at = result.isel(step=step)
+    x, y = 1e3 * at["point_position"].values[:, :2].T
+    traction = 1e-3 * at["traction"].values
     value = -traction[:, 0] if quantity == "pressure" else traction[:, 1]
     image = ax.tripcolor(x, y, value, shading="gouraud")
     ax.set_aspect("equal")
     ax.set(xlabel="along the motion (mm)", ylabel="across (mm)")
     add_colour_bar(image, ax, f"{quantity} (kPa)")
     ax.set_title(
-        f"{quantity} at {float(one['sliding_speed']):.3g} m/s and "
-        f"{float(one['temperature']) - ZERO_CELSIUS:.4g} °C"
+        f"{quantity} at {float(at['sliding_speed']):.3g} m/s and "
+        f"{float(at['temperature']) - ZERO_CELSIUS:.4g} °C"
     )
     return ax
 
@@ -288,6 +290,6 @@ def _temperatures(dataset: Dataset) -> list[tuple[float, str]]:
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
-    found = np.unique(dataset["temperature"].values)
-    shades = colormaps["plasma"](np.linspace(0.0, 0.8, found.size))
-    return [(float(one), to_hex(shade)) for one, shade in zip(found, shades, strict=True)]
+    values = np.unique(dataset["temperature"].values)
+    shades = colormaps["plasma"](np.linspace(0.0, 0.8, values.size))
+    return [(float(value), to_hex(shade)) for value, shade in zip(values, shades, strict=True)]

@@ -1,4 +1,4 @@
-"""Lines of variables, with the bands of their intervals, labelled as ``SHOWN`` says."""
+"""Lines of variables, with the bands of their intervals, with the labels of ``SHOWN``."""
 
 from collections.abc import Iterator
 
@@ -13,10 +13,10 @@ BANDS = {"one_part": 0.2, "mean_law": 0.45}
 """Both intervals of an answer, and the opacity of their bands."""
 
 STYLES = ("o-", "s--", "--", ":")
-"""Of several variables."""
+"""Line styles of several variables."""
 
 MOST_COLOURS, LARGEST_LEGEND = 10, 10
-"""Lines of which each has a colour of its own, and a legend."""
+"""Largest numbers of lines with different colours, and with a legend."""
 
 
 def plot_lines(
@@ -27,18 +27,18 @@ def plot_lines(
     ax: Axes | None = None,
     **settings: object,
 ) -> Axes:
-    """Plot variables over another one, with bands of the intervals of a single one.
+    """Plot variables over another variable; a single variable has the bands of its intervals.
 
     Parameters
     ----------
     data : Dataset
-    *names : str, variables of :data:`multiscale.schema.SHOWN`; those that are missing are left out
+    *names : str, variables of :data:`multiscale.schema.SHOWN`; missing variables are left out
     by : str
-        Dimension, or variable, of whose labels or values each has a line of its own.
-    over : str, variable on the horizontal axis; as ``SHOWN`` says, or the number, if not given
+        Dimension or variable; each of its labels or values has a line.
+    over : str, variable on the horizontal axis; by default as in ``SHOWN``, or the step number
     ax : Axes, optional
     **settings
-        Of the axes, such as ``xscale="log"``.
+        Settings of the axes, such as ``xscale="log"``.
     """
     ax, names = axes_or_current(ax), tuple(name for name in names if name in data)
     over = over or next((axis for axis in SHOWN[names[0]].over if axis in data), "")
@@ -46,13 +46,13 @@ def plot_lines(
     for name, style in zip(names, STYLES * len(names), strict=False):
         unit = unit_in(data, name)
         (along,) = data[over].dims if over else ("step",)
-        for part, label in _parts(data, by, str(along)):
-            x = part[over].to_numpy() if over else np.arange(part.sizes[along])
+        for line, label in _lines(data, by, str(along)):
+            x = line[over].to_numpy() if over else np.arange(line.sizes[along])
             if over:
                 x = unit_in(data, over).shown(x)
-            y, colour = unit.shown(part[name].to_numpy()), f"C{count % MOST_COLOURS}"
+            y, colour = unit.shown(line[name].to_numpy()), f"C{count % MOST_COLOURS}"
             if len(names) == 1:
-                draw_bands(part, name, x, ax, unit.scale, colour, labelled=not by)
+                draw_bands(line, name, x, ax, unit.scale, colour, labelled=not by)
             ax.plot(x, y, style, color=colour, markersize=4, label=label or SHOWN[name].label)
             count += 1
     ax.set(xlabel=_axis(data, over) if over else "step")
@@ -66,7 +66,7 @@ def plot_lines(
 
 
 def draw_bands(
-    part: Dataset,
+    line: Dataset,
     name: str,
     x: np.ndarray,
     ax: Axes,
@@ -75,10 +75,10 @@ def draw_bands(
     *,
     labelled: bool = True,
 ) -> None:
-    """Draw the intervals of a variable, as far as it has any, as bands."""
+    """Draw the intervals of a variable, if it has any, as bands."""
     for kind, alpha in BANDS.items():
-        if f"{name}_{kind}" in part:
-            ends = scale * part[f"{name}_{kind}"].to_numpy()
+        if f"{name}_{kind}" in line:
+            ends = scale * line[f"{name}_{kind}"].to_numpy()
             label = f"{kind.replace('_', ' ')}, 95 %" if labelled else None
             draw_band(ax, x, ends, colour, alpha=alpha, label=label)
 
@@ -96,8 +96,8 @@ def draw_band(
     ax.fill_between(x, *ends, color=colour, alpha=alpha, linewidth=0, label=label)
 
 
-def _parts(data: Dataset, by: str, along: str) -> Iterator[tuple[Dataset, str]]:
-    """Yield the parts of a dataset of which each has a line, and their labels."""
+def _lines(data: Dataset, by: str, along: str) -> Iterator[tuple[Dataset, str]]:
+    """Yield the selection of the dataset for each line, and its label."""
     if not by:
         yield data, ""
         return

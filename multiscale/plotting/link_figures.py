@@ -25,7 +25,7 @@ ENERGIES = (
     "numerical_dissipation",
     "damping_dissipation",
 )
-"""Parts of the energy of a motion."""
+"""Terms of the energy balance of a motion."""
 
 
 def plot_sorted_tensions(result: Dataset, *, ax: Axes | None = None) -> Axes:
@@ -57,15 +57,15 @@ def plot_deformed_links(
     Parameters
     ----------
     ax : Axes3D, where to draw
-    step : int, step; the last one if not given
+    step : int, step; the last step if not given
     scale : float, factor of the displacements
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    one = result.isel(step=step)
-    moved = one["position"].values + scale * one["displacement"].values
-    lines, tension = moved[one["ends"].values], 1e-3 * one["tension"].values
-    slack = one["slack"].values > 0.0
+    shown = result.isel(step=step)
+    moved = shown["position"].values + scale * shown["displacement"].values
+    lines, tension = moved[shown["ends"].values], 1e-3 * shown["tension"].values
+    slack = shown["slack"].values > 0.0
     largest, signed = float(np.abs(tension).max()) or 1.0, bool(tension.min() < 0.0)
     taut = Line3DCollection(
         lines[~slack], cmap="coolwarm" if signed else "viridis_r", linewidths=1.2
@@ -84,26 +84,26 @@ def plot_deformed_links(
     ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     ax.figure.colorbar(taut, ax=ax, label="tension (kN)", shrink=0.6, pad=0.12)
     name, symbol, unit = _step_coordinate(result)
-    ax.set_title(f"{symbol} = {float(one[name]):.3g}{unit}, displacements times {scale:g}")
+    ax.set_title(f"{symbol} = {float(shown[name]):.3g}{unit}, displacements times {scale:g}")
     return ax
 
 
 def plot_energies(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the parts of the energy of a moving structure or of grains over time.
+    """Plot the terms of the energy balance of a moving structure or of grains over time.
 
-    With the work of loads, negative, their sum is constant. Parts that are always zero are left
+    With the negative work of the loads their sum is constant. Terms that are always zero are left
     out.
     """
     ax, time = axes_or_current(ax), result["time"].to_numpy()
-    contacts = "contact_dissipation" in result  # which holds their elastic energy
+    contacts = "contact_dissipation" in result  # includes their elastic energy
     names = [name for name in ENERGIES if name in result]
     names = [name for name in names if not (contacts and name == "elastic_energy")]
-    parts = {SHOWN[name].label: result[name].to_numpy() for name in names}
-    parts["work, negative"] = -result["work"].to_numpy()
-    for label, energy in parts.items():
+    terms = {SHOWN[name].label: result[name].to_numpy() for name in names}
+    terms["work, negative"] = -result["work"].to_numpy()
+    for label, energy in terms.items():
         if np.nanmax(np.abs(energy)) > 0.0:
             ax.plot(time, energy, label=label)
-    ax.plot(time, np.sum([*parts.values()], axis=0), "k--", label="sum")
+    ax.plot(time, np.sum([*terms.values()], axis=0), "k--", label="sum")
     ax.set(xlabel="time (s)", ylabel="energy (J)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return ax

@@ -1,4 +1,4 @@
-"""Figures of a representative volume, of ``RVE`` where nothing else is said."""
+"""Figures of representative volumes; ``rve`` follows ``RVE``."""
 
 from itertools import product
 from typing import TYPE_CHECKING
@@ -72,15 +72,15 @@ def plot_rve(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
 
 
 def _void_faces(image: VoxelImage) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return faces of void voxels beside solid or the box, outward normals, voxels, and cuts."""
+    """Return faces of voids at solid or at the box, outward normals, voxels, and cuts."""
     corners, normals, voxels, cuts = [], [], [], []
     spacing = np.array(image.spacing)
     for axis, way in product(range(3), (0, 1)):
         void = np.moveaxis(image.void, axis, 0)
-        beside = np.ones_like(void)
+        bounded = np.ones_like(void)
         inner = (slice(1, None), slice(None, -1)) if way == 0 else (slice(None, -1), slice(1, None))
-        beside[inner[0]] = ~void[inner[1]]
-        at = np.argwhere(void & beside)
+        bounded[inner[0]] = ~void[inner[1]]
+        at = np.argwhere(void & bounded)
         end = 0 if way == 0 else void.shape[0] - 1
         cuts.append(at[:, 0] == end)
         square = np.array([[way, 0, 0], [way, 1, 0], [way, 1, 1], [way, 0, 1]])
@@ -92,7 +92,7 @@ def _void_faces(image: VoxelImage) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
         outward = np.zeros(3)
         outward[axis] = 1.0 - 2.0 * way
         normals.append(np.broadcast_to(outward, (len(at), 3)))
-    return tuple(np.concatenate(one) for one in (corners, normals, voxels, cuts))  # type: ignore[return-value]
+    return tuple(np.concatenate(arrays) for arrays in (corners, normals, voxels, cuts))  # type: ignore[return-value]
 
 
 def plot_rve_damage(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
@@ -103,7 +103,7 @@ def plot_rve_damage(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
 
 
 def plot_modulus_surface(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
-    """Draw the surface whose distance from the centre is Young's modulus along the direction."""
+    """Draw Young's modulus as the distance of a surface from the centre along each direction."""
     from matplotlib.ticker import MaxNLocator
     from scipy.spatial import ConvexHull
 
@@ -129,7 +129,7 @@ def plot_modulus_surface(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
 def plot_size_study(rve: Dataset, figure: "Figure") -> None:
     """Draw stiffness with all sides, and damage of the worst section, against size.
 
-    Lines are means over volumes and normals, and bands one standard deviation between volumes.
+    Lines are means over volumes and normals, and bands the standard deviation between volumes.
     """
     above, below = figure.subplots(2, 1, sharex=True)
     plot_size_stiffness(rve, ax=above)
@@ -175,9 +175,9 @@ def _band(
     sizes = np.unique(share)
     if not np.isfinite(value).any():
         return
-    own = [value[(share == one) & np.isfinite(value)] for one in sizes]
-    mean = np.array([one.mean() if one.size else np.nan for one in own])
-    spread = np.array([one.std(ddof=1) if one.size > 1 else 0.0 for one in own])
+    samples = [value[(share == size) & np.isfinite(value)] for size in sizes]
+    mean = np.array([sample.mean() if sample.size else np.nan for sample in samples])
+    spread = np.array([sample.std(ddof=1) if sample.size > 1 else 0.0 for sample in samples])
     edges = _edges(rve, sizes)
     edges = edges * length_unit(_edges(rve, share)).scale
     ax.plot(edges, mean, "o-", color=colour, label=label, markersize=4)
@@ -193,7 +193,7 @@ def plot_crack_damage(growth: Dataset, *, ax: Axes | None = None) -> Axes:
     whole = growth["share"].to_numpy() == 1.0
     strain = 1e6 * growth["strain"].to_numpy()[whole]
     stress = 1e-6 * growth["stress"].to_numpy()[whole]
-    ways = (np.pad(one, ((0, 0), (1, 0))).T for one in (strain, stress))  # elastic from rest
+    ways = (np.pad(values, ((0, 0), (1, 0))).T for values in (strain, stress))  # elastic from rest
     ax.plot(*ways, color="C0", linewidth=0.8)
     ax.set_xlabel("mean strain (µm/m)")
     ax.set_ylabel("mean stress (MPa)", color="C0")
@@ -229,7 +229,7 @@ def plot_cracked_load(cracked: Dataset, *, ax: Axes | None = None) -> Axes:
         if np.isfinite(ends).all():
             label = f"largest load, {kind.replace('_', ' ')}, 95 %"
             ax.axhspan(*ends, color=colour, zorder=0, label=label)
-    ax.set(xlabel="work of the loads at the factor one (J)", ylabel="factor of the loads")
+    ax.set(xlabel="work of the loads at factor 1 (J)", ylabel="factor of the loads")
     ax.set(xlim=(0.0, None), ylim=(0.0, None))
     ax.legend()
     return ax

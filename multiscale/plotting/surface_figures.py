@@ -1,4 +1,4 @@
-"""Figures of surfaces: measured ones, and heights, contact pressure and leakage of cells.
+"""Figures of measured surfaces, and of heights, contact pressure and leakage of cells.
 
 ``statistics`` follow ``SURFACE_STATISTICS`` and ``fields`` ``FIELDS``.
 """
@@ -28,10 +28,10 @@ __all__ = [
 ]
 
 SHOWN = (0.002, 0.998)
-"""Quantiles of the heights between which colours differ: a speck of dust takes no colours."""
+"""Quantiles of the heights at the ends of the colour scale, so that outliers do not stretch it."""
 
 SHOWN_DENSITY = 1e9
-"""Largest over smallest density that is shown: beyond cut-offs there is rounding alone."""
+"""Largest over smallest shown density; smaller densities are rounding beyond the cut-offs."""
 
 FAINT = 1e-2
 """Flow over its mean below which a channel is not drawn."""
@@ -39,7 +39,7 @@ FAINT = 1e-2
 
 def plot_surface(fields: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the heights of the composite surface."""
-    title = "heights of both bodies together, first realisation"
+    title = "sum of the heights of both bodies, first realisation"
     return _show_heights(_edges(fields), fields["height"].values, ax, title)
 
 
@@ -58,7 +58,7 @@ def plot_contact_map(fields: Dataset, *, step: int | None = None, ax: Axes | Non
 
     Parameters
     ----------
-    step : int, optional, load step; the middle one if not given
+    step : int, optional, load step; the middle step if not given
     """
     from matplotlib.patches import Patch
 
@@ -89,9 +89,9 @@ def plot_measured_heights(statistics: Dataset, *, ax: Axes | None = None) -> Axe
 def plot_spectral_density(
     statistics: Dataset, *, measured: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """Plot the spectral density over the wavelength; of a measured surface reliable waves and fit.
+    """Plot the spectral density over the wavelength, with fit and reliable range if measured.
 
-    The waves of a cell are all those that it was given.
+    All wavelengths of a cell are reliable.
     """
     ax = axes_or_current(ax)
     map_or_line = int(statistics["dimensions"])
@@ -99,15 +99,15 @@ def plot_spectral_density(
     wave = 2e6 * np.pi / statistics["wavenumber"].values
     ends = [1e6 * float(statistics[f"{end}_reliable"]) for end in ("shortest", "longest")]
     if measured and ends[0] < ends[1]:
-        ax.axvspan(*ends, color="0.9", label="reliable waves")
+        ax.axvspan(*ends, color="0.9", label="reliable wavelengths")
     scale = 1e6 ** (2 + map_or_line)
     density = scale * statistics[name].values
     ax.loglog(wave, density, color="C0", linewidth=1.0, label="measured")
     if measured and (fit := fit_of_statistics(statistics)) is not None:
         q = 2.0 * np.pi / np.geomspace(statistics["longest_reliable"], statistics["fitted_to"], 99)
         q = q[q >= 2.0 * np.pi / float(statistics["longest_wave"])]
-        told = f"fit, Hurst exponent {fit.hurst_exponent:.2g}"
-        ax.loglog(2e6 * np.pi / q, scale * fit.density(q), "k--", label=told)
+        label = f"fit, Hurst exponent {fit.hurst_exponent:.2g}"
+        ax.loglog(2e6 * np.pi / q, scale * fit.density(q), "k--", label=label)
     lowest = 0.1 * float(np.min(density[wave >= 0.5 * ends[0]]))
     ax.set_ylim(bottom=max(lowest, float(density.max()) / SHOWN_DENSITY))
     ax.invert_xaxis()
@@ -165,7 +165,7 @@ def _show_heights(
     title: str,
     shown: tuple[float, float] = (0.0, 1.0),
 ) -> Axes:
-    """Show heights over their mean, m, with colours that differ between two of their quantiles."""
+    """Show heights over their mean, m, with a colour scale between two quantiles."""
     level = height - height.mean()
     largest = float(np.abs(np.quantile(level, shown)).max())
     unit = length_unit([largest])
@@ -178,7 +178,7 @@ def _show_heights(
 def _show(
     size: np.ndarray, values: np.ndarray, ax: Axes | None, title: str, **style: Any
 ) -> "AxesImage":
-    """Show values over a map of a size, m."""
+    """Show values as a map with edges ``size``, m."""
     ax, unit = axes_or_current(ax), length_unit(size)
     right, top = unit.scale * size
     image = ax.imshow(values, origin="lower", extent=(0.0, right, 0.0, top), **style)

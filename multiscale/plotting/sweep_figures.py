@@ -1,4 +1,4 @@
-"""Figures of a sweep, which follows ``SWEEP``."""
+"""Figures of a sweep; a ``result`` follows ``SWEEP``."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from multiscale.plotting.figure import Axes, axes_or_current
 from multiscale.plotting.lines import draw_band
 from multiscale.schema import Dataset
 
-__all__ = ["plot_sweep", "plot_sweep_steps", "say_key", "sweep_ends"]
+__all__ = ["key_in_words", "plot_sweep", "plot_sweep_steps", "sweep_ends"]
 
 LARGEST_LEGEND = 10
 """Largest number of lines with a legend."""
@@ -15,15 +15,15 @@ DECADE = 10.0
 """Largest over smallest value of a key from which its axis is logarithmic."""
 
 INTERVALS = {"mean_law": 0.2, "one_part": 0.08}
-"""Intervals of answers, and how opaque their bands are."""
+"""Intervals of answers, and the opacity of their bands."""
 
 
-def say_key(key: str) -> str:
+def key_in_words(key: str) -> str:
     """Return a key of a case in words.
 
     Examples
     --------
-    >>> say_key("body_1.surface.rms_height")
+    >>> key_in_words("body_1.surface.rms_height")
     'rms height of surface of body 1'
     """
     return " of ".join(reversed(key.split("."))).replace("_", " ")
@@ -41,23 +41,23 @@ def sweep_ends(result: Dataset, answer: str) -> Dataset:
     -------
     Dataset
         Along ``point``, in SI units: ``value``, and ``mean_law`` and ``one_part`` with the
-        dimension ``limit``, NaN where there is none.
+        dimension ``limit``, NaN where missing.
     """
     import xarray as xr
 
     place = result["answer_place"].sel(answer=answer, drop=True)
     blank = xr.DataArray(np.full((result.sizes["point"], 2), np.nan), dims=("point", "limit"))
-    found = {"value": result[answer]}
-    found |= {kind: result.get(f"{answer}_{kind}", blank) for kind in INTERVALS}
+    variables = {"value": result[answer]}
+    variables |= {kind: result.get(f"{answer}_{kind}", blank) for kind in INTERVALS}
     ends = {}
-    for name, values in found.items():
+    for name, values in variables.items():
         (along,) = set(values.dims) - {"point", "limit"} or {None}
         ends[name] = values if along is None else values.isel({along: place})
     return xr.Dataset({name: values.drop_vars(values.coords) for name, values in ends.items()})
 
 
 def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
-    """Plot an answer over the swept key of most values, a line for each setting of the others.
+    """Plot an answer over the swept key with most values, a line for each setting of other keys.
 
     Bars are the 95 % interval of the mean law; bands are this interval and, lighter, the interval
     of one part.
@@ -65,7 +65,7 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result : Dataset
-    answer : str, one of the coordinate ``answer``, such as ``"joint_stiffness"``
+    answer : str, label of the coordinate ``answer``, such as ``"joint_stiffness"``
     ax : Axes, optional, axes to draw on
     """
     import matplotlib
@@ -75,33 +75,37 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
     settings = result["setting"].values.astype(str)
     along = int(np.argmax([np.unique(column).size for column in settings.T]))
     key = str(result["parameter"].values[along])
-    said, of_text = list(dict.fromkeys(settings[:, along])), result[key].dtype.kind in "OUT"
-    x = np.array([said.index(one) for one in settings[:, along]]) if of_text else result[key].values
+    of_text, names = result[key].dtype.kind in "OUT", list(dict.fromkeys(settings[:, along]))
+    x = result[key].values
+    if of_text:
+        x = np.array([names.index(setting) for setting in settings[:, along]])
     others = [", ".join(map(str, row)) for row in np.delete(settings, along, axis=1)]
     lines = list(dict.fromkeys(others))
     ends, scale = sweep_ends(result, answer), float(result["answer_scale"].sel(answer=answer))
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(lines)))
     for line, colour in zip(lines, colours, strict=True):
-        mine = np.array([k for k in np.argsort(x, kind="stable") if others[k] == line])
-        value = scale * ends["value"].values[mine]
+        points = np.array([k for k in np.argsort(x, kind="stable") if others[k] == line])
+        value = scale * ends["value"].values[points]
         for kind, alpha in INTERVALS.items():
-            band = scale * ends[kind].values[mine].T
-            draw_band(ax, x[mine], band, colour, alpha=alpha, label=None)
-        bars = np.abs(scale * ends["mean_law"].values[mine].T - value)
+            band = scale * ends[kind].values[points].T
+            draw_band(ax, x[points], band, colour, alpha=alpha, label=None)
+        bars = np.abs(scale * ends["mean_law"].values[points].T - value)
         marks = "o:" if of_text else "o-"
-        ax.errorbar(x[mine], value, bars, fmt=marks, color=colour, capsize=2, label=line)
+        ax.errorbar(x[points], value, bars, fmt=marks, color=colour, capsize=2, label=line)
     if of_text:
-        ax.set_xticks(range(len(said)), said)
+        ax.set_xticks(range(len(names)), names)
     elif x.min() > 0.0 and x.max() >= DECADE * x.min():
         ax.set_xscale("log")
     unit = str(result[key].attrs.get("units", "1"))
     if unit != "1":
         ax.xaxis.set_major_formatter(EngFormatter(unit.replace("u", "µ")))
     _label_answer(result, answer, ax)
-    ax.set_xlabel(say_key(key))
+    ax.set_xlabel(key_in_words(key))
     if lines != [""] and len(lines) <= LARGEST_LEGEND:
         keys = np.delete(result["parameter"].values, along)
-        ax.legend(title=", ".join(map(say_key, keys)), fontsize="small", title_fontsize="small")
+        ax.legend(
+            title=", ".join(map(key_in_words, keys)), fontsize="small", title_fontsize="small"
+        )
     return ax
 
 
@@ -111,14 +115,14 @@ def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) ->
     Parameters
     ----------
     result : Dataset
-    answer : str, one of the coordinate ``answer`` whose ``answer_over`` is another
+    answer : str, label of the coordinate ``answer`` with an ``answer_over``
     ax : Axes, optional, axes to draw on
     """
     import matplotlib
 
     ax, count = axes_or_current(ax), result.sizes["point"]
     over = str(result["answer_over"].sel(answer=answer).values)
-    scale, wide = (float(result["answer_scale"].sel(answer=one)) for one in (answer, over))
+    scale, wide = (float(result["answer_scale"].sel(answer=name)) for name in (answer, over))
     for k, colour in enumerate(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, count))):
         point = result.isel(point=k)
         label = ", ".join(map(str, point["setting"].values)) if count <= LARGEST_LEGEND else None
@@ -129,7 +133,7 @@ def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) ->
                 draw_band(ax, wide * point[over].to_numpy(), band, colour, alpha=alpha, label=None)
     _label_answer(result, answer, ax)
     _label_answer(result, over, ax, axis="x")
-    ax.set_title(", ".join(map(say_key, result["parameter"].values)))
+    ax.set_title(", ".join(map(key_in_words, result["parameter"].values)))
     if count <= LARGEST_LEGEND:
         ax.legend(fontsize="small")
     return ax
@@ -137,6 +141,6 @@ def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) ->
 
 def _label_answer(result: Dataset, answer: str, ax: Axes, axis: str = "y") -> None:
     label, unit = (
-        str(result[f"answer_{it}"].sel(answer=answer).values) for it in ("label", "unit")
+        str(result[f"answer_{column}"].sel(answer=answer).values) for column in ("label", "unit")
     )
     ax.set(**{f"{axis}label": label if unit == "1" else f"{label} ({unit})"})

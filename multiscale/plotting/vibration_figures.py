@@ -37,10 +37,10 @@ def plot_backbone(
     mode: int | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot frequency or damping of a mode, the first one if not given, against its amplitude."""
+    """Plot frequency or damping of a mode, the first mode if not given, against its amplitude."""
     number = int(result["step_mode"][0]) if mode is None else mode
-    one = result.isel(step=np.flatnonzero(result["step_mode"] == number))
-    ax = plot_lines(one, quantity, ax=ax, xscale="log", title=f"mode {number}")
+    backbone = result.isel(step=np.flatnonzero(result["step_mode"] == number))
+    ax = plot_lines(backbone, quantity, ax=ax, xscale="log", title=f"mode {number}")
     if quantity == "frequency":
         still = float(result["mode_frequency"].sel(mode=number))
         ax.axhline(still, color="0.6", linewidth=0.8, label="at rest")
@@ -61,7 +61,7 @@ def plot_mode_shape(result: Dataset, *, mode: int = 1, ax: Axes | None = None) -
     along = int(np.argmax(extent))
     across = int(np.argmax(np.where(np.arange(3) == along, -1.0, motion)))
     size, faces = np.linalg.norm(shape, axis=1), outer_faces(result["corners"].values).corners
-    faces = faces[np.argsort(place[faces].mean(axis=1)[:, 3 - along - across])]  # far ones first
+    faces = faces[np.argsort(place[faces].mean(axis=1)[:, 3 - along - across])]  # far faces first
     moved = 1e3 * (place + LEAN * extent.max() / size.max() * shape)[:, [along, across]]
     still = 1e3 * place[:, [along, across]]
     ax.add_collection(PolyCollection(list(still[faces]), facecolors="none", edgecolors="0.85"))
@@ -83,9 +83,9 @@ def plot_vibrating_joint(
     joint: int = 0,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot pressure at a joint, or the share of it at sliding, at an amplitude, in one direction.
+    """Plot the pressure of a joint, or its share at sliding, at an amplitude in one direction.
 
-    Open points have no such share, and no colour.
+    Open points have no share, and no colour.
 
     Parameters
     ----------
@@ -97,13 +97,16 @@ def plot_vibrating_joint(
 
     ax = axes_or_current(ax)
     name, unit = AT_POINTS[quantity]
-    mine = np.flatnonzero(result["point_joint"].values == joint)
-    value = unit.scale * result[quantity].values[0, step, mine]
+    points = np.flatnonzero(result["point_joint"].values == joint)
+    value = unit.scale * result[quantity].values[0, step, points]
     if quantity == "slipping":
-        pressure, area = result["pressure"].values[0, step, mine], result["point_area"].values[mine]
+        pressure, area = (
+            result["pressure"].values[0, step, points],
+            result["point_area"].values[points],
+        )
         mean = np.maximum(pressure, 0.0) @ area / area.sum()
         value = np.where(pressure > OPEN * mean, value, np.nan)
-    dots = draw_points(result, mine, value, ax)
+    dots = draw_points(result, points, value, ax)
     dots.set_clim(0.0, max(float(np.nanmax(value)), np.finfo(float).tiny))
     add_colour_bar(dots, ax, f"{name} ({unit.name})")
     along = length_unit(result["largest_displacement"].values[[step]])
@@ -115,14 +118,14 @@ def plot_vibrating_joint(
 
 
 def vibration_pictures(result: Dataset, most: int) -> dict[str, Callable[..., object]]:
-    """Return what is drawn of vibration, by name: modes and joints, at most so many of each."""
+    """Return the plots of vibration, by name, of at most ``most`` modes and joints."""
     draw: dict[str, Callable[..., object]] = {}
     followed = list(dict.fromkeys(result["step_mode"].values.tolist()))[:most]
     for k, mode in enumerate(followed):
         draw[f"mode_shape_{k}"] = partial(plot_mode_shape, result, mode=mode)
         for quantity in QUANTITIES:
-            mine = result[quantity].values[result["step_mode"].values == mode]
-            if np.isfinite(mine).sum() > 1:  # one amplitude is no line
+            backbone = result[quantity].values[result["step_mode"].values == mode]
+            if np.isfinite(backbone).sum() > 1:  # a line needs two amplitudes
                 draw[f"{quantity}_{k}"] = partial(
                     plot_backbone, result, quantity=quantity, mode=mode
                 )

@@ -17,7 +17,7 @@ QUANTITIES = {"wall_time": ("wall time (s)", 1.0), "peak_memory": ("peak memory 
 """Label and unit factor of each quantity that can be plotted."""
 
 SETTINGS = ("points", "realisations", "time_step", "tolerance")
-"""Variables that label the runs of a method; the first one in the dataset is taken."""
+"""Variables that label the runs of a method; the first in the dataset is used."""
 
 SMALLEST_ERROR = 1e-17
 """Value at which an error of zero is drawn, dimensionless."""
@@ -41,7 +41,7 @@ def plot_work_precision(
 
     Parameters
     ----------
-    scene : str, optional, scene whose runs are plotted; all scenes if not given
+    scene : str, optional, plotted scene; all scenes if not given
     error : str
         Variable to plot. ``own_ERROR`` is the error against the limit of the method, and
         ``ERROR_uncertainty`` the uncertainty of the reference.
@@ -52,16 +52,16 @@ def plot_work_precision(
         runs = runs.isel(run=np.flatnonzero(runs["scene"].values == scene))
         ax.set_title(scene)
     for k, method in enumerate(dict.fromkeys(runs["method"].values)):
-        of = runs.isel(run=np.flatnonzero(runs["method"].values == method))
-        time = of["wall_time"].values
-        ax.plot(time, of[error].values, "o-", color=f"C{k}", label=method)
-        if f"own_{error}" in of:
-            own = of[f"own_{error}"].values
-            ax.plot(time, own, "--", color=f"C{k}", linewidth=0.8)
-        for run, label in enumerate(_labels(of)):
+        method_runs = runs.isel(run=np.flatnonzero(runs["method"].values == method))
+        time = method_runs["wall_time"].values
+        ax.plot(time, method_runs[error].values, "o-", color=f"C{k}", label=method)
+        if f"own_{error}" in method_runs:
+            limit_error = method_runs[f"own_{error}"].values
+            ax.plot(time, limit_error, "--", color=f"C{k}", linewidth=0.8)
+        for run, label in enumerate(_labels(method_runs)):
             ax.annotate(
                 label,
-                (time[run], float(of[error][run])),
+                (time[run], float(method_runs[error][run])),
                 xytext=(3, 3),
                 textcoords="offset points",
                 fontsize=6,
@@ -97,7 +97,7 @@ def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None)
 
     Parameters
     ----------
-    scene : str, scene whose runs are plotted
+    scene : str, plotted scene
     """
     ax = axes_or_current(ax)
     methods = list(dict.fromkeys(work_precision["method"].values))
@@ -105,9 +105,9 @@ def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None)
         run = work_precision.isel(run=k)
         rank = methods.index(run["method"].item())
         color = "black" if rank == 0 else f"C{rank - 1}"
-        mine = work_precision["history_run"].values == k
-        error = np.fmin.accumulate(work_precision["history_error"].values[mine])
-        time = [*work_precision["history_seconds"].values[mine], float(run["wall_time"])]
+        samples = work_precision["history_run"].values == k
+        error = np.fmin.accumulate(work_precision["history_error"].values[samples])
+        time = [*work_precision["history_seconds"].values[samples], float(run["wall_time"])]
         error = np.maximum([*error, float(run["error"])], SMALLEST_ERROR)
         ax.plot(time, error, color=color, label=methods[rank])
         face = color if run["converged"] else "white"
@@ -178,16 +178,16 @@ def plot_growth(
     cables, cost = runs["cables"].values, runs[quantity].values
     for i, method in enumerate(methods):
         for scene in scenes:
-            mine = (runs["method"].values == method) & (runs["scene"].values == scene)
+            chosen = (runs["method"].values == method) & (runs["scene"].values == scene)
             first = scene == scenes[0]
             ax.plot(
-                cables[mine],
-                factor * cost[mine],
+                cables[chosen],
+                factor * cost[chosen],
                 "o-" if first else "s--",
                 color=f"C{i}",
                 markersize=5 if first else 8,
                 markerfacecolor=f"C{i}" if first else "none",
-                label=f"{method}, {scene}{_growth(quantity, cables[mine], cost[mine])}",
+                label=f"{method}, {scene}{_growth(quantity, cables[chosen], cost[chosen])}",
             )
     ax.set(xscale="log", yscale="log", xlabel="number of cables", ylabel=label)
     if cables.size:

@@ -101,6 +101,6 @@ def test_all_figures_of_a_joint_are_written(result, tmp_path):
 
 def test_a_joint_that_slid_away_at_once_is_refused_with_the_reason(result, tmp_path):
     failed = result.assign(slip_fraction=result["slip_fraction"] * np.nan)
-    with pytest.raises(CaseError, match=r"no step has an answer, .* to draw: it slides away"):
+    with pytest.raises(CaseError, match=r"no step has an answer, .* can be drawn: it slides away"):
         ROUGH_JOINTS.draw(failed.assign_attrs(failure="it slides away"), tmp_path / "figures")
     assert not (tmp_path / "figures").exists()

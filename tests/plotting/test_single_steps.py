@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 
-from multiscale.pipeline.showing import say_mean
+from multiscale.pipeline.showing import format_mean
 from multiscale.plotting import load_pictures, vibration_pictures
 
 NAN = np.nan
@@ -46,5 +46,5 @@ def test_frequencies_are_drawn_from_two_amplitudes_on(second, drawn):
 
 
 def test_values_that_are_alike_have_no_scatter():
-    assert say_mean(np.full(3, 0.3431) + 1e-16 * np.arange(3)) == "0.3431"
-    assert say_mean(np.array([0.3431, 0.3412, 0.3450])) == "0.3431 ± 0.0019"
+    assert format_mean(np.full(3, 0.3431) + 1e-16 * np.arange(3)) == "0.3431"
+    assert format_mean(np.array([0.3431, 0.3412, 0.3450])) == "0.3431 ± 0.0019"
