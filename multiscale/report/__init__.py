@@ -1,4 +1,4 @@
-"""What a run has found, as tables and as a page."""
+"""Results of a run, as tables and as a page."""
 
 from multiscale.report.page import (
     FinishedRun,

@@ -1,4 +1,4 @@
-"""A finished run or sweep: what its stages print, its figures, and its page without scripts."""
+"""A finished run or sweep: its printed lines, its figures, and its page without scripts."""
 
 import base64
 import csv
@@ -31,7 +31,7 @@ from multiscale.io import (
 from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section, Shown, ShowProgress, Summary, unseen
 from multiscale.plotting.figure import DOTS_PER_INCH, WIDE, is_drawn
-from multiscale.plotting.sweep_figures import say_key
+from multiscale.plotting.sweep_figures import key_in_words
 from multiscale.schema import SURFACE_STATISTICS, Dataset
 
 if TYPE_CHECKING:
@@ -54,25 +54,27 @@ Figures: TypeAlias = Sequence[tuple[Path, Callable[[Path], Path]]]
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """What the folder of a finished run or sweep holds."""
+    """Content of the folder of a finished run or sweep."""
 
     out: Path
     stages: tuple[Shown, ...]  # in the order in which they were run, or the points of a sweep
     found: dict[str, Dataset]  # datasets of the stages, by name
     cautions: list[str]  # one sentence each
-    failure: str  # why steps have no answer, where that makes a command end with 1
+    failure: str  # why steps have no answer, if the command ends with status 1; or empty
     case: dict[str, Any]  # content of the case file
 
     def sections(self) -> list[Section]:
-        """Return what the stages show on the page, the last stage first."""
+        """Return the sections of the page, the last stage first."""
         return [
-            part for stage in self.stages[::-1] for part in stage.sections(self.found, self.out)
+            section
+            for stage in self.stages[::-1]
+            for section in stage.sections(self.found, self.out)
         ]
 
     def lines(self) -> Iterator[str]:
-        """Yield what the stages tell on the command line, the last stage first.
+        """Yield the lines of the stages on the command line, the last stage first.
 
-        The stage of the summary tells its answer if it prints nothing else.
+        The stage of the summary prints its answer if it has no other lines.
         """
         for stage in self.stages[::-1]:
             sections = stage.sections(self.found, self.out)
@@ -86,7 +88,7 @@ class FinishedRun:
 
     @property
     def summary(self) -> Summary:
-        """What the run was for, and its answer."""
+        """Question and answer of the run."""
         return self.answering.summary(self.found[self.answering.name])
 
     @property
@@ -96,7 +98,7 @@ class FinishedRun:
 
 
 def open_finished(out: Path) -> FinishedRun:
-    """Open what a finished run or sweep has left."""
+    """Open the folder of a finished run or sweep."""
     from multiscale.pipeline.run_folder import gather_cautions, open_stages
     from multiscale.pipeline.tables.toml_model import read_toml
 
@@ -135,13 +137,13 @@ def draw_sections(out: Path, sections: Iterable[Section]) -> list[Path]:
         for section in sections
         for name, draw in section.figures.items()
     ]
-    here, beside = figures[::2], figures[1::2]
-    other = _fork(beside)
+    here, forked = figures[::2], figures[1::2]
+    other = _fork(forked)
     _draw(here)
     if other is not None:
         other.join()
-    if other is None or other.exitcode != 0:  # here what has failed there says why
-        _draw(beside)
+    if other is None or other.exitcode != 0:  # draw again here, to raise the error
+        _draw(forked)
     return [file for file, _ in figures]
 
 
@@ -152,7 +154,7 @@ def _draw(figures: Figures) -> None:
 
 def _fork(figures: Figures) -> "BaseProcess | None":
     """Begin to draw figures in a copy of this process, where that is safe: without threads."""
-    solved = "numba" in sys.modules  # libraries may have threads that Python does not count
+    solved = "numba" in sys.modules  # its libraries may have threads unknown to Python
     if sys.platform != "linux" or solved or active_count() > 1 or cores() < 2 or not figures:
         return None
     import matplotlib.figure  # noqa: F401 (once for both)
@@ -190,9 +192,11 @@ def write_inspection(out: str | Path, statistics: Dataset) -> Path:
     """Write dataset, figures and ``report.html`` of an inspected surface into a folder."""
     name, folder = INSPECTION.name, make_folder(Path(out))
     write_dataset(statistics, folder / INSPECTION.file, SURFACE_STATISTICS)
-    kept = open_dataset(folder / INSPECTION.file, SURFACE_STATISTICS)
-    cautions = list(INSPECTION.cautions(kept))
-    run = FinishedRun(folder, (INSPECTION,), {name: kept}, cautions, "", {"surface": kept.title})
+    written = open_dataset(folder / INSPECTION.file, SURFACE_STATISTICS)
+    cautions = list(INSPECTION.cautions(written))
+    run = FinishedRun(
+        folder, (INSPECTION,), {name: written}, cautions, "", {"surface": written.title}
+    )
     sections = run.sections()
     draw_sections(folder, sections)
     return _write(run, sections)
@@ -207,7 +211,7 @@ def write_reports(
 ) -> None:
     """Draw the figures and write the reports of the points of a sweep in a folder.
 
-    The points are those that have a result and a folder, and a report older than their datasets.
+    Points without a result or a folder, or with a report newer than their datasets, are skipped.
     """
     solved = [Path(out) / str(name) for name in sweep["folder"].values[sweep["failure"] == ""]]
     folders = [folder for folder in solved if any(folder.glob("*.nc"))]
@@ -238,15 +242,15 @@ def _write(run: FinishedRun, sections: list[Section]) -> Path:
 
 
 def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
-    """Arrange what the template shows: head, and sections with their pictures and downloads."""
+    """Return the variables of the template: head, and sections with pictures and downloads."""
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
     sections = [*sections, _inputs(run), *_work(run)]
     head, keys = run.summary, {key.removeprefix("sweep.") for key, _ in _keys(run.case)}
 
     def in_words(sentence: str) -> str:
-        """Write keys of the case and names of bodies in words, for readers who have not seen it."""
+        """Write keys of the case and names of bodies in words, for readers without the case."""
         for key in keys:
-            sentence = re.sub(rf"\b{re.escape(key)}\b", say_key(key), sentence)
+            sentence = re.sub(rf"\b{re.escape(key)}\b", key_in_words(key), sentence)
         return re.sub(r"\bbody_(?=\d)(?!\d\.\w)", "body ", sentence)  # not of tables
 
     return {
@@ -314,12 +318,12 @@ def _inputs(run: FinishedRun) -> Section:
 
 
 def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...]]:
-    """Give the keys of a case with their values as the file says them, tables flattened."""
+    """Yield the keys of a case with their values as in the file, tables flattened."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _keys(value, f"{prefix}{key}.")
         elif isinstance(value, list):
-            if value:  # or it stands for nothing
+            if value:  # an empty list is a default
                 yield f"{prefix}{key}", ", ".join(map(str, value))
         elif isinstance(value, bool):
             yield f"{prefix}{key}", str(value).lower()
@@ -328,14 +332,14 @@ def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...
 
 
 def _work(run: FinishedRun) -> Iterator[Section]:
-    """Say what was computed, with what, by which command and when, and how to cite it."""
+    """Yield the sections on work, provenance and citation."""
     counted = [row for stage in run.stages for row in stage.work(run.found)]
-    said = run.found[run.stages[-1].name].attrs
+    attributes = run.found[run.stages[-1].name].attrs
     names = {"source": "program", "environment": "computed with", "history": "command"}
-    told = [(name, str(said[key])) for key, name in names.items() if key in said]
-    yield Section("Work and provenance", rows=[*counted, *told])
-    day = str(said.get("history", ""))[:10]
-    program = said.get("source", "multiscale")
+    provenance = [(name, str(attributes[key])) for key, name in names.items() if key in attributes]
+    yield Section("Work and provenance", rows=[*counted, *provenance])
+    day = str(attributes.get("history", ""))[:10]
+    program = attributes.get("source", "multiscale")
     yield Section(
         "Citation",
         [

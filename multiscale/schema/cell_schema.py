@@ -27,7 +27,7 @@ LOADING, UNLOADING, HOLDING = range(3)
 
 
 def branch_of(load: np.ndarray) -> np.ndarray:
-    """Tell the branch of each step of a path."""
+    """Return the branch of each step of a path."""
     load = np.maximum(np.asarray(load, dtype=float), 0.0)
     before = np.maximum.accumulate([0.0, *load[:-1]])
     above, below = (load > before * (1.0 + 1e-9)), (load < before * (1.0 - 1e-9))
@@ -44,7 +44,7 @@ _stage = partial(Variable, ("body", "stage"))
 MICRO_RESPONSE = Schema(
     name="micro_response",
     version=2,
-    news="the branch of every step, which solve_cell and branch_of give",
+    news="the branch of every step, from solve_cell and branch_of",
     variables={
         "displacement_jump": _vector("m", "mean displacement jump"),
         "traction": _vector("Pa", "averaged traction, eqs (2)-(3)"),
@@ -60,7 +60,7 @@ MICRO_RESPONSE = Schema(
         "real_pressure": _cell("Pa", "mean pressure on the real contact area"),
         "recovered_traction": _vector("Pa", "averaged traction from the recovered Cauchy stress"),
         "traction_by_normal": _vector(
-            "Pa", "part of the averaged traction that the local normal tractions make, eqs (2)-(3)"
+            "Pa", "averaged traction of the local normal tractions only, eqs (2)-(3)"
         ),
         "spot_area": Variable(
             ("realisation", "step", "spot"), "m2", "real area of each contact spot"
@@ -73,25 +73,25 @@ MICRO_RESPONSE = Schema(
         "spot_traction_by_normal": Variable(
             ("realisation", "step", "spot", "component"),
             "Pa",
-            "part of this share that the local normal tractions make",
+            "share of each spot from the local normal tractions only",
         ),
         "hydraulic_aperture": _flow("m", "hydraulic aperture of the gap along x and y"),
-        "percolating_share": _flow("1", "share of the cell in paths of the gap that lead through"),
+        "percolating_share": _flow("1", "share of the cell in percolating paths of the gap"),
         "slip_fraction": _cell("1", "share of the contact nodes that slip"),
         "friction_work": _cell("J m-2", "work of friction since the start, per area"),
-        "flowing_fraction": _cell("1", "share of the Gauss points that flow"),
-        "increments": _cell("1", "increments that the step took"),
+        "flowing_fraction": _cell("1", "share of the yielding Gauss points"),
+        "increments": _cell("1", "number of increments of the step"),
         "mean_gap_increment_error": _step(
-            "1", "error of the gap by the increments of a body that flows, relative"
+            "1", "relative error of the gap by the increments of a yielding body"
         ),
         "contact_fraction_increment_error": _step(
-            "1", "error of the area by the increments of a body that flows, relative"
+            "1", "relative error of the area by the increments of a yielding body"
         ),
         "mean_gap_slope_error": _step(
-            "1", "error of the gap by slopes that are taken as small, relative"
+            "1", "relative error of the gap by the assumption of small slopes"
         ),
         "contact_fraction_slope_error": _step(
-            "1", "error of the area by slopes that are taken as small, relative"
+            "1", "relative error of the area by the assumption of small slopes"
         ),
         "time": _step("s", "time at the end of the step"),
         "pressure": Variable(("realisation", "step", "y", "x"), "Pa", "local contact pressure"),
@@ -122,7 +122,7 @@ SHEAR_RESPONSE = replace(MICRO_RESPONSE, name="shear_response", version=1, news=
 """Cells of two bodies that are pressed over the pressures of a law, then sheared."""
 
 CONTROL_RESPONSE = replace(MICRO_RESPONSE, name="control_response", version=1, news="")
-"""Many cheap cells, the first of them on the surfaces of the cells of a response."""
+"""Flat control cells, the first of them on the surfaces of the cells of a response."""
 
 COARSER_RESPONSE = replace(MICRO_RESPONSE, name="coarser_response", version=1, news="")
 COARSER_SHEAR_RESPONSE = replace(SHEAR_RESPONSE, name="coarser_shear_response")
@@ -135,14 +135,14 @@ SLIDING_RESPONSE = Schema(
     version=1,
     variables={
         "traction": Variable(("load", "step", "component"), "Pa", "averaged traction, eqs (2)-(3)"),
-        "effective_friction": _slide("1", "traction along the motion over the normal one"),
+        "effective_friction": _slide("1", "traction along the motion over normal traction"),
         "steady_friction": Variable(("load",), "1", "mean friction over the last period"),
         "mean_gap": _slide("m", "mean distance of the deformed surfaces"),
         "contact_fraction": _slide("1", "real over nominal contact area"),
         "converged": _slide("1", "whether the contact solver converged"),
         "active_set_iterations": _slide("1", "number of Newton iterations"),
         "linear_iterations": _slide("1", "number of Krylov iterations"),
-        "increments": _slide("1", "increments that the step took"),
+        "increments": _slide("1", "number of increments of the step"),
         "wall_time": _slide("s", "wall time of the step"),
     },
     optional={
@@ -150,7 +150,7 @@ SLIDING_RESPONSE = Schema(
         "sliding_distance": _step("m", "distance slid since the start"),
         "slip_fraction": _slide("1", "share of the contact nodes that slip"),
         "friction_work": _slide("J m-2", "work of friction since the start, per area"),
-        "flowing_fraction": _slide("1", "share of the Gauss points that flow"),
+        "flowing_fraction": _slide("1", "share of the yielding Gauss points"),
     },
 )
 
@@ -181,19 +181,19 @@ SURFACE_STATISTICS = Schema(
         "size": Variable(("direction",), "m", "edge lengths along x and y"),
         "rms_height": _number("m", "root mean square height"),
         "rms_slope": _number("1", "root mean square slope"),
-        "longest_wave": _number("m", "wave beyond which a hundredth of the mean square height is"),
-        "shortest_wave": _number("m", "wave below which a hundredth of the mean square slope is"),
-        "longest_reliable": _number("m", "longest reliable wave"),
-        "shortest_reliable": _number("m", "shortest reliable wave"),
+        "longest_wave": _number("m", "wavelength above which 1 % of the mean square height lies"),
+        "shortest_wave": _number("m", "wavelength below which 1 % of the mean square slope lies"),
+        "longest_reliable": _number("m", "longest reliable wavelength"),
+        "shortest_reliable": _number("m", "shortest reliable wavelength"),
         "skewness": _number("1", "skewness of the heights"),
         "kurtosis": _number("1", "kurtosis of the heights, 3 if they are Gaussian"),
         "peak_to_valley": _number("m", "highest less lowest height"),
-        "nayak_parameter": _number("1", "Nayak's parameter of the reliable waves"),
+        "nayak_parameter": _number("1", "Nayak's parameter of the reliable wavelengths"),
         "filled_share": _number("1", "share of undefined points, which were filled"),
         "hurst_exponent": _number("1", "Hurst exponent of the self-affine fit"),
-        "roll_off": _number("m", "wave above which the fit is flat"),
-        "fitted_to": _number("m", "shortest wave of the fit"),
-        "fit_level": _number("1", "density of the flat part, in the unit of the density"),
+        "roll_off": _number("m", "wavelength above which the fit is flat"),
+        "fitted_to": _number("m", "shortest wavelength of the fit"),
+        "fit_level": _number("1", "density of the plateau, in the unit of the density"),
         "fit_deviation": _number("1", "rms deviation of the density from the fit, decades"),
         "lay_angle": _number("rad", "angle of the lay to the x axis"),
         "lay_ratio": _number("1", "rms slope across the lay over the slope along it"),

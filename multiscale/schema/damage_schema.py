@@ -33,7 +33,7 @@ DAMAGE_SECTIONS = Schema(
         "normal": Variable(("direction", "axis"), "1", "unit normals of the sections"),
         "offset": Variable(("direction", "section"), "m", "distance from the centre"),
         "damage": Variable(("direction", "section"), "1", "damaged over whole area, eq (1)"),
-        "maximum_damage": _number("1", "largest damage found"),
+        "maximum_damage": _number("1", "largest damage of all sections"),
         "worst_normal": Variable(("axis",), "1", "normal of the worst plane"),
         "worst_offset": _number("m", "distance of the worst plane from the centre"),
         "mean_damage": _number("1", "mean damage of the sections"),
@@ -57,8 +57,8 @@ RVE_VOLUMES = Schema(
         "porosity": _volume("1", "volume fraction of void"),
         "largest_damage": _section("largest damage of sections with a normal, eq (1)"),
         "mean_damage": _section("mean damage of sections with a normal"),
-        "low_damage": _section("damage that one in forty sections with a normal falls short of"),
-        "high_damage": _section("damage that one in forty sections with a normal exceeds"),
+        "low_damage": _section("2.5 % quantile of the damage of sections with a normal"),
+        "high_damage": _section("97.5 % quantile of the damage of sections with a normal"),
         "apparent_stiffness": Variable(
             ("realisation", "sides", "strain", "other_strain"),
             "Pa",
@@ -119,11 +119,11 @@ FATIGUE = Schema(
     variables={
         "cycles": _record("1", "number of cycles"),
         "damage": _record("1", "damage of the micro-inclusion"),
-        "plastic_strain": _record("1", "accumulated plastic strain of it"),
-        "cycles_to_initiation": _number("1", "cycles until damage sets in"),
+        "plastic_strain": _record("1", "accumulated plastic strain of the micro-inclusion"),
+        "cycles_to_initiation": _number("1", "cycles until damage begins"),
         "cycles_to_rupture": _number("1", "cycles until a crack starts"),
         "run_out": _number("1", "whether the inclusion stays elastic"),
-        "computed_cycles": _number("1", "cycles whose stress path was followed"),
+        "computed_cycles": _number("1", "cycles with a computed stress path"),
         "converged": _number("1", "whether rupture or run-out was reached"),
         "wall_time": _number("s", "wall time"),
     },
@@ -139,7 +139,9 @@ FATIGUE_LIFE = Schema(
         "cracked_share": _element("1", "share of the inclusions of an element that have cracked"),
         "damage": _element("1", "mean damage of the inclusions of an element at the end"),
         "plastic_strain": _element("1", "mean accumulated plastic strain of the inclusions"),
-        "first_crack": _element("1", "cycles to the first crack of each element, unless others do"),
+        "first_crack": _element(
+            "1", "cycles to the first crack of each element in the sound structure"
+        ),
         "equivalent_amplitude": _element("Pa", "half the von Mises range of the sound structure"),
         "crack_element": _number("1", "number of the element that cracks first, or -1"),
         "cycles_to_first": _number("1", "cycles until the first inclusion cracks"),
@@ -166,7 +168,7 @@ WOEHLER = Schema(
     version=1,
     variables={
         "amplitude": _step("Pa", "half the range of stress"),
-        "cycles_to_initiation": _step("1", "cycles until damage sets in"),
+        "cycles_to_initiation": _step("1", "cycles until damage begins"),
         "cycles_to_rupture": _step("1", "cycles until a crack starts"),
         "run_out": _step("1", "whether the inclusion stays elastic"),
         "converged": _step("1", "whether rupture or run-out was reached"),
@@ -183,10 +185,10 @@ CRACK_GROWTH = Schema(
         "opening": _record("m", "inelastic displacement along the stress since the start"),
         "modulus_ratio": _record("1", "stiffness along the stress over the solid's"),
         "largest_section": _record("1", "largest crack area over the section of the volume"),
-        "dissipation": _record("J", "energy that the growth of all cracks has taken"),
+        "dissipation": _record("J", "energy dissipated by the growth of all cracks"),
         "radius": Variable(("record", "crack"), "m", "radii of the cracks"),
         "grown": _record("1", "number of cracks that have grown"),
-        "touching": _record("1", "whether the crack that grows reaches another one"),
+        "touching": _record("1", "whether the growing crack reaches another crack"),
         "converged": _number("1", "whether a crack has cut the volume"),
     },
 )
@@ -224,11 +226,11 @@ CRACK_BAND = Schema(
     version=1,
     variables={
         "factor": _record("1", "factor of the loads"),
-        "work_displacement": _record("J", "work of the loads of the factor one"),
+        "work_displacement": _record("J", "work of the loads at factor 1"),
         "dissipation": _record("J", "energy dissipated since the start"),
-        "stiffness_share": _element("1", "stiffness of the elements over their first"),
+        "stiffness_share": _element("1", "stiffness of the elements over their initial stiffness"),
         "band_width": _element("m", "width of the band of cracked elements"),
-        "converged": _number("1", "whether the load has fallen to its end"),
+        "converged": _number("1", "whether the load has fallen to its final value"),
     },
 )
 
@@ -238,7 +240,7 @@ CRACKED_BODY = Schema(
     variables={
         **CRACK_BAND.variables,
         "peak_load": _number("1", "largest factor of the last loads of [statics]"),
-        "work": _number("J", "energy that the cracks have taken"),
+        "work": _number("J", "energy dissipated by the cracks"),
         "peak_load_sample": _volume("1", "largest factor with the softening law of each volume"),
         "work_sample": _volume("J", "energy with the softening law of each volume"),
         "peak_load_mean_law": _LIMITS("1", "95 % interval with the mean law"),

@@ -1,4 +1,4 @@
-"""What a schema is: names, dimensions and units of a dataset."""
+"""Schemas: names, dimensions and units of datasets."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from multiscale.schema.shown import SHOWN
 
 if TYPE_CHECKING:
     from xarray import Coordinates, Dataset
-else:  # which takes long to load, where nothing but an annotation needs it
+else:  # a name for annotations, without the slow import
     Dataset = Any
 
 __all__ = [
@@ -30,10 +30,10 @@ COMPONENTS = ("n", "t1", "t2")
 
 @dataclass(frozen=True)
 class Variable:
-    """Dimensions, unit (UDUNITS spelling) and meaning of one variable.
+    """Dimensions, unit (UDUNITS spelling) and meaning of a variable.
 
-    Flags are the meanings of 0, 1, ...; a required variable may be a coordinate. A stiffness of
-    parts in series has its whole error from one of them, the variable ``uncertain_part``.
+    Flags are the meanings of 0, 1, ...; a required variable may be a coordinate. The error of a
+    stiffness in series comes only from the variable ``uncertain_part``.
     """
 
     dims: tuple[str, ...]
@@ -46,25 +46,25 @@ class Variable:
 
 @dataclass(frozen=True)
 class PlainDataset:
-    """What a dataset is built from: cheaper to make, to send and to join than the dataset."""
+    """Plain arrays of a dataset, which are cheaper to make, to send and to join."""
 
-    values: Mapping[str, Any]  # one array per variable
+    values: Mapping[str, Any]  # an array for each variable
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Schema:
-    """Names, dimensions and units of one kind of dataset.
+    """Names, dimensions and units of a kind of dataset.
 
     Parameters
     ----------
     name, version
-        Written into every file; :mod:`multiscale.io` refuses another version.
-    variables : mapping of str to Variable, what must be there
+        Written into every file; :mod:`multiscale.io` refuses other versions.
+    variables : mapping of str to Variable, required variables
     optional : mapping of str to Variable
-        What may be there, and then in this form. Coordinates are listed here too.
+        Optional variables and coordinates.
     news : str
-        What the last version has that earlier ones lack; told where an earlier one is refused.
+        Variables that earlier versions lack, for the message that refuses them.
     """
 
     name: str
@@ -76,22 +76,26 @@ class Schema:
     def with_samples(self, **names: Iterable[str]) -> "Schema":
         """Add the samples ``..._sample`` of optional variables, named for each dimension."""
         samples = {
-            f"{name}_sample": Variable((along, *one.dims), one.units, f"{one.long_name}, samples")
-            for along, own in names.items()
-            for name, one in ((name, self.optional[name]) for name in own)
+            f"{name}_sample": Variable(
+                (along, *mean.dims), mean.units, f"{mean.long_name}, samples"
+            )
+            for along, sampled in names.items()
+            for name, mean in ((name, self.optional[name]) for name in sampled)
         }
         return replace(self, optional={**self.optional, **samples})
 
     def with_intervals(self, *names: str) -> "Schema":
         """Add the intervals of optional variables: of the mean law, and of one part."""
-        told = {
+        meanings = {
             "mean_law": "95 % interval of the mean law",
-            "one_part": "95 % interval of the next part, whose interface holds few cells",
+            "one_part": "95 % interval of the next part, with few cells in its interface",
         }
         ends = {
-            f"{name}_{kind}": Variable(("limit", *one.dims), one.units, f"{one.long_name}, {what}")
-            for name, one in ((name, self.optional[name]) for name in names)
-            for kind, what in told.items()
+            f"{name}_{kind}": Variable(
+                ("limit", *answer.dims), answer.units, f"{answer.long_name}, {meaning}"
+            )
+            for name, answer in ((name, self.optional[name]) for name in names)
+            for kind, meaning in meanings.items()
         }
         return replace(self, optional={**self.optional, **ends})
 
@@ -106,15 +110,15 @@ class Schema:
                         f"dimensions {variable.dims})"
                     )
                 continue
-            found = dataset.variables[name]
-            if found.dims != variable.dims:
+            given = dataset.variables[name]
+            if given.dims != variable.dims:
                 faults.append(
-                    f"{name}: dimensions {found.dims}, expected {variable.dims}; rename or "
+                    f"{name}: dimensions {given.dims}, expected {variable.dims}; rename or "
                     f"transpose them"
                 )
-            if found.attrs.get("units") != variable.units:
+            if given.attrs.get("units") != variable.units:
                 faults.append(
-                    f"{name}: units {found.attrs.get('units')!r}, expected {variable.units!r}; "
+                    f"{name}: units {given.attrs.get('units')!r}, expected {variable.units!r}; "
                     f"convert the values and set the attribute units"
                 )
         if faults:
@@ -124,7 +128,7 @@ class Schema:
             )
 
     def build(self, values: Mapping[str, Any], **attributes: str | float | int) -> Dataset:
-        """Make a dataset from plain arrays; dimensions, units and labels come from the schema."""
+        """Build a dataset from plain arrays; dimensions, units and labels come from the schema."""
         import xarray as xr
 
         described, coordinates = self._describe(values)
@@ -148,39 +152,39 @@ class Schema:
         return PlainDataset(values, dataset.attrs)
 
     def join(self, datasets: Sequence[PlainDataset], dim: str) -> PlainDataset:
-        """Join arrays whose first dimension is ``dim``; the others are the same in all datasets.
+        """Concatenate arrays with the first dimension ``dim``; other arrays must be equal.
 
-        An array that a dataset lacks is NaN there. What is joined has no attributes.
+        Missing arrays are filled with NaN. The result has no attributes.
         """
         import numpy as np
 
         known, joined = {**self.variables, **self.optional}, {}
         along = {name for name, variable in known.items() if variable.dims[:1] == (dim,)}
-        counts = [len(next(one.values[k] for k in one.values if k in along)) for one in datasets]
-        names = dict.fromkeys(name for one in datasets for name in one.values)
-        for name in sorted(names, key=along.__contains__):  # first those that all share
-            found = [one.values.get(name) for one in datasets]
-            given = [one for one in found if one is not None]
+        counts = [len(next(data.values[k] for k in data.values if k in along)) for data in datasets]
+        names = dict.fromkeys(name for data in datasets for name in data.values)
+        for name in sorted(names, key=along.__contains__):  # first the equal arrays
+            arrays = [data.values.get(name) for data in datasets]
+            given = [array for array in arrays if array is not None]
             first = np.asarray(given[0])
             if name in along:
-                lacking = np.full(first.shape[1:], np.nan)
+                missing = np.full(first.shape[1:], np.nan)
                 joined[name] = np.concatenate(
                     [
-                        [lacking] * count if one is None else one
-                        for one, count in zip(found, counts, strict=True)
+                        [missing] * count if array is None else array
+                        for array, count in zip(arrays, counts, strict=True)
                     ]
                 )
-            elif all(np.array_equal(first, one) for one in given):
+            elif all(np.array_equal(first, array) for array in given):
                 joined[name] = first
             else:
                 raise SchemaError(
                     f"{name} is not the same in all {self.name!r} datasets to be joined along "
-                    f"{dim}; compute them for the same {name}, in a folder of their own"
+                    f"{dim}; compute them for the same {name}, in a separate folder"
                 )
         return PlainDataset(joined)
 
     def _describe(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-        """Give arrays their dimensions and attributes, and tell which of them label dimensions."""
+        """Add dimensions and attributes to arrays; return also the names of the coordinates."""
         import numpy as np
         import xarray as xr
 
@@ -209,7 +213,7 @@ class Schema:
 
 @lru_cache
 def _labels(sizes: tuple[tuple[str, int], ...]) -> "Coordinates":
-    """Label dimensions; indexes take as long to make as the rest of a small dataset."""
+    """Label dimensions; cached, as indexes take as long to make as the rest of a small dataset."""
     import numpy as np
     import pandas as pd
     import xarray as xr
@@ -251,27 +255,27 @@ BUDGET = {
         "half-width of the 95 % interval of the error over the value, about its bias",
     ),
     "error_bias": Variable(
-        ("quantity", "error_term", "step"), "1", "part of the error whose sign is known, estimated"
+        ("quantity", "error_term", "step"), "1", "estimate of the systematic error, over the value"
     ),
     "error_total": Variable(
         ("quantity", "step"),
         "1",
-        "sampling, fit and the terms given together, NaN if one is not known",
+        "half-width of all terms together, NaN if a term is not known",
     ),
 }
-"""Errors that laws and results carry."""
+"""Variables of the error budget of laws and results."""
 
 SENSITIVITY = {
     "sensitivity": Variable(
         ("parameter", "quantity", "step"),
         "1",
-        "relative change of the answer if a parameter is larger by its half-width, to first order",
+        "relative change of the answer if a parameter increases by its half-width, to first order",
     )
 }
-"""What results carry of parameters with a half-width of their own."""
+"""Variables of results with parameters that have a half-width."""
 
 
 def with_cautions(dataset: Dataset, *lines: str) -> Dataset:
     """Return a dataset whose attribute ``cautions`` has further lines; empty ones are left out."""
-    found = (str(dataset.attrs.get("cautions", "")), *lines)
-    return dataset.assign_attrs(cautions="\n".join(filter(None, found)))
+    cautions = (str(dataset.attrs.get("cautions", "")), *lines)
+    return dataset.assign_attrs(cautions="\n".join(filter(None, cautions)))

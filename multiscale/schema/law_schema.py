@@ -34,7 +34,7 @@ INTERFACE_LAW = Schema(
         "fit_stiffness": _step("Pa m-1", "stiffness of the data fitted"),
         "fit_contact_fraction": _step("1", "contact fraction of the data fitted"),
         "fit_friction_coefficient": _step("1", "friction coefficient of the data fitted"),
-        "fit_recovery": _step("m", "spring back of the data fitted"),
+        "fit_recovery": _step("m", "recovery of the gap of the data fitted"),
         "fit_speed": _step("m s-1", "sliding speed of the data fitted"),
         "fit_peak_pressure": _step("Pa", "largest pressure before unloading"),
         "fit_error": _step(
@@ -46,23 +46,23 @@ INTERFACE_LAW = Schema(
         "area_fit_error": Variable(
             ("area_term",), "1", "relative error of an area law without this point"
         ),
-        "gap_fit_share": _number("1", "part of fit_error that is left between the data"),
-        "stiffness_fit_share": _number("1", "part of stiffness_fit_error that is left at the data"),
-        "area_fit_share": _number("1", "part of area_fit_error that is left between the data"),
+        "gap_fit_share": _number("1", "share of fit_error between the data"),
+        "stiffness_fit_share": _number("1", "share of stiffness_fit_error at the data"),
+        "area_fit_share": _number("1", "share of area_fit_error between the data"),
         "unloading_stiffness_ratio": _number(
             "1", "stiffness at the start of unloading over stiffness of loading"
         ),
         "unloading_exponent": _number("1", "exponent of the unloading branch"),
         "unloading_pressure": _down("Pa", "mean pressure of the unloading data"),
         "unloading_peak_pressure": _down("Pa", "largest pressure before the unloading data"),
-        "unloading_recovery": _down("m", "spring back of the unloading data"),
-        "unloading_fit_error": _down("1", "error of a fit without this point over the spring back"),
+        "unloading_recovery": _down("m", "recovery of the gap of the unloading data"),
+        "unloading_fit_error": _down("1", "error of a fit without this point over the recovery"),
         "shear_stiffness_ratio": Variable(
             ("tangent",), "1", "tangential over normal stiffness, along x and y"
         ),
         "shear_friction": _number("1", "friction coefficient of the bed of sliders"),
         "shear_friction_error": _number(
-            "1", "half-width of the 95 % interval of a friction without samples, relative"
+            "1", "relative half-width of the 95 % interval of a friction without samples"
         ),
         "shear_pressure": Variable(("shear_step",), "Pa", "mean pressure of the shear data"),
         "shear_slip": _sheared("m", "slip of the shear data"),
@@ -82,7 +82,9 @@ INTERFACE_LAW = Schema(
             ("shear_cycle",), "1", "amplitude of the traction of a closed cycle over full slip"
         ),
         "shear_cycle_loss_ratio": Variable(
-            ("shear_cycle", "control"), "1", "loss of the cells over the loss of the bed, each"
+            ("shear_cycle", "control"),
+            "1",
+            "loss of the cells over the loss of the bed in a closed cycle",
         ),
         "thermal_conductance_ratio": _number(
             "W m-1 K-1 Pa-1", "thermal conductance over the stiffness of loading"
@@ -91,7 +93,7 @@ INTERFACE_LAW = Schema(
             "S m-1 Pa-1", "electrical conductance over the stiffness of loading"
         ),
         "hydraulic_aperture": _flow("m", "hydraulic aperture of the interface"),
-        "percolating_cells": _flow("1", "share of the cells that a path of the gap leads through"),
+        "percolating_cells": _flow("1", "share of the cells with a percolating path of the gap"),
         "hydraulic_aperture_mean_law": Variable(
             ("limit", "direction", "step"), "m", "95 % interval of the hydraulic aperture"
         ),
@@ -111,7 +113,7 @@ INTERFACE_LAW = Schema(
     shear_sample=("shear_stiffness_ratio", "shear_friction", "shear_loss_ratio"),
     unloading_sample=("unloading_stiffness_ratio", "unloading_exponent"),
 )
-"""A law of a family with parameters also has a scalar per parameter, and one per sample."""
+"""A law of a family with parameters also has each parameter as a scalar, and its samples."""
 
 ERROR_BUDGET = Schema(
     name="error_budget",
@@ -125,7 +127,7 @@ LAW_COMPARISON = Schema(
     version=1,
     variables={
         "cross_validated_error": _family(
-            "1", "root mean square error at points a fit has not seen"
+            "1", "root mean square error at points left out of the fit"
         ),
         "n_parameters": _family("1", "number of free parameters"),
         "akaike_criterion": _family("1", "corrected information criterion"),

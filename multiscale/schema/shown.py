@@ -18,16 +18,16 @@ class Show:
 
     unit: str = "1"  # or the name of a family of units, see multiscale.units.shown_unit
     label: str = ""  # its name in words
-    digits: int = 4  # significant ones, where its interval does not leave fewer
-    over: tuple[str, ...] = ()  # over the first of these that there is it is drawn
+    digits: int = 4  # significant digits, unless its interval allows fewer
+    over: tuple[str, ...] = ()  # horizontal axis of figures: the first of these in the dataset
     words: tuple[str, ...] = ()  # meanings of the values 0, 1, ...
 
     def named(self, name: str) -> "Show":
-        """Return it with the name of its variable in words as label, if it has none."""
+        """Return it with a label, by default the name of its variable in words."""
         return self if self.label else replace(self, label=name.replace("_", " "))
 
     def in_unit(self, values: Iterable[float]) -> Unit:
-        """Return the unit in which values, in SI units, are shown."""
+        """Return the unit for showing values, in SI units."""
         return shown_unit(self.unit, values)
 
 
@@ -92,10 +92,10 @@ SHOWN = {
     "n_contacts": Show(label="contacts"),
     "kinetic_energy": Show("J"),
     "elastic_energy": Show("J"),
-    "link_dissipation": Show("J", "lost in the links"),
-    "contact_dissipation": Show("J", "taken by the contacts"),
-    "numerical_dissipation": Show("J", "lost to the time scheme"),
-    "damping_dissipation": Show("J", "damped"),
+    "link_dissipation": Show("J", "dissipated in the links"),
+    "contact_dissipation": Show("J", "dissipated in the contacts"),
+    "numerical_dissipation": Show("J", "numerical dissipation"),
+    "damping_dissipation": Show("J", "dissipated by damping"),
     "penetration": Show(label="overlap over radius"),
     "axial_strain": Show(),
     "stress_ratio": Show(label="stress ratio q/p"),
@@ -114,13 +114,13 @@ SHOWN = {
     "effective_friction": Show(over=("sliding_distance",)),
     "leak_rate": Show("ml/h", digits=2, over=PRESSURE),
     "hydraulic_aperture": Show("µm", "aperture", 3, PRESSURE),
-    "percolating_cells": Show("%", "cells with a path", 3, PRESSURE),
+    "percolating_cells": Show("%", "cells with a leak path", 3, PRESSURE),
     # measured surfaces
     "place": Show(label="measured"),
     "body_rms_height": Show("largest length", "rms height", 3),
     "body_rms_slope": Show("1", "rms slope", 3),
-    "body_longest_wave": Show("largest length", "longest wave", 3),
-    "body_shortest_wave": Show("largest length", "shortest wave", 3),
+    "body_longest_wave": Show("largest length", "longest wavelength", 3),
+    "body_shortest_wave": Show("largest length", "shortest wavelength", 3),
     "filled": Show(label="filled (%)"),
     # rubber
     "temperature": Show("°C"),
@@ -143,13 +143,13 @@ SHOWN = {
     "volume_energy": Show("J/m²", "energy"),
     "peak_damage": Show(label="damage at the strength"),
 }
-"""Variables that are shown, by their names, which mean the same in all datasets."""
+"""Presentation of variables, by names that have the same meaning in all datasets."""
 
 SHOWN = {name: show.named(name) for name, show in SHOWN.items()}
 
 
 def unit_in(data: "Dataset", name: str) -> Unit:
-    """Return the unit of a variable; all stiffnesses have that of the first one in ``SHOWN``."""
+    """Return the unit of a variable; all stiffnesses share the unit of the first in ``SHOWN``."""
     unit = SHOWN[name].unit
     alike = (key for key in SHOWN if unit == SHOWN[key].unit == "stiffness" and key in data)
     return SHOWN[name].in_unit(data[next(alike, name)].to_numpy().ravel())

@@ -26,14 +26,14 @@ MACRO_RESULT = Schema(
         "preload": _step("Pa", "nominal preload"),
         "joint_stiffness": _step(
             "Pa m-1",
-            "normal stiffness of the whole joint, no point slipping",
+            "normal stiffness of the whole joint, without slip",
             uncertain_part="interface_stiffness",
         ),
         "unloading_stiffness": _step(
-            "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
+            "Pa m-1", "normal stiffness of the joint at the start of unloading"
         ),
-        "interface_stiffness": _step("Pa m-1", "normal stiffness of the interface alone"),
-        "solid_stiffness": _step("Pa m-1", "normal stiffness of the bodies alone"),
+        "interface_stiffness": _step("Pa m-1", "normal stiffness of the interface only"),
+        "solid_stiffness": _step("Pa m-1", "normal stiffness of the bodies only"),
         "approach": _step("m", "displacement of the loaded platen"),
         "mean_gap": _step("m", "area mean of the gap of the joint"),
         "contact_fraction": _step("1", "real over nominal contact area"),
@@ -90,7 +90,7 @@ MACRO_RESULT = Schema(
         "load_above": _face("1", "share of the load at pressures above the data of the law"),
         "load_far": _face("1", "share of the load beyond a factor of 2 outside the data"),
         "slipping_load": _step("1", "share of the contact force at sliding"),
-        "dissipation": _point("J m-2", "energy that slip loses in the step"),
+        "dissipation": _point("J m-2", "energy dissipated by slip in the step"),
         "known": _step("1", "whether the data of the laws reach the answer"),
         "shear": _step("Pa", "tangential traction on the loaded face"),
         "shear_displacement": _step(
@@ -109,13 +109,13 @@ MACRO_RESULT = Schema(
             "m", "mean displacement of the loaded face along its load; of bolts, their closing"
         ),
         "load_secant": _load(
-            "N m-1", "load over the change of its displacement since the load was zero, alone"
+            "N m-1", "load over the change of its displacement since this load was zero"
         ),
         "load_stiffness": _load(
-            "N m-1", "stiffness against a small rise of the load, under which points may slip"
+            "N m-1", "tangent stiffness for a small increase of the load, with slip"
         ),
         "stuck_stiffness": _load(
-            "N m-1", "stiffness against changes of the load so small that no point slips"
+            "N m-1", "tangent stiffness for small changes of the load, without slip"
         ),
         "interface_compliance": _load("1", "share of the interfaces in the compliance"),
         "interface_pressure": _face("Pa", "mean pressure of an interface"),
@@ -128,18 +128,22 @@ MACRO_RESULT = Schema(
             "1", "share of the contact force of an interface at sliding"
         ),
         "interface_energy": Variable(
-            ("cycle", "interface"), "J", "energy that an interface loses in a closed cycle"
+            ("cycle", "interface"), "J", "energy dissipated by an interface in a closed cycle"
         ),
-        "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
+        "cycle_energy": Variable(
+            ("cycle",), "J", "energy dissipated by the joint in a closed cycle"
+        ),
         "cycle_preload": Variable(("level",), "Pa", "preload of cycles of shear"),
         "cycle_shear": Variable(("amplitude",), "Pa", "amplitude of cycles of shear"),
-        "cycle_loss": _cycle("J", "energy that the joint loses in a closed cycle of an amplitude"),
+        "cycle_loss": _cycle(
+            "J", "energy dissipated by the joint in a closed cycle of an amplitude"
+        ),
         "cycle_slip": _cycle("1", "share of the contact force at sliding at the amplitude"),
         "secant_stiffness": _cycle(
             "Pa m-1", "shear over displacement between both ends of a cycle, of the whole joint"
         ),
         "loss_density": Variable(
-            ("level", "amplitude", "point"), "J m-2", "energy that slip loses in a closed cycle"
+            ("level", "amplitude", "point"), "J m-2", "energy dissipated by slip in a closed cycle"
         ),
         "time": _step("s", "time"),
         "velocity": _node("m s-1", "velocity of the nodes"),
@@ -147,11 +151,11 @@ MACRO_RESULT = Schema(
         "kinetic_energy": _step("J", "kinetic energy"),
         "elastic_energy": _step("J", "elastic energy of the links"),
         "work": _step("J", "work of loads and supports since the start"),
-        "numerical_dissipation": _step("J", "energy lost to the time scheme since the start"),
+        "numerical_dissipation": _step("J", "numerical dissipation since the start"),
         "link_dissipation": _step(
-            "J", "energy lost in the links since the start, summed link by link"
+            "J", "energy dissipated in the links since the start, summed over links"
         ),
-        "smallest_link_dissipation": _step("J", "smallest energy that one link lost in the step"),
+        "smallest_link_dissipation": _step("J", "smallest dissipation of a link in the step"),
         **BUDGET,
         **SENSITIVITY,
     },
@@ -226,10 +230,10 @@ SEAL = Schema(
     version=1,
     variables={
         "nominal_pressure": _step("Pa", "mean pressure of a ring on its face"),
-        "leak_rate": _step("m3 s-1", "volume of liquid that leaks across the ring in a time"),
+        "leak_rate": _step("m3 s-1", "volume flow of liquid across the ring"),
         "leak_rate_mean_law": Variable(("limit", "step"), "m3 s-1", "95 % interval of leak_rate"),
         "hydraulic_aperture": _step("m", "hydraulic aperture of the interface across the ring"),
-        "percolating_cells": _step("1", "share of the cells that a path of the gap leads through"),
+        "percolating_cells": _step("1", "share of the cells with a percolating path of the gap"),
         "mean_gap": _step("m", "mean gap of the interface"),
         "contact_fraction": _step("1", "real over nominal contact area"),
     },
@@ -271,17 +275,17 @@ GRANULATE = Schema(
         "penetration": _step("1", "largest overlap over the smaller radius"),
         "n_contacts": _step("1", "number of contacts that carry a force"),
         "kinetic_energy": _step("J", "kinetic energy"),
-        "elastic_energy": _step("J", "energy that overlaps and rebounds bring back"),
+        "elastic_energy": _step("J", "elastic energy of overlaps and rebounds"),
         "work": _step("J", "work of gravity, walls and cell since the start"),
-        "contact_dissipation": _step("J", "energy the contacts took since the start"),
+        "contact_dissipation": _step("J", "energy dissipated in the contacts since the start"),
         "numerical_dissipation": _step(
-            "J", "energy lost in impacts and to the time scheme since the start"
+            "J", "numerical dissipation and dissipation in impacts since the start"
         ),
-        "damping_dissipation": _step("J", "energy damped since the start"),
+        "damping_dissipation": _step("J", "energy dissipated by damping since the start"),
         "wall_time": _step("s", "wall time of the step"),
         "radius": Variable(("grain",), "m", "radius"),
         "mass": Variable(("grain",), "kg", "mass"),
-        "frame_step": Variable(("frame",), "1", "step that a frame shows, -1 for the start"),
+        "frame_step": Variable(("frame",), "1", "step of a frame, -1 for the start"),
         "position": Variable(_GRAIN, "m", "centres"),
         "velocity": Variable(_GRAIN, "m s-1", "velocities"),
         "contact_frame": Variable(("contact",), "1", "frame that a contact belongs to"),

@@ -16,9 +16,9 @@ STABILITY = Schema(
         "parameters": _case("1", "names and values of the parameters"),
         "tolerance": _case("1", "residual up to which a case has converged"),
         "outcome": _case("1", "0 failed, 1 refused with a sentence, 2 converged"),
-        "residual": _case("1", "residual that was verified in the answer"),
+        "residual": _case("1", "verified residual of the answer"),
         "wall_time": _case("s", "wall time"),
-        "sentence": _case("1", "why there is no answer; empty if there is"),
+        "sentence": _case("1", "reason for a missing answer, or empty"),
     },
 )
 
@@ -53,17 +53,17 @@ WORK_PRECISION = Schema(
         "mean_gap": _run("m", "mean distance of obstacle and deformed surface"),
         "contact_fraction": _run("1", "real over nominal contact area"),
         "relative_pressure": _run("1", "mean pressure over contact modulus times rms slope"),
-        "tolerance": _run("1", "relative error asked for"),
+        "tolerance": _run("1", "requested relative error"),
         "history_run": Variable(("sample",), "1", "run that a sample of the histories belongs to"),
         "history_seconds": Variable(("sample",), "s", "time since the start of the run"),
         "history_error": Variable(("sample",), "1", "relative error at that time"),
-        "scale_ratio": _run("1", "longest wave over the length of the structure"),
-        "realisations": _run("1", "realisations that the answer is the mean over"),
+        "scale_ratio": _run("1", "longest wavelength over the length of the structure"),
+        "realisations": _run("1", "number of realisations in the mean"),
         "time_step": _run("s", "length of a time step"),
         "mean_error": _run("1", "relative error of the mean over the realisations"),
         "mean_error_uncertainty": _run("1", "standard error of the mean error"),
         "cells_solved": _run("1", "number of cells solved"),
-        "cells_reused": _run("1", "number of times a cell solved before served"),
+        "cells_reused": _run("1", "number of times a solved cell was reused"),
         "over_copy": _run("1", "time of an application over a copy of the same bytes"),
         "bytes_moved": _run("byte", "bytes that an application must read and write"),
         "operations": _run("1", "operations of an application, counted on paper"),
@@ -80,10 +80,10 @@ SWEEP = Schema(
     name="sweep",
     version=2,
     variables={
-        "setting": Variable(("point", "parameter"), "1", "what the case of a point says"),
-        "folder": _point("1", "run folder of a point, if it is kept"),
-        "failure": _point("1", "why a point has no result; empty if it has one"),
-        "caution": _point("1", "what to beware of at a point, a line for each"),
+        "setting": Variable(("point", "parameter"), "1", "value of a swept key at a point"),
+        "folder": _point("1", "run folder of a point, if it exists"),
+        "failure": _point("1", "reason for a missing result, or empty"),
+        "caution": _point("1", "cautions at a point, one a line"),
         "answer_label": _answer("1", "name of an answer in words"),
         "answer_unit": _answer("1", "unit in which an answer is shown"),
         "answer_scale": _answer("1", "factor by which an answer in SI units is shown"),
@@ -100,5 +100,5 @@ SWEEP = Schema(
     },
     news="the answers of every kind of case",
 )
-"""Every answer is a variable of its own name, along the points and its steps or cycles, with its
+"""Every answer is a separate variable, along the points and its steps or cycles, with its
 intervals ``NAME_mean_law`` and ``NAME_one_part`` if it has any."""
