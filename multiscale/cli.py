@@ -169,7 +169,7 @@ def _carry_out(
     if quick:
         if any(point.accuracy for point in sweep.points):
             _report("--quick leaves out the target of [accuracy]")
-        unchanged = dict.fromkeys(stage.kept for stage in stages_of(sweep.points[0].tables))
+        unchanged = dict.fromkeys(stage.quick_note for stage in stages_of(sweep.points[0].tables))
         _warn([*filter(None, unchanged)])
         sweep = sweep.quick()
     if explain:

@@ -1,7 +1,7 @@
-"""Tables, sentences and lists of a dataset, from what the schema says of its variables.
+"""Tables, sentences and lists of a dataset, with labels, units and digits of its variables.
 
-:data:`multiscale.schema.SHOWN` has labels, units and digits. A table is a list of columns, which
-name variables and how each is written; a sentence has variables in braces, ``{joint_stiffness:±}``.
+Labels, units and digits are in :data:`multiscale.schema.SHOWN`. A table is a list of columns, which
+are names of variables with formats; a sentence has variables in braces, ``{joint_stiffness:±}``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,19 +32,19 @@ __all__ = [
     "Table",
     "View",
     "answer_columns",
+    "format_error",
+    "format_error_behind",
+    "format_interval",
+    "format_mean",
+    "format_share",
+    "format_sides",
+    "format_total_error",
     "list_bolts",
     "list_cycles",
     "list_facts",
     "list_missing",
     "padded",
     "round_by",
-    "say_beside",
-    "say_ends",
-    "say_error",
-    "say_mean",
-    "say_share",
-    "say_sides",
-    "say_total",
     "some_steps",
     "tabulate_budget",
     "tabulate_prediction",
@@ -58,24 +58,24 @@ INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 """Both intervals of an answer; see :func:`multiscale.upscaling.with_intervals`."""
 
 TWO_DIGITS = 3.55
-"""Leading digits of an error up to which two of them are written, by the rule of the PDG."""
+"""Leading digits of an error up to which two digits are written, by the rule of the PDG."""
 
-TELLING = 0.1  # of the error of an answer, from which its change by a parameter is shown
+REPORTED = 0.1  # share of the error of an answer above which a sensitivity is shown
 
 MOST_BUDGETS = 6
-"""Steps of an error budget in its table."""
+"""Largest number of steps in the table of an error budget."""
 
 NEGLIGIBLE = 1e-5
-"""Relative error below which its number is not written in an error budget."""
+"""Relative error below which an error budget shows an upper bound instead of the number."""
 
 ROUNDING = 1e-9
-"""Relative error up to which an answer has none but rounding."""
+"""Relative error up to which an error is rounding only."""
 
 FOUR_DIGITS = 5e-4
 """Relative error below which an answer has four digits if a term of its error is not known."""
 
 LOWER_BOUND = " + ?"
-"""Stands behind errors and intervals that lack a term that is not known: they are lower bounds."""
+"""Mark of errors and intervals that are lower bounds, because a term is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class View:
     """How the variables of a dataset are shown, all stiffnesses in one unit."""
 
     data: Dataset
-    labels: Mapping[str, str] = field(default_factory=dict)  # in place of those of ``SHOWN``
+    labels: Mapping[str, str] = field(default_factory=dict)  # in place of the labels of ``SHOWN``
 
     def unit(self, name: str) -> Unit:
         """Return the unit of a variable."""
@@ -97,9 +97,9 @@ class View:
     def text(self, step: Dataset, name: str, form: str = "") -> str:
         """Write a variable at a step of the dataset.
 
-        Forms are the value with the digits that its interval leaves, with its error behind it
-        (``±``) or its intervals in brackets (``()``), the error by itself (``error``), an interval
-        (``mean_law``, ``one_part``), and both, once if they are alike (``both``).
+        Forms are the value with the digits that its interval allows (empty), followed by its error
+        (``±``) or by its intervals in brackets (``()``), only the error (``error``), an interval
+        (``mean_law``, ``one_part``), and both intervals, or one if they are equal (``both``).
         """
         if name not in step:
             return ""
@@ -115,15 +115,17 @@ class View:
             if (digits := SHOWN[name].digits) < 3:
                 known = f"{ends[0]:.{digits}g} ... {ends[1]:.{digits}g}"
                 return known if np.isfinite(ends).all() else "unknown"
-            return say_ends(unit.scale * float(step[name]), ends, bound)
+            return format_interval(unit.scale * float(step[name]), ends, bound)
         value = self._value(step, name, unit, bound)
         if form == "()":
-            said = _join_intervals([self.text(step, name, kind) for kind in INTERVALS])
-            return f"{value}{f' ({said})' if said else ''}"
+            intervals = _join_intervals([self.text(step, name, kind) for kind in INTERVALS])
+            return f"{value} ({intervals})" if intervals else value
         error = _error(step, name) if form == "±" else ""
         if error == "unknown":
             return f"{value}, error unknown"
-        return f"{value}{say_beside(error.removesuffix(LOWER_BOUND))}{bound if error else ''}"
+        return (
+            f"{value}{format_error_behind(error.removesuffix(LOWER_BOUND))}{bound if error else ''}"
+        )
 
     def _value(self, step: Dataset, name: str, unit: Unit, bound: str) -> str:
         value, show, half = float(step[name]), SHOWN[name], 0.0
@@ -134,7 +136,7 @@ class View:
         if bound and half < FOUR_DIGITS * abs(value):
             half = 0.0
         if show.unit == "%" and abs(value) < NEGLIGIBLE:
-            return say_share(value)
+            return format_share(value)
         if half > NEGLIGIBLE * abs(value):
             return round_by(unit.scale * value, unit.scale * half)
         return f"{unit.shown(value):.{show.digits}g}"
@@ -142,28 +144,28 @@ class View:
     def phrase(self, step: Dataset, name: str, form: str = "") -> str:
         """Write a variable in a sentence, with its unit, and its error or both intervals."""
         unit = self.unit(name)
-        beside = "" if unit.name == "1" else f" {unit.name}"
+        suffix = "" if unit.name == "1" else f" {unit.name}"
         if form in INTERVALS:
-            return f"{self.text(step, name, form)}{beside}"
-        value = f"{self._value(step, name, unit, _bound(step, name))}{beside}"
+            return f"{self.text(step, name, form)}{suffix}"
+        value = f"{self._value(step, name, unit, _bound(step, name))}{suffix}"
         if form == "±":
-            return f"{value}{say_beside(_error(step, name))}"
+            return f"{value}{format_error_behind(_error(step, name))}"
         if form == "intervals":
             return self.brackets(step, name)
         return f"{value}{self.brackets(step, name)}" if form == "()" else value
 
     def brackets(self, step: Dataset, name: str) -> str:
-        """Report both intervals of an answer in brackets, and what they lack; or nothing."""
+        """Write both intervals of an answer in brackets, with the terms they do not contain."""
         intervals = [self.text(step, name, kind) for kind in INTERVALS]
-        missing, said = _missing(step, name), _join_intervals(intervals)
-        if said and missing and set(intervals) == {"unknown"}:
-            said = f"error unknown: {missing}"
-        elif said and missing:
-            said = f"{said.replace(LOWER_BOUND, '')}; or wider, without {missing}, not known"
-        return f" ({said})" if said else ""
+        missing, text = _missing(step, name), _join_intervals(intervals)
+        if text and missing and set(intervals) == {"unknown"}:
+            text = f"error unknown: {missing}"
+        elif text and missing:
+            text = f"{text.replace(LOWER_BOUND, '')}; or wider: {missing} not known"
+        return f" ({text})" if text else ""
 
     def sentences(self, step: Dataset, *sentences: str, **others: object) -> Iterator[str]:
-        """Fill in variables of a step, attributes and others; not where a variable is unknown."""
+        """Fill variables, attributes and others into sentences without unknown variables."""
         words = _Words(self, step, others)
         for sentence in sentences:
             names = [name for _, name, _, _ in words.parse(sentence) if name]
@@ -198,12 +200,14 @@ class Table:
     """
 
     columns: tuple[str, ...]
-    heads: Mapping[str, str] = field(default_factory=dict)  # labels in place of those of variables
+    heads: Mapping[str, str] = field(
+        default_factory=dict
+    )  # labels in place of the labels of variables
     answer: str = ""
-    at: int = 1  # columns that say which step a row is of
+    at: int = 1  # number of leading columns that identify the step
     along: tuple[str, ...] = ("step",)  # dimensions of the rows
-    most: int = 0  # rows, evenly spread; all for 0
-    missing: str = "not converged"  # what a row has of a step without a solution
+    most: int = 0  # largest number of rows, evenly spread; all rows for 0
+    missing: str = "not converged"  # text of a row without a solution
 
     def rows(self, data: Dataset) -> Rows:
         """Return head and rows of text."""
@@ -243,14 +247,14 @@ class Table:
 
 
 def some_steps(count: int, most: int) -> list[int]:
-    """Return the numbers of at most so many steps, evenly spread, with the first and the last."""
+    """Return at most ``most`` of ``count`` steps, evenly spread, with the first and the last."""
     if not count:
         return []
     return [*map(int, np.unique(np.linspace(0, count - 1, min(count, most)).round()))]
 
 
 def round_by(value: float, half_width: float) -> str:
-    """Write a value with the digits that its error leaves: two of an error up to 3.5, else one.
+    """Write a value with the digits that its error allows: two for an error up to 3.5, else one.
 
     Examples
     --------
@@ -262,10 +266,10 @@ def round_by(value: float, half_width: float) -> str:
     return f"{value:.{max(0, -int(np.floor(np.log10(half_width / TWO_DIGITS))))}f}"
 
 
-def say_ends(value: float, ends: np.ndarray, bound: str = "") -> str:
-    """Write an interval about a value; in per cent where its ends would have the same digits.
+def format_interval(value: float, ends: np.ndarray, bound: str = "") -> str:
+    """Write an interval about a value, in per cent where its ends would have the same digits.
 
-    It is empty if nothing but rounding is wrong with the value, and has the ``bound`` at its end.
+    The text is empty if the error is rounding only, and ends with ``bound``.
     """
     low, high = ends
     half, size = 0.5 * (high - low), abs(value)
@@ -274,12 +278,12 @@ def say_ends(value: float, ends: np.ndarray, bound: str = "") -> str:
     if half <= ROUNDING * size:
         return ""
     if half < (FOUR_DIGITS if bound else NEGLIGIBLE) * size:
-        return f"± {say_error(half / size)} %{bound}"
+        return f"± {format_error(half / size)} %{bound}"
     return f"{round_by(low, half)} ... {round_by(high, half)}{bound}"
 
 
-def say_error(total: float) -> str:
-    """Total of an error budget in per cent, or that a term it must hold could not be computed."""
+def format_error(total: float) -> str:
+    """Write a relative error in per cent, or that it is unknown."""
     if not np.isfinite(total):
         return "unknown"
     if ROUNDING < total < NEGLIGIBLE:
@@ -287,46 +291,46 @@ def say_error(total: float) -> str:
     return f"{100.0 * total:{'.0f' if total >= 1.0 else '.2g'}}" if total > ROUNDING else "0"
 
 
-def say_share(share: float) -> str:
-    """Write a share in per cent with three digits, without those that are mere rounding.
+def format_share(share: float) -> str:
+    """Write a share in per cent with three digits, or fewer where only rounding is left.
 
     Examples
     --------
-    >>> say_share(0.20931), say_share(5e-8), say_share(1.3e-17)
+    >>> format_share(0.20931), format_share(5e-8), format_share(1.3e-17)
     ('20.9', '< 0.001', '0')
     """
-    return say_error(share) if share < NEGLIGIBLE else f"{100.0 * share:.3g}"
+    return format_error(share) if share < NEGLIGIBLE else f"{100.0 * share:.3g}"
 
 
-def say_total(step: Dataset, name: str) -> str:
+def format_total_error(step: Dataset, name: str) -> str:
     """Error of a quantity of a budget, per cent, as its interval if it has one.
 
-    It ends with the mark of a lower bound if a term is not known; without any known term it is
-    unknown.
+    It ends with the mark of a lower bound if a term is not known, and is unknown if no term is
+    known.
     """
     known = known_error(step.sel(quantity=[name])).item()
     bound = _bound(step, name)
     if not known > ROUNDING:
         return "unknown" if bound or np.isnan(known) else "0"
     if f"{name}_one_part" in step:
-        return say_sides(float(step[name]), step[f"{name}_one_part"].values, bound)
-    return f"{say_error(known)}{bound}"
+        return format_sides(float(step[name]), step[f"{name}_one_part"].values, bound)
+    return f"{format_error(known)}{bound}"
 
 
-def say_sides(value: float, ends: np.ndarray, bound: str = "") -> str:
-    """Error of a value, per cent, by its interval: its larger side, or both if they differ much.
+def format_sides(value: float, ends: np.ndarray, bound: str = "") -> str:
+    """Error of a value, per cent, by its interval: its larger side, or both if they differ.
 
-    They do if one is more than twice as long as the other, or than the value.
+    Both sides are written if the larger is more than twice the smaller, or than the value.
 
     Examples
     --------
-    >>> say_sides(20.0, np.array([19.0, 21.1])), say_sides(23.0, np.array([0.0, 24.0]))
+    >>> format_sides(20.0, np.array([19.0, 21.1])), format_sides(23.0, np.array([0.0, 24.0]))
     ('5.5', '-100, +4.3')
     """
     sides = np.abs(np.asarray(ends) / value - 1.0)
     if not sides.max() > min(2.0 * sides.min(), 1.0):
-        return f"{say_error(sides.max())}{bound}"
-    below, above = map(say_error, sides)
+        return f"{format_error(sides.max())}{bound}"
+    below, above = map(format_error, sides)
     return f"-{below}, +{above}{bound}"
 
 
@@ -338,25 +342,25 @@ def _bound(step: Dataset, name: str) -> str:
 def _missing(step: Dataset, name: str) -> str:
     """Names of the terms of the budget of an answer that are not known; empty without a budget.
 
-    An answer of a load, an interface or a cycle has those of any quantity.
+    Answers that are no quantity of the budget have the unknown terms of any quantity.
     """
     if "error_half_width" not in step:
         return ""
-    own = (name,) if name in step["quantity"].values else ()
-    return ", ".join(unknown_terms(step, *own))
+    quantity = (name,) if name in step["quantity"].values else ()
+    return ", ".join(unknown_terms(step, *quantity))
 
 
 def _join_intervals(intervals: Sequence[str]) -> str:
-    """Join both intervals of an answer, those that are alike once."""
+    """Join both intervals of an answer; equal intervals are written once."""
     kinds: dict[str, str] = {}
-    for name, one in zip(INTERVALS.values(), intervals, strict=True):
+    for name, interval in zip(INTERVALS.values(), intervals, strict=True):
         kind = name.removesuffix(", 95 %")
-        kinds[one] = f"{kinds[one]} and {kind}" if one in kinds else kind
-    return "; ".join(f"{kind} {one}" for one, kind in kinds.items() if one)
+        kinds[interval] = f"{kinds[interval]} and {kind}" if interval in kinds else kind
+    return "; ".join(f"{kind} {interval}" for interval, kind in kinds.items() if interval)
 
 
-def say_beside(error: str) -> str:
-    """Write an error, as of :func:`say_total`, behind its answer; nothing if there is none."""
+def format_error_behind(error: str) -> str:
+    """Write an error of :func:`format_total_error` to follow its answer; empty without an error."""
     if error in {"", "0"}:
         return ""
     if error == "unknown":
@@ -375,19 +379,19 @@ def _error(step: Dataset, name: str) -> str:
     """Error of a quantity, per cent; empty if nothing was estimated."""
     if "error_total" not in step or name not in step["quantity"].values:
         return ""
-    return say_total(step, name)
+    return format_total_error(step, name)
 
 
-def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) -> Rows:
+def tabulate_prediction(quantity: str, pressure: np.ndarray, prediction: Prediction) -> Rows:
     """Head and rows of predictions of a law at pressures, Pa, with their intervals."""
     import xarray as xr
 
     name, ends = "mean_gap" if quantity == "gap" else "stiffness", ("limit", "step")
     values = {
         "nominal_pressure": ("step", pressure),
-        name: ("step", found.value),
-        f"{name}_mean_law": (ends, found.mean_law),
-        f"{name}_next": (ends, found.next_specimen),
+        name: ("step", prediction.value),
+        f"{name}_mean_law": (ends, prediction.mean_law),
+        f"{name}_next": (ends, prediction.next_specimen),
     }
     heads = {f"{name}:next": "next specimen, 95 %"}
     columns = ("nominal_pressure", *(f"{name}{form}" for form in ("", ":mean_law", ":next")))
@@ -395,74 +399,81 @@ def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) 
 
 
 def list_facts(result: Dataset) -> list[str]:
-    """Say what stands beside the table of a result: what flows, and how large a cell is."""
+    """Return the remarks below the table of a result, such as yielding and the size of a cell."""
     return str(result.attrs.get("facts", "")).splitlines()
 
 
 def list_missing(dataset: Dataset) -> list[str]:
-    """Name the terms that the errors of a law or a result lack; nothing without a budget."""
+    """List the unknown terms of the error budget of a law or a result, if it has a budget."""
     missing = ", ".join(unknown_terms(dataset)) if has_budget(dataset) else ""
-    told = f"Terms of the error that are not known and not counted ({LOWER_BOUND.strip()})"
-    return [f"{told}: {missing}."] if missing else []
+    mark = LOWER_BOUND.strip()
+    return (
+        [f"Error terms that are unknown and not included ({mark}): {missing}."] if missing else []
+    )
 
 
 def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
-    """Say of each bolt what it carries where it is tightened last, and in the steps after that."""
+    """Report the force of each bolt at the last step of tightening, and in the steps after it."""
     force = 1e-3 * result["bolt_force"].to_numpy()
-    locked, told = int(np.flatnonzero(np.diff(tightening, prepend=0.0))[-1]), []
+    locked, lines = int(np.flatnonzero(np.diff(tightening, prepend=0.0))[-1]), []
     for bolt, (tightened, *rest) in enumerate(force[locked:].T):
         known = np.array(rest)[np.isfinite(rest)]
         changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
-        told.append(f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}.")
-    return told
+        lines.append(f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}.")
+    return lines
 
 
 def tabulate_budget(result: Dataset, quantity: str | None = None) -> Rows:
     """Head and rows of an error budget: half-widths in per cent of each term, and their total.
 
-    They are of one quantity of the budget, the first if not given, at no more than
-    ``MOST_BUDGETS`` steps; the last column says what a term rests on. Terms without a part in it
+    Shown is the budget of ``quantity``, or else of the first quantity, at no more than
+    ``MOST_BUDGETS`` steps; the last column has the source of a term. Terms that contribute nothing
     share a row.
     """
     name = quantity or str(result["quantity"].values[0])
     steps = estimated_steps(result, name)
     some = np.unique(np.linspace(0, steps.size - 1, MOST_BUDGETS).round().astype(int))
     shown = result.isel(step=steps[some[some >= 0]])
-    one = shown.sel(quantity=name)
-    half = total_error(one["error_bias"].values, one["error_half_width"].values)
+    budget = shown.sel(quantity=name)
+    half = total_error(budget["error_bias"].values, budget["error_half_width"].values)
     missing = unknown_terms(result, name)
     rows: list[tuple[str, ...]] = []
     nothing: list[str] = []
-    for term, values in zip(map(str, one["error_term"].values), half, strict=True):
+    for term, values in zip(map(str, budget["error_term"].values), half, strict=True):
         how = str(result.attrs[how_attribute(term)])
         if term not in missing and (is_absent(how) or np.all(values <= ROUNDING)):
             nothing.append(term)
         else:
-            rows.append((term, *map(say_error, values), how))
+            rows.append((term, *map(format_error, values), how))
     if nothing:
-        rows.append(("all others", *("0" for _ in half[0]), f"no part in it: {', '.join(nothing)}"))
-    beside = f"; lower bounds, without what is not known: {', '.join(missing)}" if missing else ""
+        rows.append(
+            ("all others", *("0" for _ in half[0]), f"contribute nothing: {', '.join(nothing)}")
+        )
+    lacking = f"; lower bounds, without unknown terms: {', '.join(missing)}" if missing else ""
     each = [shown.isel(step=k) for k in range(shown.sizes["step"])]
-    total = [say_total(step.drop_vars(f"{name}_one_part", errors="ignore"), name) for step in each]
-    rows.append(("total", *total, f"terms add as squares{beside}"))
+    total = [
+        format_total_error(step.drop_vars(f"{name}_one_part", errors="ignore"), name)
+        for step in each
+    ]
+    rows.append(("total", *total, f"root of the sum of squares{lacking}"))
     if f"{name}_one_part" in shown and shown[name].dims == ("step",):
-        ends = [say_total(step, name) for step in each]
+        ends = [format_total_error(step, name) for step in each]
         if ends != total:
-            why = "ends of the interval, where the answer does not follow its error in proportion"
+            why = "ends of the interval of an answer that is nonlinear in its errors"
             rows.append(("interval", *ends, why))
-    return ("error (%) at", *step_labels(shown, unit=" MPa"), "rests on"), rows
+    return ("error (%) at", *step_labels(shown, unit=" MPa"), "source"), rows
 
 
 def tabulate_sensitivity(result: Dataset) -> Rows:
-    """Head and rows of relative changes of answers, in per cent, if parameters are larger.
+    """Head and rows of relative changes of answers, per cent, if parameters increase.
 
-    Each parameter is larger by its half-width; steps are as of :func:`tabulate_budget`. Answers
-    that a parameter changes by less than a tenth of their error have no row.
+    Each parameter increases by its half-width; steps are as in :func:`tabulate_budget`. Changes of
+    less than a tenth of the error of the answer are left out.
     """
     known = np.flatnonzero(result["sensitivity"].notnull().any(("parameter", "quantity")))
     some = known[np.unique(np.linspace(0, known.size - 1, MOST_BUDGETS).round().astype(int))]
-    one = result.isel(step=some)
-    changes, error = one["sensitivity"].to_numpy(), np.nan_to_num(known_error(one))
+    shown = result.isel(step=some)
+    changes, error = shown["sensitivity"].to_numpy(), np.nan_to_num(known_error(shown))
 
     def write(change: float) -> str:
         if np.isnan(change):
@@ -471,40 +482,42 @@ def tabulate_sensitivity(result: Dataset) -> Rows:
 
     rows = [
         (parameter, quantity, *map(write, changes[k, i]))
-        for k, parameter in enumerate(map(str, one["parameter"].values))
-        for i, quantity in enumerate(map(str, one["quantity"].values))
-        if np.any(np.abs(changes[k, i]) > np.maximum(ROUNDING, TELLING * error[i]))
+        for k, parameter in enumerate(map(str, shown["parameter"].values))
+        for i, quantity in enumerate(map(str, shown["quantity"].values))
+        if np.any(np.abs(changes[k, i]) > np.maximum(ROUNDING, REPORTED * error[i]))
     ]
-    return ("larger parameter", "change (%) of", *step_labels(one, unit=" MPa")), rows
+    return ("increased parameter", "change (%) of", *step_labels(shown, unit=" MPa")), rows
 
 
 SLIP = (
     "{slipping_load} of the contact force is at sliding{slipping_load:intervals}, more than half "
     "of the local pressure on {slip_fraction} of the nominal area"
 )
-"""What slips at a step."""
+"""Phrase about the slip at a step."""
 
 
 def list_cycles(result: Dataset) -> list[str]:
-    """Say what every cycle of a joint has lost, and what slips; nothing for other results."""
+    """Report the loss of every cycle of a joint, and the slip at the amplitude."""
     if "cycle_energy" not in result:
         return []
-    view, told = View(result), []
+    view, lines = View(result), []
     unknown = "unknown" if result["converged"].to_numpy().all() else "not closed"
     for k in range(count := result.sizes["cycle"]):
         cycle = result.isel(cycle=k)
         last = "{cycle_energy:intervals}" if k + 1 == count else ""
-        lost = [*view.sentences(cycle, f"{{cycle_energy}} lost{last}")]
-        told.append(f"cycle {k}: {lost[0] if lost else unknown}")
+        lost = [*view.sentences(cycle, f"{{cycle_energy}} dissipated{last}")]
+        lines.append(f"cycle {k}: {lost[0] if lost else unknown}")
     slips = view.sentences(result.isel(step=-1), f"At the amplitude, {SLIP}")
-    return [*told, *(slips if "slipping_load" in result else [])]
+    return [*lines, *(slips if "slipping_load" in result else [])]
 
 
 def answer_columns(
     answers: Mapping[str, str], values: Mapping[str, np.ndarray]
 ) -> dict[str, list[Any]]:
-    """Return how answers of runs are shown: columns of ``SWEEP`` from their names and labels."""
-    columns: dict[str, list[Any]] = {f"answer_{it}": [] for it in ("label", "over", "drawn")}
+    """Return labels, units and scales of the answers of runs as columns of ``SWEEP``."""
+    columns: dict[str, list[Any]] = {
+        f"answer_{column}": [] for column in ("label", "over", "drawn")
+    }
     columns |= {"answer_unit": [], "answer_scale": []}
     overs = {name: next(filter(answers.__contains__, SHOWN[name].over), "") for name in answers}
     for name, label in answers.items():
@@ -515,8 +528,8 @@ def answer_columns(
     return columns
 
 
-def say_mean(values: np.ndarray) -> str:
-    """Say the mean of the values that are known, and their standard deviation."""
+def format_mean(values: np.ndarray) -> str:
+    """Write the mean of the finite values, and their standard deviation."""
     known = values[np.isfinite(values)]
     if not known.size:
         return "unknown"

@@ -1,4 +1,4 @@
-"""What a stage of a case is: it takes earlier datasets, leaves one of its own, and shows it."""
+"""A stage of a case: it takes the datasets of earlier stages, computes a dataset, and shows it."""
 
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -35,36 +35,36 @@ Datasets: TypeAlias = "Mapping[str, Dataset]"
 """Dataset of every stage, by its name."""
 
 ShowProgress: TypeAlias = Callable[[int, int, str], None]
-"""Gets what is finished, of how many, and the name of these parts, such as ``"realisations"``."""
+"""Called with the number of finished items, their total, and their name, as ``"realisations"``."""
 
 
-def unseen(finished: int, total: int, parts: str) -> None:
+def unseen(finished: int, total: int, items: str) -> None:
     """Show no progress."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page of a run."""
+    """A section of the page of a run: text, table, figures and downloads."""
 
     heading: str
     lines: Sequence[str] = ()  # paragraphs
     head: tuple[str, ...] = ()
     rows: Sequence[tuple[str, ...]] = ()
     figures: Mapping[str, Callable[[Path], Path]] = field(default_factory=dict)
-    """Functions that draw them into the file that they are given."""
+    """Functions that draw a figure into a file, by name."""
     links: Mapping[str, str] = field(default_factory=dict)
-    """From the text of a first cell of the table to the page of a run, relative to this one."""
+    """Relative path of the page of a run, by the text in the first column of the table."""
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
-    """Functions that write downloads into the file that they are given."""
+    """Functions that write a download into a file, by name."""
     notes: bool = False  # whether the last column of the table is text
-    small: bool = False  # whether three figures stand side by side, or else two
+    small: bool = False  # whether rows have three figures instead of two
     printed: bool = True  # whether the command line prints the table
     remarks: Sequence[str] = ()  # further paragraphs, which the command line prints, too
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run was for: question, and the answer in a few sentences."""
+    """Question of a run, and its answer in a few sentences."""
 
     question: str
     answer: Sequence[str]
@@ -72,36 +72,36 @@ class Summary:
 
 @dataclass(frozen=True)
 class Job:
-    """Where and with what the stages of a case are run."""
+    """Folder and resources with which the stages of a case are run."""
 
     out: Path  # run folder, which exists
     executor: Executor | None = None
-    progress: ShowProgress = unseen  # called after every part of a stage that takes long
+    progress: ShowProgress = unseen  # called after every item of a long stage
     team: "ProcessGroup | None" = None  # processes that share the substructures of a structure
-    sparing: bool = False  # whether only what took long is written
+    sparing: bool = False  # whether only expensive results are written
     read_law: Callable[[Path, bool], Dataset] = lambda file, quick: read_law(file)
-    """Read the law of a dataset, or of a case that may be quick and is run in its folder."""
+    """Read the law of a dataset, or of a case (maybe quick), which is run in its folder."""
     read_rve: Callable[[Path, bool], Dataset] = lambda file, quick: open_dataset(file, RVE)
     """Read a representative volume likewise."""
 
     def ensemble(
-        self, folder: str, identity: str, count: int, parts: str, *, each: int = 1
+        self, folder: str, identity: str, count: int, items: str, *, each: int = 1
     ) -> dict[str, Any]:
-        """Return how an ensemble is run, as keywords of :func:`multiscale.micro.run_ensemble`.
+        """Return the keywords of :func:`multiscale.micro.run_ensemble` for an ensemble.
 
-        Its jobs, so many in number, have ``each`` so many parts, which the progress counts.
+        The ensemble has ``count`` jobs of ``each`` items; the progress counts items.
         """
         return {
             "executor": self.executor,
             "folder": self.out / folder,
             "sparing": self.sparing,
             "identity": identity,
-            "progress": lambda finished: self.progress(each * finished, each * count, parts),
+            "progress": lambda finished: self.progress(each * finished, each * count, items),
         }
 
 
 def list_cautions(dataset: Dataset) -> list[str]:
-    """Return the cautions that a dataset carries as an attribute, one sentence each."""
+    """Return the cautions of a dataset, from its attribute, as sentences."""
     return str(dataset.attrs.get("cautions", "")).splitlines()
 
 
@@ -112,20 +112,20 @@ def _nothing(*_: object) -> tuple[()]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shown:
-    """A dataset of a run or a sweep, in a file named after its schema, and how it is shown."""
+    """A dataset of a run or a sweep, in a file named after its schema, with its presentation."""
 
     schema: Schema
     cautions: Callable[[Dataset], Iterable[str]] = list_cautions
-    """What a user should know before trusting it, one sentence each."""
+    """Cautions to a user, as sentences."""
     sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
-    """Parts of the page, with their figures, in a run folder."""
+    """Sections of the page, with their figures, in a run folder."""
     work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
     """Rows that report how much was computed."""
-    question: str | Callable[[Dataset], str] = ""  # what a run is for; empty if it is not
+    question: str | Callable[[Dataset], str] = ""  # empty if the stage does not head the page
     answer: Callable[[Dataset], Iterable[str]] = _nothing
-    """In sentences; the last stage with a question heads the page."""
+    """Answer in sentences; the last stage with a question heads the page."""
     failure: Callable[[Dataset], str] = lambda dataset: ""
-    """Why some of its steps have no answer; such a command ends with 1."""
+    """Reason why steps have no answer, with which the command ends with status 1; or empty."""
 
     @property
     def name(self) -> str:
@@ -138,20 +138,20 @@ class Shown:
         return f"{self.name}.nc"
 
     def summary(self, dataset: Dataset) -> Summary:
-        """Return the question, which the dataset may have changed, and its answer."""
-        asked = self.question(dataset) if callable(self.question) else self.question
-        return Summary(str(dataset.attrs.get("question", asked)), list(self.answer(dataset)))
+        """Return the question, which an attribute of the dataset may replace, and the answer."""
+        question = self.question(dataset) if callable(self.question) else self.question
+        return Summary(str(dataset.attrs.get("question", question)), list(self.answer(dataset)))
 
     def draw(self, dataset: Dataset, folder: Path) -> list[Path]:
         """Draw all figures of a dataset into PNG files of a folder, and return them."""
         sections = self.sections({self.name: dataset}, folder)
-        figures = [one for section in sections for one in section.figures.items()]
+        figures = [item for section in sections for item in section.figures.items()]
         return [draw(make_folder(folder) / f"{name}.png") for name, draw in figures]
 
     def lines(self, dataset: Dataset, sections: Iterable[Section] | None = None) -> list[str]:
-        """Return what the command line prints: tables, the answer below the first one, and remarks.
+        """Return the lines of the command line: tables, the answer below the first, and remarks.
 
-        The sections are those of this dataset if not given.
+        The sections default to the sections of this dataset.
         """
         if sections is None:
             sections = self.sections({self.name: dataset}, Path())
@@ -171,40 +171,40 @@ class Stage(Shown):
 
     tables: tuple[str, ...]  # of a case file that together ask for the stage
     reads: set[str] | dict[str, Any] | None = None
-    """Tables and keys on which its dataset depends, beside those of the stages that it takes from,
-    as ``include`` of pydantic; all if not given."""
-    takes: "tuple[Stage, ...]" = ()  # stages whose datasets it takes
+    """Tables and keys on which the dataset depends, in addition to the keys of the stages in
+    ``takes``, as ``include`` of pydantic; all keys if not given."""
+    takes: "tuple[Stage, ...]" = ()  # stages of the input datasets
     run: Callable[[Any, Datasets, Job], Dataset]
-    """From the case, the datasets of earlier stages and the job."""
+    """Compute the dataset from the case, the datasets of earlier stages and the job."""
     write_fields: Callable[..., object] | None = None
     """Write the dataset for ParaView into a folder, under a name."""
     needs: Callable[[Any], Needs] = lambda case: Needs()
     prepare: Callable[[Any], object] = _nothing
-    """Refuse from the case what it can before any stage is run."""
+    """Refuse invalid cases before any stage is run."""
     check: Callable[[Dataset], object] = _nothing
-    """Refuse a dataset that has been written but answers nothing."""
-    kept: str = ""  # what ``--quick`` leaves as it is, in a sentence
+    """Refuse a written dataset without any answer."""
+    quick_note: str = ""  # sentence about settings that ``--quick`` does not make coarser
     folders: tuple[str, ...] = ()
-    """Folders of a run where the stage finds what it need not compute again."""
+    """Folders of a run with results that the stage reuses."""
     answers: Mapping[str, str] = field(default_factory=dict)
-    """Variables by which runs are compared at the end of their steps or cycles, with labels in
-    place of those of ``SHOWN``; those of the last stage that has any, as far as a run has them."""
+    """Variables by which runs are compared at the end of their steps or cycles, with labels, or
+    empty for the labels of ``SHOWN``. The last stage with answers counts."""
     compared: Callable[[Dataset], Dataset] = lambda dataset: dataset
-    """Return a dataset that has the answers under their names."""
+    """Return a dataset with the answers under their names."""
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""
         return all(table in tables for table in self.tables)
 
     def identity(self, case: "Settings") -> str:
-        """Checksum of all that the dataset depends on; another one is out of date."""
+        """Checksum of all inputs of the dataset; a dataset with another checksum is out of date."""
         taken = [stage.identity(case) for stage in self.takes if stage.asked_for(case.tables)]
-        own = case.checksum(include=self.reads)
-        return sha256(" ".join([__version__, self.name, own, *taken]).encode()).hexdigest()
+        keys = case.checksum(include=self.reads)
+        return sha256(" ".join([__version__, self.name, keys, *taken]).encode()).hexdigest()
 
 
 def with_sample_band(dataset: Dataset, name: str) -> Dataset:
-    """Add the 95 % interval of an answer from its samples, where no error budget has given one."""
+    """Add the 95 % interval of an answer from its samples, unless an error budget gave it."""
     drawn, band = f"{name}_sample", f"{name}_mean_law"
     if band in dataset or drawn not in dataset or not dataset[drawn].size:
         return dataset
@@ -215,9 +215,9 @@ def with_sample_band(dataset: Dataset, name: str) -> Dataset:
 def format_table(
     title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, notes: bool = False
 ) -> list[str]:
-    """Return a title, a head and rows as lines with aligned columns, the last one text if notes.
+    """Return a title, a head and rows as lines with aligned columns; with notes the last is text.
 
-    A name that is longer than all below it stands in two lines, cut at a space.
+    Heads longer than their column are broken at a space into two lines.
     """
     heads = []
     for name, *cells in zip(head, *rows, strict=True):

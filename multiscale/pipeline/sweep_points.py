@@ -10,11 +10,11 @@ import numpy as np
 from multiscale.pipeline.showing import (
     LOWER_BOUND,
     Rows,
+    format_error_behind,
+    format_interval,
+    format_sides,
     padded,
     round_by,
-    say_beside,
-    say_ends,
-    say_sides,
 )
 from multiscale.pipeline.stage import Datasets, Section, Shown
 from multiscale.plotting.figure import on_axes
@@ -239,8 +239,8 @@ def _with_error(point: Dataset, name: str, step: int) -> str:
             half, size, bound = 0.5 * (high - low), abs(scale * value), _bounds(point).item()
             if half >= size:  # of an answer that may be zero, such as a leak rate
                 return f"{scale * value:.3g} ({low:.2g} ... {high:.2g}){bound}"
-            error = say_sides(scale * value, np.array([low, high]), bound)
-            return f"{round_by(scale * value, half)}{say_beside(error)}"
+            error = format_sides(scale * value, np.array([low, high]), bound)
+            return f"{round_by(scale * value, half)}{format_error_behind(error)}"
     return f"{scale * value:.4g}"
 
 
@@ -255,7 +255,7 @@ def _column(result: Dataset, name: str) -> list[str]:
             texts.append("unknown")
             continue
         half = 0.5 * float(np.ptp(limits))
-        band = say_ends(value, limits, bound) if np.isfinite(half) else ""
+        band = format_interval(value, limits, bound) if np.isfinite(half) else ""
         texts.append(f"{round_by(value, half)}{f' ({band})' if band else ''}")
     return texts
 

@@ -210,7 +210,7 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
     assert np.all(response["filled_share"].values == 0.0)
     assert "caution: body_1: the cells hold" in printed.err
     assert "body 1 windows" in printed.out
-    cutoff = "The cells of body_1 keep the waves down to 25 µm, 8 points of the grid"
+    cutoff = "The cells of body_1 contain wavelengths down to 25 µm, 8 points of the grid"
     assert cutoff in printed.out
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert cutoff.replace("body_1", "body 1") in page

@@ -33,7 +33,7 @@ def result(run_folder):
 
 
 def test_the_print_names_the_errors_that_are_not_counted(result):
-    told = "Terms of the error that are not known and not counted (+ ?): "
+    told = "Error terms that are unknown and not included (+ ?): "
     assert f"{told}cell size, micro discretisation." in list(JOINT.lines(result))
 
 

@@ -100,7 +100,9 @@ def test_what_has_no_answer_is_refused_in_a_sentence(meshes, name):
 
 
 def test_a_preload_that_fails_without_friction_names_the_key(meshes):
-    with pytest.raises(ConvergenceError, match=r"preload_friction = false in \[vibration\] leaves"):
+    with pytest.raises(
+        ConvergenceError, match=r"preload_friction = false in \[vibration\] applies"
+    ):
         solve(meshes, DENSE + VIBRATION)
 
 

@@ -5,11 +5,11 @@ import pytest
 
 from multiscale.pipeline.showing import (
     View,
+    format_error,
+    format_interval,
+    format_sides,
     list_cycles,
     round_by,
-    say_ends,
-    say_error,
-    say_sides,
     tabulate_budget,
     tabulate_sensitivity,
 )
@@ -21,8 +21,8 @@ from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term, assemble_budg
 
 
 def test_a_total_is_a_percentage_or_unknown():
-    assert say_error(0.0123) == "1.2"
-    assert say_error(float("nan")) == "unknown"
+    assert format_error(0.0123) == "1.2"
+    assert format_error(float("nan")) == "unknown"
 
 
 def joint(total):
@@ -111,8 +111,8 @@ def test_the_error_follows_an_interval_that_ends_at_zero():
 
 
 def test_the_error_is_the_larger_side_of_an_interval_about_as_wide_on_both():
-    assert say_sides(100.0, np.array([94.0, 105.0])) == "6"
-    assert say_sides(100.0, np.array([97.9, 105.0])) == "-2.1, +5"
+    assert format_sides(100.0, np.array([94.0, 105.0])) == "6"
+    assert format_sides(100.0, np.array([97.9, 105.0])) == "-2.1, +5"
 
 
 @pytest.mark.parametrize("missing", ["sampling", "cell size"])
@@ -126,11 +126,11 @@ def test_known_terms_are_a_lower_bound_beside_the_name_of_the_unknown_term(missi
     assert row["interface (MPa/µm)"] == "23.0 ± 5 % + ?"
     assert say(result, "±") == "23.0 MPa/µm ± 5 % or more"
     assert say(result, "()") == (
-        f"23.0 MPa/µm (mean law and one part 21.8 ... 24.1; or wider, without {missing}, not known)"
+        f"23.0 MPa/µm (mean law and one part 21.8 ... 24.1; or wider: {missing} not known)"
     )
     *_, total = tabulate_budget(result)[1]
     assert total[:2] == ("total", "5 + ?")
-    assert total[-1].endswith(f"lower bounds, without what is not known: {missing}")
+    assert total[-1].endswith(f"lower bounds, without unknown terms: {missing}")
 
 
 def test_an_answer_without_any_known_term_has_no_number_for_its_error():
@@ -142,11 +142,11 @@ def test_an_answer_without_any_known_term_has_no_number_for_its_error():
 
 def test_digits_do_not_exceed_the_error():
     bound = " + ?"
-    assert say_ends(445.9496, np.array([445.9462, 445.9529])) == "± < 0.001 %"
-    assert say_ends(445.9496, np.array([445.85, 446.05]), bound) == "± 0.022 % + ?"
-    assert say_ends(445.9496, np.array([441.0, 451.0])) == "441 ... 451"
-    assert say_ends(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16])) == ""
-    assert say_ends(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16]), bound) == "unknown"
+    assert format_interval(445.9496, np.array([445.9462, 445.9529])) == "± < 0.001 %"
+    assert format_interval(445.9496, np.array([445.85, 446.05]), bound) == "± 0.022 % + ?"
+    assert format_interval(445.9496, np.array([441.0, 451.0])) == "441 ... 451"
+    assert format_interval(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16])) == ""
+    assert format_interval(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16]), bound) == "unknown"
     assert round_by(445.9496, 0.0034) == "445.9"
     unsure = budgeted({"fit": 1e-4, "macro discretisation": None})
     assert say(unsure, "±") == "23 MPa/µm ± 0.01 % or more"
@@ -155,7 +155,7 @@ def test_digits_do_not_exceed_the_error():
 def test_rows_without_a_part_in_the_budget_share_a_row():
     rows = tabulate_budget(budgeted({"fit": 0.03, "cell size": None}))[1]
     assert [row[0] for row in rows] == ["fit", "cell size", "all others", "total"]
-    assert rows[2][-1].startswith("no part in it: sampling, micro discretisation, increments")
+    assert rows[2][-1].startswith("contribute nothing: sampling, micro discretisation, increments")
 
 
 def test_parameters_that_change_nothing_have_no_row():

@@ -38,10 +38,10 @@ from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, unknown_terms
 
 __all__ = ["BODY_FATIGUE"]
 
-SOLVES = 40  # of a structure whose inclusions crack one after the other, about
+SOLVES = 40  # number of solves while the inclusions crack one after the other, about
 
 STATES, CYCLE_SECONDS = 5, 5e-4
-"""States of an inclusion that are held at once, and CPU seconds of its life, about; few flow."""
+"""States of an inclusion in memory at once, and CPU seconds of its life, about; few yield."""
 
 CLOSED = 0.02
 """Stress between both ends of a cycle over its largest range, up to which the cycle is closed."""
@@ -94,24 +94,24 @@ class _Cycled:
 
     def solve(self, laws: Sequence[InterfaceLaw], cracked: np.ndarray | None = None) -> np.ndarray:
         """Solve the path anew; return the stress of the last cycle as :meth:`stress`."""
-        parts = self.bodies.build(self.case, laws)
-        bodies = list(parts.assembly.bodies)
+        built = self.bodies.build(self.case, laws)
+        bodies = list(built.assembly.bodies)
         if cracked is not None:
             bodies[self.number] = replace(bodies[self.number], share=1.0 - cracked)
         whole = substructures.condense_assembly(
-            replace(parts.assembly, bodies=tuple(bodies)), self.method
+            replace(built.assembly, bodies=tuple(bodies)), self.method
         )
         follow = partial(
             substructures.follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate
         )
-        return self.stress(whole.restore(follow(whole.small, parts.path)), parts.path, bodies)
+        return self.stress(whole.restore(follow(whole.small, built.path)), built.path, bodies)
 
     def stress(
         self, result: Dataset, path: "substructures.LoadPath", bodies: "Sequence[macro.Body]"
     ) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
 
-        Where the body has a damage of its own, it is the stress of what is left of its sections.
+        In a damaged body it is the effective stress: force over the remaining section.
         """
         nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
         moved = result["displacement"].to_numpy()[path.closed()[-1], nodes[0] : nodes[1]]
@@ -124,21 +124,21 @@ class _Cycled:
         return macro.bodies.element_stress(bodies[self.number], moved) / sound
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
-    """Follow the inclusions of a body from the cycles that the stage before has solved."""
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Follow the damage of the inclusions of a body over the cycles of the previous stage."""
     structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
-    bodies = structure.with_volumes(case, found, job.read_rve)
-    table, result = case.fatigue, found[MACRO_RESULT.name]
-    laws = bodies.read_laws(case, found, job.read_law)
+    bodies = structure.with_volumes(case, datasets, job.read_rve)
+    table, result = case.fatigue, datasets[MACRO_RESULT.name]
+    laws = bodies.read_laws(case, datasets, job.read_law)
     method = choose_solver(case, structure.joint_size(case), job.team).taken.method
-    names = [one.name for one in bodies.bodies]
+    names = [body.name for body in bodies.bodies]
     number = names.index(table.body or names[0])
     cycled = _Cycled(bodies, case, laws, method, number)
-    parts = bodies.build(case, cycled.sliders)
-    body, own = parts.assembly.bodies[number], bodies.bodies[number]
-    stress = cycled.stress(result, parts.path, parts.assembly.bodies)
+    built = bodies.build(case, cycled.sliders)
+    body, settings = built.assembly.bodies[number], bodies.bodies[number]
+    stress = cycled.stress(result, built.path, built.assembly.bodies)
     _refuse_static(stress, table, names[number])
-    material = table.material(*own.moduli)
+    material = table.material(*settings.moduli)
 
     def stress_of(cracked: np.ndarray) -> np.ndarray:
         return cycled.solve(cycled.sliders, cracked) if cracked.any() else stress
@@ -159,16 +159,16 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     life = FATIGUE_LIFE.assign(life, values)
     coarse = _coarser_life(cycled)
     life = _with_intervals(life, stress, material, cycled, result, coarse, job)
-    life = with_cautions(life, "" if coarse else ELEMENT_MEANS, *_of_ends(stress))
+    life = with_cautions(life, "" if coarse else ELEMENT_MEANS, *_caution_open_cycle(stress))
     return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
 
 
 def _refuse_static(stress: np.ndarray, table: FatigueSettings, name: str) -> None:
-    """Refuse a stress above the static strength, which is no fatigue."""
+    """Refuse a stress above the static strength."""
     if (most := float(von_mises(stress).max())) > table.strength:
         raise CaseError(
             f"an element of {name} bears {1e-6 * most:.4g} MPa in the cycle, above the strength of "
-            f"{1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure and no fatigue; "
+            f"{1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure, not fatigue; "
             f"lower the loads, or correct the strength"
         )
 
@@ -233,28 +233,30 @@ def _law_errors(
 ) -> tuple[Mapping[str, float], list[int], list[str]]:
     """Relative half-widths of the life by the budgets of all laws.
 
-    With the elements that crack first with changed laws, and what the laws do not know.
+    Also returns the elements that crack first with changed laws, and cautions for terms of the
+    error that are not known.
     """
     squares, places, cautions = {"mean_law": 0.0, "one_part": 0.0}, list[int](), list[str]()
     cautions += [
-        NO_LAW_BUDGET.format(number=k) for k, one in enumerate(cycled.laws) if not has_budget(one)
+        NO_LAW_BUDGET.format(number=k) for k, law in enumerate(cycled.laws) if not has_budget(law)
     ]
 
     def shortest(change: Change) -> np.ndarray:
         """Life of the element that cracks first with a changed law."""
         laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
-        found = first(cycled.solve(laws), material)
-        places.append(int(np.argmin(found)))
-        return np.array([[float(found.min())]])
+        lives = first(cycled.solve(laws), material)
+        places.append(int(np.argmin(lives)))
+        return np.array([[float(lives.min())]])
 
-    for one in ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws:
+    for law_errors in ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws:
         traction = -result["traction"].to_numpy()[-1, :, 0]
-        mine = np.isin(result["point_joint"].to_numpy(), one.joints)
-        own = traction[mine & (traction > 0.0)]
-        pressure = np.array([own.mean()]) if own.size else None
+        # mean pressure on the closed points of the joints of this law
+        of_law = np.isin(result["point_joint"].to_numpy(), law_errors.joints)
+        closed = traction[of_law & (traction > 0.0)]
+        pressure = np.array([closed.mean()]) if closed.size else None
         budget = propagate(
             "life",
-            one.sources(pressure),
+            law_errors.sources(pressure),
             shortest,
             np.array([[middle]]),
             progress=lambda done, total: job.progress(
@@ -263,15 +265,15 @@ def _law_errors(
         )
         for kind, error in interval_errors(budget).items():
             squares[kind] += float(error[0, 0]) ** 2
-        # the mesh has its own part in the life
+        # the error of the mesh enters the life separately
         if missing := [term for term in unknown_terms(budget) if term != MACRO]:
-            cautions.append(LACKS.format(joints=one.joints, terms=", ".join(missing)))
+            cautions.append(LACKS.format(joints=law_errors.joints, terms=", ".join(missing)))
     errors = {kind: float(np.sqrt(square)) for kind, square in squares.items()}
     return errors, places, cautions
 
 
-def _of_ends(stress: np.ndarray) -> Iterator[str]:
-    """Say by how much the cycle misses its start."""
+def _caution_open_cycle(stress: np.ndarray) -> Iterator[str]:
+    """Caution if the stress at the end of the cycle differs from its start."""
     largest = float(np.ptp(stress, axis=0).max()) or 1.0
     missed = float(np.abs(stress[-1] - stress[0]).max()) / largest
     if missed > CLOSED:
@@ -293,40 +295,44 @@ def _coarser_life(cycled: _Cycled) -> float | None:
     return None
 
 
-def _say(cycles: float) -> str:
+def _format_cycles(cycles: float) -> str:
     return "no number of cycles" if np.isinf(cycles) else f"{cycles:.3g} cycles"
 
 
 def _answer(life: Dataset) -> str:
-    """Say life and place in a sentence."""
+    """Report the life and the place of the first crack."""
     body = life.attrs["body"]
     if int(life["run_out"]):
         share = 100.0 * float(life["cracked_share"].max())
-        told = "all inclusions"
+        inclusions = "all inclusions"
         if share:
-            told = f"up to {share:.3g} % of the inclusions of an element crack, and the others"
-        return f"No element of {body} cracks through: {told} stay elastic."
+            inclusions = (
+                f"up to {share:.3g} % of the inclusions of an element crack, and the others"
+            )
+        return f"No element of {body} cracks through: {inclusions} stay elastic."
     cycles = float(life["cycles_to_crack"])
     if np.isnan(cycles):
         done = float(life["cycles"][-1])
         return (
-            f"The life of {body} is unknown: after {_say(done)} and {int(life['solves'])} solves "
-            f"no element has cracked; raise max_cycles, or tolerance, in [fatigue]."
+            f"The life of {body} is unknown: after {_format_cycles(done)} and "
+            f"{int(life['solves'])} solves no element has cracked; raise max_cycles, or "
+            f"tolerance, in [fatigue]."
         )
     place = ", ".join(f"{1e3 * x:.4g}" for x in life["crack_position"].to_numpy())
-    told = f"A crack starts in {body} at ({place}) mm after {_say(cycles)}"
+    sentence = f"A crack starts in {body} at ({place}) mm after {_format_cycles(cycles)}"
     for kind, words in (("mean_law", "mean part"), ("one_part", "one part")):
         if (name := f"cycles_to_crack_{kind}") in life and np.isfinite(life[name]).any():
             low, high = life[name].to_numpy()
-            told += f"; {words}, 95 %: {low:.3g} ... {high:.3g}"
+            sentence += f"; {words}, 95 %: {low:.3g} ... {high:.3g}"
     if "crack_distance" in life:
         away = 1e3 * float(life["crack_distance"])
         moves = f"moves by up to {away:.3g} mm" if away else "stays"
-        told += f"; within these intervals the place {moves}"
+        sentence += f"; within these intervals the place {moves}"
     if "mesh_error" in life:
         change = np.expm1(float(life["mesh_error"]))
-        told += f"; on the coarser mesh the first life differs by {100.0 * change:.2g} %"
-    return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
+        sentence += f"; on the coarser mesh the first life differs by {100.0 * change:.2g} %"
+    first = _format_cycles(float(life["cycles_to_first"]))
+    return f"{sentence}. The first inclusion cracks after {first}."
 
 
 TABLE = Table(
@@ -340,8 +346,8 @@ TABLE = Table(
 )
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    life = found[FATIGUE_LIFE.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    life = datasets[FATIGUE_LIFE.name]
     pictures = {
         "fatigue_amplitude": on_axes(plot_element_field, life, "equivalent_amplitude", near=False),
         "fatigue_damage": on_axes(plot_element_field, life, "damage", near=True),
@@ -352,15 +358,15 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 def _needs(case: Case) -> Needs:
     again = SOLVES if case.fatigue.scatter else 0
     bodies = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
-    names = [one.name for one in bodies.bodies]
+    names = [body.name for body in bodies.bodies]
     body = bodies.bodies[names.index(case.fatigue.body or names[0])]
     inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
     seconds = again * choose_solver(case, bodies.joint_size(case)).taken.seconds
-    told = f"{inclusions} inclusions, and about {again} solves as they crack"
+    work = f"{inclusions} inclusions, and about {again} solves as they crack"
     return Needs(
         memory=8 * STATES * STATE_SIZE * inclusions,
         seconds=seconds + CYCLE_SECONDS * inclusions,
-        choices=(Choice("fatigue", told),),
+        choices=(Choice("fatigue", work),),
     )
 
 

@@ -40,12 +40,12 @@ __all__ = ["BRAKING", "braking_answer", "solve_treads"]
 
 OTHERS = "not known: {} were solved; run the case with {} in [cell], and compare"
 
-TELLING = 0.05
-"""Error of the law over the peak of the friction, from which a user is told."""
+REPORTED = 0.05
+"""Error of the law over the peak of the friction from which a caution is issued."""
 
-SLIDE_TIME = 1.2e-9  # s, of one footprint, over the cube of its unknowns, about
+SLIDE_TIME = 1.2e-9  # s of a footprint, over the cube of its unknowns, about
 MOST_SAMPLES = 20
-"""Of the law, that braking forces are computed for."""
+"""Samples of the law for which braking forces are computed, at most."""
 
 
 def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
@@ -55,31 +55,33 @@ def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
     tread, coarse = _condense(case, elements), _condense(case, fewer)
     steps = list(product(case.sliding.temperatures, case.sliding.speeds))
     samples = range(min(MOST_SAMPLES, law.sizes.get("sample", 0)))
-    found, coarser, times, ranges = [], [], [], []
+    footprints, coarser, times, ranges = [], [], [], []
     sampled = np.full((len(samples), len(steps)), np.nan)
     for k, (temperature, speed) in enumerate(steps):
         begin = perf_counter()
         normal = _normal_law(response, temperature, speed)
         ranges.append(data_ends(normal))
         frictions = frictions_at(law, temperature, [None, *samples])
-        mean, *drawn = (SteadySliding(normal, one, (speed, 0.0)) for one in frictions)
-        found.append(macro.joint.slide_tread(tread, mean, pressure))
+        mean, *drawn = (SteadySliding(normal, friction, (speed, 0.0)) for friction in frictions)
+        footprints.append(macro.joint.slide_tread(tread, mean, pressure))
         coarser.append(_force(macro.joint.slide_tread(coarse, mean, pressure)))
-        sampled[:, k] = [_force(macro.joint.slide_tread(tread, one, pressure)) for one in drawn]
+        sampled[:, k] = [
+            _force(macro.joint.slide_tread(tread, sample, pressure)) for sample in drawn
+        ]
         times.append(perf_counter() - begin)
-    good = np.array([one.solution.converged for one in found])
+    good = np.array([footprint.solution.converged for footprint in footprints])
     failures = [
         f"no braking force at {speed:.3g} m/s and {temperature - ZERO_CELSIUS:.4g} °C: "
-        f"{one.solution.detail}"
-        for (temperature, speed), one in zip(steps, found, strict=True)
-        if not one.solution.converged
+        f"{footprint.solution.detail}"
+        for (temperature, speed), footprint in zip(steps, footprints, strict=True)
+        if not footprint.solution.converged
     ]
-    force = np.array([_force(one) for one in found])
+    force = np.array([_force(footprint) for footprint in footprints])
     load = pressure * tread.block.area
     result = MACRO_RESULT.build(
         {
             "converged": good.astype(int),
-            "residual": [one.solution.residuals[-1] for one in found],
+            "residual": [footprint.solution.residuals[-1] for footprint in footprints],
             "wall_time": times,
             "preload": np.full(len(steps), pressure),
             "temperature": [temperature for temperature, _ in steps],
@@ -87,7 +89,9 @@ def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
             "braking_force": force,
             "braking_coefficient": force / load,
             **({"braking_force_sample": sampled} if samples else {}),
-            "traction": np.where(good[:, None, None], [one.traction.T for one in found], np.nan),
+            "traction": np.where(
+                good[:, None, None], [footprint.traction.T for footprint in footprints], np.nan
+            ),
             "point_position": np.vstack([tread.position, np.zeros(tread.weight.size)]).T,
             "point_area": tread.weight,
         },
@@ -95,7 +99,10 @@ def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
         cautions="\n".join(filter(None, [_missed(law), *failures])),
     )
     pressure_of = np.array(
-        [np.where(one.solution.converged, -one.traction[0], np.nan) for one in found]
+        [
+            np.where(ok, -footprint.traction[0], np.nan)
+            for ok, footprint in zip(good, footprints, strict=True)
+        ]
     )
     data = np.array(ranges)
     shares = load_shares(pressure_of, tread.weight, data)[..., None]
@@ -128,13 +135,13 @@ def _force(footprint: "macro.joint.Footprint") -> float:
 def _missed(law: Dataset) -> str:
     """Caution against forces where the bell misses the cells."""
     error = float(law.attrs["largest_error_over_peak"])
-    if error <= TELLING:
+    if error <= REPORTED:
         return ""
     return (
-        f"the bell misses the cells by up to {100.0 * error:.2g} % of its peak, most at "
+        f"the fitted curve differs from the cells by up to {100.0 * error:.2g} % of its peak, at "
         f"{law.attrs['largest_error_speed']:.3g} m/s and "
-        f"{law.attrs['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C, more than the bands of "
-        f"the forces say, which hold the scatter of the road alone"
+        f"{law.attrs['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C, which is more than "
+        f"the intervals of the forces, as these contain only the scatter of the road"
     )
 
 
@@ -143,9 +150,9 @@ def _normal_law(response: Dataset, temperature: float, speed: float) -> Exponent
     at = (response["temperature"].values == temperature) & (
         response["sliding_speed"].values == speed
     )
-    part = response.isel(step=np.flatnonzero(at))
-    gaps = np.where(part["converged"].values == 1, part["mean_gap"].values, np.nan)
-    seen = observe("gap", part["nominal_pressure"].values, gaps)
+    steps = response.isel(step=np.flatnonzero(at))
+    gaps = np.where(steps["converged"].values == 1, steps["mean_gap"].values, np.nan)
+    seen = observe("gap", steps["nominal_pressure"].values, gaps)
     law = law_from_dataset(fit_law(seen, family="exponential", n_samples=0))
     if not isinstance(law, Exponential):
         raise TypeError(f"expected an exponential law, got {type(law).__name__}")
@@ -157,7 +164,7 @@ def _needs(case: Case) -> Needs:
     face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
     steps = len(case.sliding.temperatures) * len(case.sliding.speeds)
     return Needs(
-        choices=(Choice("tread block", f"{face} unknowns on its face stand for all of it"),),
+        choices=(Choice("tread block", f"condensed onto the {face} unknowns of its face"),),
         fields=("traction of the footprint",),
         libraries=("matplotlib", "scikit-fem"),
         memory=8 * (6 * face**2 + 40 * face * face * ez),
@@ -174,16 +181,16 @@ def _check(result: Dataset) -> None:
 
 
 def braking_answer(result: Dataset) -> Iterator[str]:
-    """Report where the force of every temperature is largest."""
+    """Report the largest braking force at every temperature, and its speed."""
     for temperature in np.unique(result["temperature"].values):
-        mine = result.isel(step=np.flatnonzero(result["temperature"].values == temperature))
-        if mine["braking_force"].isnull().all():
+        at = result.isel(step=np.flatnonzero(result["temperature"].values == temperature))
+        if at["braking_force"].isnull().all():
             yield f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known."
         else:
             yield from View(result).sentences(
-                _hardest(mine),
-                "At {temperature} it brakes by at most {braking_force:±}, {braking_coefficient} of "
-                "its load, at {sliding_speed}.",
+                _hardest(at),
+                "At {temperature} the braking force is at most {braking_force:±}, "
+                "{braking_coefficient} of the load, at {sliding_speed}.",
             )
     yield from list_missing(result)
 
@@ -192,8 +199,8 @@ def _hardest(result: Dataset) -> Dataset:
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    result = found[BRAKING.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    result = datasets[BRAKING.name]
     shown = with_sample_band(result, "braking_force")
     force = on_axes(plot_lines, shown, "braking_force", by="temperature", xscale="log", size=WIDE)
     rows = TABLE.rows(shown)
@@ -203,7 +210,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     best = int(np.nanargmax(result["braking_force"].values))
     yield Section(
         "Error budget",
-        ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
+        ["Half-widths of the 95 % intervals of the largest braking force."],
         *tabulate_budget(result.isel(step=[best])),
         notes=True,
         printed=False,
@@ -235,7 +242,7 @@ def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarr
     Notes
     -----
     - *sampling*: from the standard deviation over samples of the law;
-    - *fit*: from the root mean square by which the bell misses the cells;
+    - *fit*: from the root mean square between the fitted curve and the cells;
     - *macro discretisation*: :func:`multiscale.upscaling.estimate_grid_error`.
     """
     force = np.abs(result["braking_force"].to_numpy())
@@ -247,17 +254,18 @@ def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarr
             "not known: the law has no samples; give them in [law], and 3 or more realisations in "
             "[sliding]"
         ),
-        "fit": Term("root mean square by which the bell misses the cells", fit),
+        "fit": Term("root mean square difference between the fitted curve and the cells", fit),
         "cell size": Term(OTHERS.format("cells of one size", "another size")),
         "micro discretisation": Term(OTHERS.format("cells on one grid", "other points")),
         "increments": Term("nothing: rubber does not flow", nothing),
-        "small slopes": Term("not known: the half-space of the rubber takes slopes as small"),
+        "small slopes": Term("not known: the half-space of the rubber assumes small slopes"),
         "surface": Term(
-            "nothing: the roads are made from a spectrum, which the cells hold whole", nothing
+            "nothing: the roads are made from a spectrum, which the cells contain completely",
+            nothing,
         ),
         "friction bed": NORMAL_ALONE,
         "scale separation": Term(
-            "not known: the pressure of the footprint is taken as even over the waves of the road"
+            "not known: the footprint has uniform pressure over the wavelengths of the road"
         ),
         MACRO: Term(
             "not known: elements of twice the size do not fit; give smaller ones in [tread]"
@@ -280,8 +288,8 @@ BRAKING = Stage(
     tables=("rubber", "tread"),
     reads={"tread"},
     takes=(FRICTION_LAW,),
-    run=lambda case, found, job: solve_treads(
-        case, found[MICRO_RESPONSE.name], found[INTERFACE_LAW.name]
+    run=lambda case, datasets, job: solve_treads(
+        case, datasets[MICRO_RESPONSE.name], datasets[INTERFACE_LAW.name]
     ),
     needs=_needs,
     check=_check,

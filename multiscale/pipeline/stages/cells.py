@@ -54,7 +54,7 @@ COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
 MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
 MESH_CAUTION = (
     "each volume of the mesh has the moduli of itself and body_2 together, against a rigid flat: "
-    "this is right where body_2 is much stiffer, or like the mesh at every depth"
+    "this is right where body_2 is much stiffer, or has the moduli of the mesh at every depth"
 )
 
 STEEP = 0.3  # root mean square slope
@@ -63,7 +63,7 @@ MAP = (4.7, 4.0)
 """Width and height of a figure of a square map with its colour bar, inches."""
 
 SLOPE_OF_PAIR = 8.0
-"""Error of the second order in the slope over change by it and slope: 6 to 11 of alike bodies."""
+"""Error of the second order in the slope, over its change times the slope; 6 to 11 measured."""
 
 MEASURED = Table(
     (
@@ -86,15 +86,15 @@ def run_micro(
     progress: ShowProgress = unseen,
     fields: bool = True,
 ) -> Dataset:
-    """Solve all cells of a case and write their response; finished cells found are kept.
+    """Solve all cells of a case and write their response; finished cells are not solved again.
 
     Parameters
     ----------
     case : Case
-    file : Path, gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``
+    file : Path, response; cells and fields go to the folders ``micro`` and ``fields`` next to it
     executor, progress
         As of :func:`~multiscale.pipeline.run`.
-    fields : bool, whether to write the fields of the first realisation beside the file, too
+    fields : bool, whether to write the fields of the first realisation, too
 
     Returns
     -------
@@ -107,7 +107,7 @@ def run_micro(
     return response
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     response = _press(case, job)
     if not job.sparing:
         write_fields(case, job.out, job.out)
@@ -136,13 +136,15 @@ def _press(case: Case, job: Job) -> Dataset:
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
     if case.cell.mesh is None:
         pair, folder = flat_bodies(case), job.out / "micro-slope-order"
-        one = None if isinstance(cells[0], FlatCell) else flat_composite(case)
-        response = with_slope_errors(response, pair, folder, identity, one, sparing=job.sparing)
+        composite = None if isinstance(cells[0], FlatCell) else flat_composite(case)
+        response = with_slope_errors(
+            response, pair, folder, identity, composite, sparing=job.sparing
+        )
     response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
         surface_modulus=surface_modulus(case),
-        coatings=" and ".join(f"body_{k}" for k, one in enumerate(case.bodies, 1) if one.coating),
+        coatings=" and ".join(f"body_{k}" for k, body in enumerate(case.bodies, 1) if body.coating),
         longest_wave=longest_wave(case),
         cell_size=max(case.cell.size),
         bodies=(COMPOSITE if case.cell.mesh is None else MESHED),
@@ -158,7 +160,7 @@ def _press(case: Case, job: Job) -> Dataset:
                         response, "composite surface", "one elastic body no longer stands for two"
                     )
                 ),
-                *_say_losses(measured),
+                *_missing_roughness(measured),
                 *_increments(response),
                 *str(response.attrs.get("ended", "")).splitlines(),
             ]
@@ -185,14 +187,14 @@ def write_fields(case: Case, cells: Path, out: Path) -> None:
 
 
 def increment_errors(response: Dataset, halved: Dataset) -> dict[str, np.ndarray]:
-    """Errors by the increments, relative, from the first realisation with halved ones.
+    """Relative errors of the increments, from the first realisation solved with half increments.
 
-    They are of first order: halving them takes out a half.
+    The error is of first order in the increment, so that halving it halves the error.
     """
     errors = {}
     for name in ("mean_gap", "contact_fraction"):
-        one, half = (found[name].to_numpy()[0] for found in (response, halved))
-        errors[f"{name}_increment_error"] = 2.0 * (one - half) / half
+        full, half = (result[name].to_numpy()[0] for result in (response, halved))
+        errors[f"{name}_increment_error"] = 2.0 * (full - half) / half
     return errors
 
 
@@ -201,53 +203,58 @@ def with_slope_errors(
     pair: FlatCell,
     folder: Path,
     identity: str,
-    one: FlatCell | None = None,
+    composite: FlatCell | None = None,
     *,
     sparing: bool = False,
 ) -> Dataset:
     """Return a response with its errors from slopes, estimated on one of its realisations.
 
-    Flat cells are solved to both orders in the slope. The second order errs by about the difference
-    times the root mean square slope, twice on a rigid flat and :data:`SLOPE_OF_PAIR` times between
-    two bodies, the first order by the difference and as much. Conforming cells follow the composite
-    surface as *one* body; its difference from the *pair*, both to second order, is their error.
+    Flat cells are solved to first and second order in the slope. The error of the second order is
+    about the difference times the root mean square slope, times 2 on a rigid flat and times
+    :data:`SLOPE_OF_PAIR` between two bodies; the error of the first order is the difference plus
+    that. Conforming cells solve the *composite* surface as a single body; its difference from the
+    *pair*, both to second order, is their error.
     """
     names = ("mean_gap", "contact_fraction")
     path = LoadPath(pressure=tuple(response["nominal_pressure"].to_numpy()))
     try:
-        solved = [replace(one or pair, slope_order=2 if one else 1), replace(pair, slope_order=2)]
+        first = replace(composite or pair, slope_order=2 if composite else 1)
+        solved = [first, replace(pair, slope_order=2)]
     except CaseError as error:
-        errors, told = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
+        errors, how = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
     else:
-        found = run_ensemble(solved, path, folder=folder, identity=identity, sparing=sparing)
+        results = run_ensemble(solved, path, folder=folder, identity=identity, sparing=sparing)
         rest = (SLOPE_OF_PAIR if pair.second else 2.0) * float(response["rms_slope"].max())
         share = rest if pair.slope_order == 2 else 1.0 + rest
-        changes = {name: found[name].to_numpy() for name in names}
+        changes = {name: results[name].to_numpy() for name in names}
         errors = {name: share * (taken - best) / best for name, (taken, best) in changes.items()}
-        told = "expanded in the slopes in one realisation, without coatings"
-        if one:
-            told = f"one body for two in conforming cells, {told}"
+        how = "expanded in the slopes in one realisation, without coatings"
+        if composite:
+            how = f"one body for two in conforming cells, {how}"
     values = {f"{name}_slope_error": error for name, error in errors.items()}
-    return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
+    return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=how)
 
 
-def _say_losses(measured: Mapping[str, Measured]) -> list[str]:
-    """Report what cells lack of measured bodies; of two maps, where it counts for both together."""
+def _missing_roughness(measured: Mapping[str, Measured]) -> list[str]:
+    """Cautions for roughness of measured bodies that the cells lack, relative to both bodies."""
     if len(measured) != 2:
-        return [f"{name}: {one}" for name, own in measured.items() for one in own.cautions]
+        return [f"{name}: {line}" for name, body in measured.items() for line in body.cautions]
     pairs = zip(measured.items(), list(measured.values())[::-1], strict=True)
-    return [f"{name}: {one}" for (name, own), rest in pairs for one in own.cautions_beside(rest)]
+    return [
+        f"{name}: {line}" for (name, body), other in pairs for line in body.cautions_beside(other)
+    ]
 
 
 def _increments(response: Dataset) -> list[str]:
-    """Report the errors that the increments leave in cells that flow."""
+    """Caution with the errors by the increments in cells with plastic flow."""
     names = ("mean_gap_increment_error", "contact_fraction_increment_error")
     if names[0] not in response.variables:
         return []
     gap, area = (100.0 * float(np.abs(response[name]).max()) for name in names)
     return [
-        f"the increments of the body that flows leave up to {gap:.2g} % in the mean gap and "
-        f"{area:.2g} % in the contact fraction, as halved ones of one realisation tell"
+        f"the pressure increments of the yielding body cause errors of up to {gap:.2g} % in the "
+        f"mean gap and {area:.2g} % in the contact fraction, from half increments in one "
+        f"realisation"
     ]
 
 
@@ -267,17 +274,17 @@ def _with_roughness(response: Dataset, measured: Mapping[str, Measured]) -> Data
         return response
     records = list(measured.values())
     values = {
-        f"body_{name}": [[getattr(stage, name) for stage in one.stages] for one in records]
+        f"body_{name}": [[getattr(stage, name) for stage in body.stages] for body in records]
         for name in Roughness.__annotations__
     }
     filled = {
-        "map_filled_share": [one.map_filled for one in records],
-        "filled_share": [one.filled for one in records],
+        "map_filled_share": [body.map_filled for body in records],
+        "filled_share": [body.filled for body in records],
     }
     return (
         MICRO_RESPONSE.assign(response, values | filled)
         .assign_coords(body=list(measured), stage=list(STAGES))
-        .assign_attrs({f"cutoff_{name}": one.cutoff for name, one in measured.items()})
+        .assign_attrs({f"cutoff_{name}": body.cutoff for name, body in measured.items()})
     )
 
 
@@ -293,21 +300,21 @@ def _needs(case: Case) -> Needs:
     )
     planner = Choice(
         "planner",
-        "starts from these cells, whose memory this is, and chooses size, grid and number of "
-        f"the cells of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
+        "starts from these cells (memory as above) and chooses size, grid and number of the cells "
+        f"of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
         f"as fine, {REALISATIONS[-1]}",
     )
     choices = needs.choices
     if case.micro.leakage:
-        told = "Reynolds' equation on the gap at every pressure, along x and along y"
-        choices = (*choices, Choice("leakage", told))
+        flow = "Reynolds' equation on the gap at every pressure, along x and along y"
+        choices = (*choices, Choice("leakage", flow))
     if case.micro.shear is not None:
         apart = ("friction", "opposite body")
         choices = tuple(
-            replace(one, why=f"{one.why}; the sheared cells have it")
-            if one.part in apart and not one.built
-            else one
-            for one in choices
+            replace(choice, why=f"{choice.why}; the sheared cells have it")
+            if choice.part in apart and not choice.built
+            else choice
+            for choice in choices
         )
     steps = len(case.micro.path) * case.micro.realisations
     halved = 2 * len(case.micro.path) if case.yield_stress is not None else 0
@@ -321,7 +328,7 @@ def _needs(case: Case) -> Needs:
 
 
 def _measured(response: Dataset) -> Iterator[Section]:
-    """Show each measured body as map, windows and cells, and the waves that its cells leave out."""
+    """Show each measured body as map, windows and cells, with the shortest wavelength of cells."""
     if "body" not in response.dims:
         return
     places = [
@@ -329,7 +336,7 @@ def _measured(response: Dataset) -> Iterator[Section]:
         for body in response["body"].values
     ]
     filled = [
-        [f"{100.0 * float(of_map):.2g}", ", ".join(f"{100.0 * one:.2g}" for one in windows), ""]
+        [f"{100.0 * float(of_map):.2g}", ", ".join(f"{100.0 * share:.2g}" for share in windows), ""]
         for of_map, windows in zip(
             response["map_filled_share"].values, response["filled_share"].values, strict=True
         )
@@ -337,15 +344,15 @@ def _measured(response: Dataset) -> Iterator[Section]:
     both = ("body", "stage")
     rows = MEASURED.rows(response.assign(place=(both, places), filled=(both, filled)))
     lines = [
-        f"The cells of {body} keep the waves down to {response.attrs[f'cutoff_{body}']}."
+        f"The cells of {body} contain wavelengths down to {response.attrs[f'cutoff_{body}']}."
         for body in response["body"].values
     ]
     yield Section("Measured surfaces", (), *rows, remarks=lines)
 
 
-def count_cells(found: Datasets) -> list[tuple[str, str]]:
+def count_cells(datasets: Datasets) -> list[tuple[str, str]]:
     """Return rows with the number of steps of the cells that converged, and their time."""
-    response = found[MICRO_RESPONSE.name]
+    response = datasets[MICRO_RESPONSE.name]
     converged = response["converged"].values
     return [
         ("cell steps", f"{int((converged == 1).sum())} of {converged.size} converged"),
@@ -353,41 +360,41 @@ def count_cells(found: Datasets) -> list[tuple[str, str]]:
     ]
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    response, fields = found[CELLS.name], open_dataset(out / "fields" / "fields.nc", FIELDS)
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    response, fields = datasets[CELLS.name], open_dataset(out / "fields" / "fields.nc", FIELDS)
     of_cells, pressure = response["nominal_pressure"], fields["nominal_pressure"].to_numpy()
-    result = found.get(MACRO_RESULT.name)
+    result = datasets.get(MACRO_RESULT.name)
     preloads = of_cells if result is None else result.get("preload", of_cells)
-    asked = float(np.quantile(preloads.values, 0.5, method="higher"))  # the middle one, Pa
+    asked = float(np.quantile(preloads.values, 0.5, method="higher"))  # the middle preload, Pa
     step = int(np.abs(np.log(pressure / asked)).argmin())
-    told = f"The map shows the first cell under {1e-6 * pressure[step]:.4g} MPa"
+    caption = f"The map shows the first cell under {1e-6 * pressure[step]:.4g} MPa"
     if not np.isclose(pressure[step], asked):
-        told += f", the pressure of the cells that is nearest to {1e-6 * asked:.4g} MPa"
+        caption += f", the pressure of the cells that is nearest to {1e-6 * asked:.4g} MPa"
     figures = {
         "surface": on_axes(plot_surface, fields, size=MAP),
         "contact_map": on_axes(plot_contact_map, fields, step=step, size=MAP),
     }
-    yield Section("Contact", [f"{told}."], figures=figures)
+    yield Section("Contact", [f"{caption}."], figures=figures)
     yield from _roughness(fields)
     yield from _measured(response)
 
 
 def _roughness(fields: Dataset) -> Iterator[Section]:
-    """Show statistics and spectrum of the heights of a cell; nothing of a smooth one."""
+    """Show statistics and spectrum of the heights of a cell, unless it is smooth."""
     size = (float(fields.attrs["size_x"]), float(fields.attrs["size_y"]))
     surface = Surface(fields["height"].to_numpy().T, size)
     if not np.ptp(surface.heights) > 0.0:
         return
-    told = describe_surface(surface, waves=spectrum([surface])).assign_attrs(
+    statistics = describe_surface(surface, waves=spectrum([surface])).assign_attrs(
         points=" x ".join(map(str, surface.heights.shape)), trend="mean"
     )
     yield Section(
         "Surface",
-        ["Statistics of the heights of both bodies together, in the first realisation."],
-        rows=tabulate_statistics(told, measured=False),
+        ["Statistics of the sum of the heights of both bodies, in the first realisation."],
+        rows=tabulate_statistics(statistics, measured=False),
         figures={
-            "spectral_density": on_axes(plot_spectral_density, told, measured=False),
-            "bearing_curve": on_axes(plot_bearing_curve, told),
+            "spectral_density": on_axes(plot_spectral_density, statistics, measured=False),
+            "bearing_curve": on_axes(plot_bearing_curve, statistics),
         },
     )
 

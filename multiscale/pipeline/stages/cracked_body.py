@@ -28,36 +28,36 @@ EVENT_SECONDS = 2e-6
 
 NO_MESH = "intervals do not count the error of the mesh, which is not known: give coarser"
 
-FAILED = "the load has not fallen to its end, and the energy of the cracks is not known"
+FAILED = "the load has not fallen to zero, so that the energy of the cracks is not known"
 
 
 def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
     """Build the body, and the nodal forces, N, of the last step of [statics]."""
-    parts = bodies.build(case, [])
-    body = parts.assembly.bodies[0]
-    factors = parts.path.factors()[-1]
+    built = bodies.build(case, [])
+    body = built.assembly.bodies[0]
+    factors = built.path.factors()[-1]
     return body, np.sum(
         [f * macro.continuum.load_vector(body, float(k)) for k, f in enumerate(factors)], axis=0
     )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
-    bodies = case.structure.with_volumes(case, found, job.read_rve)
+    bodies = case.structure.with_volumes(case, datasets, job.read_rve)
     body, load = _loaded(bodies, case)
-    mean, *laws = softening_samples(found[VOLUME_GROWTH.name])
+    mean, *laws = softening_samples(datasets[VOLUME_GROWTH.name])
     cracked = []
     job.progress(0, 1 + len(laws), "softening laws")
     for k, law in enumerate((mean, *laws), start=1):
         cracked.append(macro.continuum.follow_crack_band(body, law, load=load))
         job.progress(k, 1 + len(laws), "softening laws")
     for coarser in bodies.coarser().values():
-        coarse, own = _loaded(coarser, case)
-        cracked.append(macro.continuum.follow_crack_band(coarse, mean, load=own))
+        coarse, coarse_load = _loaded(coarser, case)
+        cracked.append(macro.continuum.follow_crack_band(coarse, mean, load=coarse_load))
     values: dict[str, Any] = {name: cracked[0][name].to_numpy() for name in CRACK_BAND.variables}
     for name, variable in (("peak_load", "factor"), ("work", "dissipation")):
-        value, *each = (float(one[variable].max()) for one in cracked)
+        value, *each = (float(path[variable].max()) for path in cracked)
         samples, coarse_value = np.array(each[: len(laws)]), each[len(laws) :]
         values[name], values[f"{name}_sample"] = value, samples
         error = 0.0
@@ -68,19 +68,19 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
             values[f"{name}_{kind}"] = value * np.exp([-both, both])
     values |= {"position": body.basis.doflocs.T, "corners": macro.bodies.element_corners(body)}
     result = CRACKED_BODY.build(values, title=case.title, body=body.name)
-    whole = all(int(one["converged"]) for one in cracked)
+    whole = all(int(path["converged"]) for path in cracked)
     return with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)
 
 
 def _prepare(case: Case) -> None:
-    """Refuse elements whose bands have no width."""
+    """Refuse elements without a band width."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
-    one = case.structure.bodies[0]
-    mesh = one.load()
-    order, kind = one.order_on(mesh), type(mesh).__name__
+    body = case.structure.bodies[0]
+    mesh = body.load()
+    order, kind = body.order_on(mesh), type(mesh).__name__
     if kind not in macro.continuum.SHAPES or order != 1:
         raise CaseError(
-            f"[growth] cracks {one.name} in bands of hexahedra of first order, and its mesh is a "
+            f"[growth] cracks {body.name} in bands of hexahedra of first order, and its mesh is a "
             f"{kind} of order {order}; mesh it by hexahedra, in a geometry of gmsh by "
             f"transfinite, recombined volumes"
         )
@@ -90,8 +90,8 @@ def _answer(cracked: Dataset) -> Iterator[str]:
     count = int(np.count_nonzero(cracked["stiffness_share"].to_numpy() < 1.0))
     yield from View(cracked).sentences(
         cracked,
-        "{body} bears {peak_load:()} times the loads of [statics]; cracking through {count} "
-        "elements takes {work:()}.",
+        "{body} fails at {peak_load:()} times the loads of [statics]; {count} elements "
+        "crack, with a fracture work of {work:()}.",
         count=count,
     )
     if "work_mesh" in cracked:
@@ -99,8 +99,8 @@ def _answer(cracked: Dataset) -> Iterator[str]:
         yield f"On the coarser mesh the load changes by {load:.2g} %, the energy by {work:.2g} %."
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    cracked = found[CRACKED_BODY.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    cracked = datasets[CRACKED_BODY.name]
     figures = {
         "cracked_load": on_axes(plot_cracked_load, cracked),
         "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
@@ -113,8 +113,8 @@ def _needs(case: Case) -> Needs:
     n = case.structure.bodies[0].load().t.shape[1]
     laws = 2 + (case.rve.recipe.realisations if case.rve.recipe else 1)
     seconds = laws * 20.0 * n ** (2.0 / 3.0) * n * EVENT_SECONDS
-    told = "crack band by events, for the mean law, the law of every volume and a coarser mesh"
-    return Needs(seconds=seconds, choices=(Choice("crack of the body", told),))
+    how = "crack band by events, for the mean law, the law of every volume and a coarser mesh"
+    return Needs(seconds=seconds, choices=(Choice("crack of the body", how),))
 
 
 CRACKED_BODY_STAGE = Stage(

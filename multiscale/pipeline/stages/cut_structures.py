@@ -32,27 +32,27 @@ from multiscale.schema import HOMOGENISED, MACRO_RESULT, SHOWN, Dataset
 __all__ = ["CONDENSED_PARTS", "LINKS", "PLATE"]
 
 FURTHEST = 0.05
-"""Displacement of the ends of a link against each other, over its length, that counts as small."""
+"""Relative displacement of the ends of a link, over its length, up to which it is small."""
 
-OF_MOTION = "How do the links swing, which tensions do they carry, and where does the energy go?"
+OF_MOTION = "How do the links move, which tensions do they carry, and where does the energy go?"
 """Question of a motion."""
 
 LEAST_SHARE = 1e-3
-"""Share of the energy below which a part is left out."""
+"""Share of the energy below which a kind of energy is not reported."""
 
 STRAINED = 0.1
-"""Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
+"""Strain of a taut link above which its linear elastic law does not hold."""
 
 
-def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> Dataset:
+def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Solve a structure of links; the result follows ``MACRO_RESULT``."""
     system, statics = links.build(), case.statics
     if statics is None:
         assert case.dynamics is not None  # the case has been validated
-        moved = _measured(_move(links, case, case.dynamics, found, job))
+        moved = _measured(_move(links, case, case.dynamics, datasets, job))
         return with_too_far(moved.assign_attrs(question=OF_MOTION))
     if case.substructures is not None:
-        problem, factors = links.cut(case, found, job), np.array(statics.load_factors)
+        problem, factors = links.cut(case, datasets, job), np.array(statics.load_factors)
         solved = macro.solve_latin(
             problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team)
         )
@@ -75,20 +75,19 @@ def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
     if statics.exact and strain.max() > STRAINED:
         link = int(np.argmax(strain.max(axis=0)))
         yield (
-            f"link {link} changes its length by up to {strain.max():.2g} of it, and more than "
-            f"{STRAINED:g} is outside the linear law of its material: check loads, rigidities "
-            f"and their units"
+            f"link {link} has a strain of up to {strain.max():.2g}, and the linear law of its "
+            f"material does not hold above {STRAINED:g}: check loads, rigidities and their units"
         )
     if not statics.exact and turned.max() > FURTHEST:
         yield (
             f"the ends of a link move against each other by up to {turned.max():.2g} of its "
-            f"length, and small displacements err by about as much: set exact to true in "
+            f"length, and the error of small displacements is about as large: set exact to true in "
             f"[statics]"
         )
 
 
 def _move(
-    links: LinkStructure, case: Case, settings: Dynamics, found: Datasets, job: Job
+    links: LinkStructure, case: Case, settings: Dynamics, datasets: Datasets, job: Job
 ) -> Dataset:
     """Find the equilibrium at the start, and follow the motion from it."""
     steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
@@ -104,7 +103,7 @@ def _move(
         return macro.simulate(
             system, times, settings.mass, load_factor=load_factor, start=start, **options
         )
-    problem, stop = links.cut(case, found, job), case.cut.stop(job.team)
+    problem, stop = links.cut(case, datasets, job), case.cut.stop(job.team)
     start = _at_rest(
         macro.solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0)
     )
@@ -139,7 +138,7 @@ def _answer(result: Dataset) -> Iterator[str]:
 def _of_loads(result: Dataset) -> Iterator[str]:
     """Report the answers at the last load factor, and where links begin to go slack."""
     slack, factor = result["slack_links"].to_numpy(), result["load_factor"].to_numpy()
-    yield from _say(
+    yield from _fill_in(
         result,
         -1,
         "At the load factor {load_factor} the largest tension is {largest_tension}, in link "
@@ -161,32 +160,32 @@ def _of_motion(result: Dataset) -> Iterator[str]:
         view.phrase(result.isel(step=int(k)), "largest_displacement")
         for k in (np.argmin(swing), np.argmax(swing))
     )
-    yield from _say(
+    yield from _fill_in(
         result,
         int(np.argmax(result["largest_tension"].to_numpy())),
         "The largest tension is {largest_tension}, in link {link}, at {time}; at most {most} of "
-        "{links} links are slack. The nodes are between {low} and {high} from their places.",
+        "{links} links are slack. The largest displacement of a node is between {low} and {high}.",
         most=int(result["slack_links"].max()),
         low=low,
         high=high,
     )
     end = result.isel(step=-1)
-    parts = {SHOWN[name].label: float(end[name]) for name in ENERGIES if name in end}
-    whole = sum(parts.values())
+    energies = {SHOWN[name].label: float(end[name]) for name in ENERGIES if name in end}
+    total = sum(energies.values())
     shares = [
-        f"{100.0 * part / whole:.3g} % is {said}"
-        for said, part in parts.items()
-        if part > LEAST_SHARE * whole
+        f"{100.0 * energy / total:.3g} % is {label}"
+        for label, energy in energies.items()
+        if energy > LEAST_SHARE * total
     ]
     if shares:
-        yield f"Of the energy of {whole:.4g} J at the end, {' and '.join(shares)}."
+        yield f"The energy at the end is {total:.4g} J: {' and '.join(shares)}."
 
 
-def _say(result: Dataset, step: int, sentence: str, **others: object) -> Iterator[str]:
+def _fill_in(result: Dataset, step: int, sentence: str, **others: object) -> Iterator[str]:
     """Fill a sentence with the answers of a step."""
-    one = result.isel(step=step)
-    link, count = int(np.argmax(one["tension"].to_numpy())), result.sizes["link"]
-    yield from View(result).sentences(one, sentence, link=link, links=count, **others)
+    at = result.isel(step=step)
+    link, count = int(np.argmax(at["tension"].to_numpy())), result.sizes["link"]
+    yield from View(result).sentences(at, sentence, link=link, links=count, **others)
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
@@ -254,7 +253,7 @@ LINKS = structure_stage(
 )
 
 
-def _solve_plate(plate: Plate, case: Case, found: Datasets, job: Job) -> Dataset:
+def _solve_plate(plate: Plate, case: Case, datasets: Datasets, job: Job) -> Dataset:
     assembly, factors = plate.build(), np.array(case.statics.load_factors)
     result = macro.solve_assembly(assembly, factors, method=case.cut.method(job.team))
     result = macro.bodies.add_body_fields(result, assembly.bodies)
@@ -298,15 +297,15 @@ PLATE = structure_stage(
 )
 
 
-def _condense(case: Case, found: Datasets, job: Job) -> Dataset:
+def _condense(case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Condense at the last step that converged."""
-    result = found[MACRO_RESULT.name]
+    result = datasets[MACRO_RESULT.name]
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
     step = int(np.flatnonzero(solved)[-1])
     assert case.structure is not None  # it asks for the stage
-    return macro.homogenise(case.structure.cut(case, found, job), result, step=step).assign_attrs(
-        title=case.title
-    )
+    return macro.homogenise(
+        case.structure.cut(case, datasets, job), result, step=step
+    ).assign_attrs(title=case.title)
 
 
 CONDENSED_PARTS = Stage(

@@ -1,4 +1,4 @@
-"""Stages: cells beside the cells, which are sheared, coarser, or flat on the same surfaces."""
+"""Stages: further cells of a case: sheared, coarser, and flat control cells."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -42,65 +42,68 @@ __all__ = [
 ]
 
 SHEARED, COARSER, FLAT = "micro-shear", "micro-coarser", "micro-control"
-"""Folders of a run; those of sheared and of flat cells have a folder for each way to solve them."""
+"""Folders of a run; sheared and flat cells have a subfolder for each set of their keys."""
 
 POINT_FRICTION = "friction_coefficient"
-"""Attribute of the response: friction of points of contact, which the case gives."""
+"""Attribute of the response: friction coefficient of points of contact, from the case."""
 
-AMPLITUDE = 1.0  # of the closed cycle, relative to the slip over which a joint gives way
+AMPLITUDE = 1.0  # of the closed cycle, relative to the slip at which a joint begins to slide
 
 BATCH = 16
-"""Cells of one job and one file; a job of windows of a map has one."""
+"""Cells of a job and its file; a job with windows of a map has a single cell."""
 
 TOLERANCE = 3e-3
-"""Of the flat cells: an error that follows the surface is taken out by the pairs. At 128 x 128
-points correlations are as with 1e-6, of gaps .99996 and of stiffnesses .9993 to .9999, in half of
-the time."""
+"""Tolerance of the flat cells: an error that both cells of a pair share cancels. At 128 x 128
+points correlations are as with 1e-6 (gaps .99996, stiffnesses .9993 to .9999), in half of the
+time."""
 
 COST = 50.0
-"""Time of a conforming cell over the time of a flat one, which was 57 at 128 x 128 points. Other
-cells are dearer. Measured times would give every run another number of cells, and other answers."""
+"""Time of a conforming cell over the time of a flat cell; 57 was measured at 128 x 128 points, and
+other cells take longer. A constant, because times measured in each run would change the number of
+cells, and with it the answers."""
 
 MOST = 256
-"""Cells by the rule of the best ratio: the error of their mean is an eighth of the scatter of
-single cells. More are there if stated."""
+"""Largest number of flat cells by the rule of the best ratio: the error of their mean is an eighth
+of the scatter of single cells. A case file may ask for more."""
 
 CHANCE = (
-    "mean gaps of the control cells follow the mean gaps of the {} cells by chance alone, so that "
-    "law and bands rest on these alone; control = false in [micro] saves the time"
+    "the correlation of the mean gaps of the control cells with the mean gaps of the {} cells is "
+    "not significant, so that law and intervals use only the latter; control = false in [micro] "
+    "saves "
+    "the time"
 )
 BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 SHEAR_KEYS = {**BODIES, "micro": {"pressures", "seed", "shear"}}
 FLAT_KEYS = {"pressures", "unload", "seed"}
-"""Keys on which these cells depend."""
+"""Keys of the case on which these cells depend."""
 
 
 def run_shear(case: Case, job: Job) -> Dataset:
     """Press the cells over the pressures of the law, release them, and shear them.
 
-    Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
-    coarser grid errs as it does in the shear.
+    They are pressed on the same grid, so that normal and tangential answers have the same error of
+    the grid.
     """
-    own = _as_sheared(case)
-    cells = [_pair(own, pair) for pair in two_surfaces(own)]
-    shear = own.micro.shear
+    sheared = _as_sheared(case)
+    cells = [_pair(sheared, pair) for pair in two_surfaces(sheared)]
+    shear = sheared.micro.shear
     path = shear_path(
         cells[0],
         shear.pressures,
         steps=shear.steps,
         cycle=AMPLITUDE if shear.cycle else 0.0,
-        pressed=own.micro.pressures,
+        pressed=sheared.micro.pressures,
     )
-    way = case.checksum(include=SHEAR_KEYS, exclude={"micro": {"shear": {"realisations"}}})
-    kept = job.ensemble(f"{SHEARED}/{way[:12]}", way, len(cells), "sheared cells")
-    response = run_ensemble(cells, path, **kept)
+    identity = case.checksum(include=SHEAR_KEYS, exclude={"micro": {"shear": {"realisations"}}})
+    options = job.ensemble(f"{SHEARED}/{identity[:12]}", identity, len(cells), "sheared cells")
+    response = run_ensemble(cells, path, **options)
     ended = str(response.attrs.get("ended", "")).splitlines()
-    told: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
+    friction: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
     return response.assign_attrs(
         title=case.title,
         bodies="body_1 and body_2, both deformable, with friction",
-        cautions="\n".join(f"sheared {one}" for one in ended),
-        **told,
+        cautions="\n".join(f"sheared {line}" for line in ended),
+        **friction,
     )
 
 
@@ -119,12 +122,12 @@ def _pair(case: Case, surfaces: tuple[Surface, Surface]) -> FiniteCell:
 
 
 def _shear_needs(case: Case) -> Needs:
-    own = _as_sheared(case)
-    shear, (nx, ny) = own.micro.shear, own.cell.points
-    pair = _pair(own, smooth_pair(own.cell)).needs()
-    unknowns = 6 * nx * ny * own.cell.layers
+    sheared = _as_sheared(case)
+    shear, (nx, ny) = sheared.micro.shear, sheared.cell.points
+    pair = _pair(sheared, smooth_pair(sheared.cell)).needs()
+    unknowns = 6 * nx * ny * sheared.cell.layers
     each = shear.steps + 2 + (4 if shear.cycle else 0)
-    steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * each
+    steps = len(sheared.micro.pressures) + 1 + 2 * len(shear.pressures) * each
     time = pair.seconds * steps * shear.realisations
     cells = Choice(
         "sheared cells",
@@ -134,50 +137,50 @@ def _shear_needs(case: Case) -> Needs:
     return Needs(unknowns_per_contact=3, choices=(cells,), memory=pair.memory, seconds=time)
 
 
-def _press_coarser(case: Case, found: Datasets, job: Job) -> Dataset:
+def _press_coarser(case: Case, datasets: Datasets, job: Job) -> Dataset:
     cells = make_cells(case.coarser())
-    kept = job.ensemble(COARSER, case.identity(), len(cells), "coarser cells")
+    options = job.ensemble(COARSER, case.identity(), len(cells), "coarser cells")
     path = Path(pressure=case.micro.pressures)
-    response = run_ensemble(cells, path, keep_flow=case.micro.leakage, **kept)
+    response = run_ensemble(cells, path, keep_flow=case.micro.leakage, **options)
     return response.assign_attrs(title=case.title)
 
 
 def _coarser_needs(case: Case) -> Needs:
     nx, ny = case.coarser().cell.points
-    told = f"{case.micro.coarser} of {nx} x {ny} points, for the error of the grid"
+    number = f"{case.micro.coarser} of {nx} x {ny} points, for the error of the grid"
     coarse = CELLS.needs(case.coarser())
-    cells = Choice("coarser cells", told)
+    cells = Choice("coarser cells", number)
     return Needs(choices=(cells,), memory=coarse.memory, seconds=coarse.seconds)
 
 
 def _coarser_shear_needs(case: Case) -> Needs:
     coarse = SHEARED_CELLS.needs(case.coarser())
-    (told,) = coarse.choices
-    return replace(coarse, choices=(Choice("coarser sheared cells", told.why),))
+    (cells,) = coarse.choices
+    return replace(coarse, choices=(Choice("coarser sheared cells", cells.why),))
 
 
-def _press_flat(case: Case, found: Datasets, job: Job) -> Dataset:
-    """Press as many as stated, or the best number; see :func:`best_count`."""
-    response, count = found[CELLS.name], case.micro.control_realisations
-    pairs, told = response.sizes["realisation"], f"{count} as stated"
+def _press_flat(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Press the number of flat cells of the case, or the best number; see :func:`best_count`."""
+    response, count = datasets[CELLS.name], case.micro.control_realisations
+    pairs, number = response.sizes["realisation"], f"{count} as stated in the case"
     first = press_control(case, pairs, job)
     control = normal_observations(loading_branch(response), first).control
     if count is None:
-        count, told = best_count(pairs, control)
+        count, number = best_count(pairs, control)
     every = press_control(case, max(count, pairs), job)
-    alone = "" if control else CHANCE.format(pairs)
-    return with_cautions(every.assign_attrs(title=case.title, number=told), alone)
+    caution = "" if control else CHANCE.format(pairs)
+    return with_cautions(every.assign_attrs(title=case.title, number=number), caution)
 
 
 def press_control(case: Case, count: int, job: Job) -> Dataset:
-    """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
+    """Press flat cells, on the surfaces of the first realisations; finished cells are reused."""
     step = 1 if case.measured else BATCH
-    whole = -(-count // step)
+    jobs = -(-count // step)
     others = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
-    way = case.checksum(include={**BODIES, "micro": FLAT_KEYS}, exclude=others)
-    arguments = [(case, *ends) for ends in pairwise(step * k for k in range(whole + 1))]
-    kept = job.ensemble(f"{FLAT}/{way[:12]}", way, whole, "control cells", each=step)
-    control = run_realisations(_press_batch, arguments, name="cells", **kept)
+    identity = case.checksum(include={**BODIES, "micro": FLAT_KEYS}, exclude=others)
+    arguments = [(case, *ends) for ends in pairwise(step * k for k in range(jobs + 1))]
+    options = job.ensemble(f"{FLAT}/{identity[:12]}", identity, jobs, "control cells", each=step)
+    control = run_realisations(_press_batch, arguments, name="cells", **options)
     return control.isel(realisation=range(count))
 
 
@@ -190,45 +193,44 @@ def _press_batch(case: Case, start: int, stop: int) -> PlainDataset:
         cells = make_cells(case.model_copy(update={"micro": micro}).control(stop - start))
     path = Path(pressure=tuple(sorted({*case.micro.path})))
     records = [record_realisation(cell, path, Keep(), tolerance=TOLERANCE) for cell in cells]
-    ended = [str(one.attributes["ended"]) for one in records if "ended" in one.attributes]
+    ended = [str(cell.attributes["ended"]) for cell in records if "ended" in cell.attributes]
     values = MICRO_RESPONSE.join(records, "realisation").values
     return PlainDataset(values, {"ended": "; ".join(ended)} if ended else {})
 
 
 def best_count(pairs: int, control: Control | None) -> tuple[int, str]:
-    """Return the number of flat cells that is best for the time, and how it was found.
+    """Return the number of flat cells with the least variance for the time, and its reason.
 
-    The least variance for a time is at the ratio of :func:`best_ratio`, by the median of the
-    correlations of the gap; they take no more than the time of the cells. The nearest power of two
-    is taken.
+    The number is the ratio of :func:`best_ratio` for the median correlation of the gap, bounded by
+    the time of the cells and rounded to a power of two.
     """
     if control is None:
-        return pairs, "no more than the cells, which they follow by chance alone"
+        return pairs, "as many as the cells, since the correlation is not significant"
     correlation = float(np.median(control.correlation))
     best = pairs * best_ratio(correlation, COST)
     count = 2 ** round(np.log2(min(best, pairs * COST, MOST)))
     return count, (
-        f"{count}: {best:.3g} would be best for the time at a correlation of {correlation:.5g} and "
-        f"a cost of 1/{COST:g} of a cell; they take at most about the time of the cells, and are "
-        f"a power of two, at most {MOST}"
+        f"{count}: the optimum is {best:.3g} at a correlation of {correlation:.5g} and a cost of "
+        f"1/{COST:g} of a cell, bounded by the time of the cells and {MOST}, and rounded to a "
+        f"power of two"
     )
 
 
 def _flat_needs(case: Case) -> Needs:
     stated = case.micro.control_realisations
-    number = f"{stated} flat ones" if stated else "flat ones, by times and correlation,"
-    told = (
-        f"{number} on the surfaces of the {case.micro.realisations} cells and on further ones, as "
-        f"control variates: the law has their sampling error, and the error of the differences"
+    number = f"{stated} flat cells" if stated else "flat cells, by times and correlation,"
+    purpose = (
+        f"{number} on the surfaces of the {case.micro.realisations} cells and on further surfaces, "
+        f"as control variates: the law has their sampling error, and the error of the differences"
     )
     most = stated or min(MOST, int(COST) * case.micro.realisations)
     flat = CELLS.needs(case.control(most))
-    cells = Choice("control cells", told)
+    cells = Choice("control cells", purpose)
     return Needs(choices=(cells,), memory=flat.memory, seconds=flat.seconds)
 
 
-def _count(found: Datasets) -> list[tuple[str, str]]:
-    control = found[CONTROL_CELLS.name]
+def _count(datasets: Datasets) -> list[tuple[str, str]]:
+    control = datasets[CONTROL_CELLS.name]
     return [
         ("control cells", str(control.attrs["number"])),
         ("solver time of the control cells", f"{float(control['wall_time'].sum()):.1f} s"),
@@ -239,7 +241,7 @@ SHEARED_CELLS = Stage(
     schema=SHEAR_RESPONSE,
     tables=("micro.shear",),
     reads=SHEAR_KEYS,
-    run=lambda case, found, job: run_shear(case, job),
+    run=lambda case, datasets, job: run_shear(case, job),
     needs=_shear_needs,
     folders=(SHEARED,),
 )
@@ -255,7 +257,7 @@ COARSER_SHEAR = Stage(
     schema=COARSER_SHEAR_RESPONSE,
     tables=("micro.coarser", "micro.shear"),
     reads={**BODIES, "micro": {"pressures", "seed", "coarser", "shear"}},
-    run=lambda case, found, job: run_shear(case.coarser(), job),
+    run=lambda case, datasets, job: run_shear(case.coarser(), job),
     needs=_coarser_shear_needs,
 )
 CONTROL_CELLS = Stage(

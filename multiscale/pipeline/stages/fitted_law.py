@@ -56,72 +56,75 @@ from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 __all__ = ["FITTED_LAW"]
 
-CLOSED = 1.0 - 1e-6  # share of the area that touches, from which there is no gap left
-FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s, of a fit and of a sample of it, about
+CLOSED = 1.0 - 1e-6  # contact fraction above which the gap is closed
+FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s of a fit, and of each of its samples, about
 OPEN = (
     "At {fit_pressure} the mean gap of the interface is {mean_gap:±}, its stiffness {stiffness:±} "
-    "and the share of its area that touches {contact_fraction:±}."
+    "and its contact fraction {contact_fraction:±}."
 )
 FLAT = (
-    "At {fit_pressure} all of the interface touches: its roughness is flat, and as stiff as the "
-    "bodies beside it."
+    "At {fit_pressure} the interface is in full contact: its roughness is flattened, and its gap "
+    "adds no compliance to the bodies."
 )
-"""Answers at a pressure, while there is a gap and when none is left."""
+"""Answers at a pressure, with an open and with a closed gap."""
 
 EXPORTED = 0.01
-"""Error of the pressure between the points of the tables that the page offers."""
+"""Relative error of the pressure between the points of the exported tables."""
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
-    response, sliding = found[MICRO_RESPONSE.name], found.get(SLIDING.name)
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    response, sliding = datasets[MICRO_RESPONSE.name], datasets.get(SLIDING.name)
     steady = sliding is not None and bool(np.isfinite(sliding["steady_friction"]).any())
-    control = found.get(CONTROL_CELLS.name)
+    control = datasets.get(CONTROL_CELLS.name)
     law = fit_branches(
         response,
         control=control,
-        shear=found.get(SHEARED_CELLS.name),
+        shear=datasets.get(SHEARED_CELLS.name),
         sliding=sliding if steady else None,
         apart=case.law.apart,
         n_terms=case.law.terms,
         n_samples=case.law.samples,
     )
-    pressed, sheared = _on_grids(case, found)
+    pressed, sheared = _on_grids(case, datasets)
     law = with_loss_grid(law, sheared)
     law = with_conductance(
         law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
     )
     if case.micro.leakage:
-        law = with_leakage(law, response, found.get(COARSER_CELLS.name))
+        law = with_leakage(law, response, datasets.get(COARSER_CELLS.name))
     budget = case_budget(case, loading_branch(response), law, pressed, sheared, control)
     return with_budget(law, budget)
 
 
-def _on_grids(case: Case, found: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
+def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
     """Responses of the first cells on their grid and on half of their points, and sheared laws.
 
-    Both are by the ratio of the spacings, and empty if no cells have the coarser grid.
+    Keys are ratios of the spacings; both are empty without coarser cells.
     """
     if not case.micro.coarser:
         return {}, {}
-    pressed = {1.0: loading_branch(found[MICRO_RESPONSE.name]), 2.0: found[COARSER_CELLS.name]}
     pressed = {
-        ratio: one.isel(realisation=range(case.micro.coarser)) for ratio, one in pressed.items()
+        1.0: loading_branch(datasets[MICRO_RESPONSE.name]),
+        2.0: datasets[COARSER_CELLS.name],
+    }
+    pressed = {
+        ratio: cells.isel(realisation=range(case.micro.coarser)) for ratio, cells in pressed.items()
     }
     if case.micro.shear is None:
         return pressed, {}
-    sheared = {1.0: found[SHEARED_CELLS.name], 2.0: found[COARSER_SHEAR.name]}
+    sheared = {1.0: datasets[SHEARED_CELLS.name], 2.0: datasets[COARSER_SHEAR.name]}
     n = sheared[2.0].sizes["realisation"]
     laws = {
         ratio: fit_branches(
-            pressed[ratio], shear=one.isel(realisation=range(n)), apart=False, n_samples=0
+            pressed[ratio], shear=cells.isel(realisation=range(n)), apart=False, n_samples=0
         )
-        for ratio, one in sheared.items()
+        for ratio, cells in sheared.items()
     }
     return pressed, laws
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    response, law = found[MICRO_RESPONSE.name], found[FITTED_LAW.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    response, law = datasets[MICRO_RESPONSE.name], datasets[FITTED_LAW.name]
     require_law(
         law,
         "n_realisations",
@@ -133,26 +136,27 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "cross_validated_stiffness_error",
         "admissibility",
     )
-    told, branches = law.attrs, branch_origins(law).items()
-    count = int(told["n_realisations"])
-    said = ", ".join(f"{branch} is {how}" for branch, how in branches)
+    attributes, branches = law.attrs, branch_origins(law).items()
+    count = int(attributes["n_realisations"])
+    sources = ", ".join(f"{branch} is {how}" for branch, how in branches)
     lines = [
-        f"The law stands for the {response.attrs['bodies']}; it rests on "
-        f"{count} realisation{'s' * (count > 1)} between {1e-6 * told['pressure_min']:.4g} and "
-        f"{1e-6 * told['pressure_max']:.4g} MPa, {told['pressures_per_decade']:.2g} pressures a "
-        f"decade.",
-        f"{said[0].upper()}{said[1:]}.",
+        f"The law describes: {response.attrs['bodies']}. It is fitted to "
+        f"{count} realisation{'s' * (count > 1)} between "
+        f"{1e-6 * attributes['pressure_min']:.4g} and "
+        f"{1e-6 * attributes['pressure_max']:.4g} MPa, with "
+        f"{attributes['pressures_per_decade']:.2g} pressures per decade.",
+        f"{sources[0].upper()}{sources[1:]}.",
     ]
-    if "control" in told:
+    if "control" in attributes:
         lines.append(
-            f"Means and samples are of these and of {told['n_control']} flat cells, the first on "
-            f"the same surfaces, as control variates ({told['control']})."
+            f"Means and samples combine these with {attributes['n_control']} flat cells as control "
+            f"variates, the first of them on the same surfaces ({attributes['control']})."
         )
     lines += [
-        f"At pressures that were left out of the fit it erred by up to "
-        f"{100.0 * told['cross_validated_error']:.2g} % in pressure and "
-        f"{100.0 * told['cross_validated_stiffness_error']:.2g} % in stiffness.",
-        f"What every law must satisfy: {told['admissibility']}.",
+        f"Cross-validation: at pressures left out of the fit its errors are up to "
+        f"{100.0 * attributes['cross_validated_error']:.2g} % in pressure and "
+        f"{100.0 * attributes['cross_validated_stiffness_error']:.2g} % in stiffness.",
+        f"Admissibility: {attributes['admissibility']}.",
     ]
     figures = {
         "gap_law": on_axes(plot_gap_law, response, law),
@@ -162,32 +166,33 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         figures["unloading"] = on_axes(plot_unloading, response, law)
         error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
         lines.append(
-            f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at "
-            f"first as it was under load, and springs back with the exponent "
-            f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
-            f"spring back errs by {100.0 * error:.2g} % of its length."
+            f"At the start of unloading the interface is "
+            f"{float(law['unloading_stiffness_ratio']):.3g} times as stiff as under loading, and "
+            f"its gap recovers with the exponent "
+            f"{float(law['unloading_exponent']):.3g}; at pressures left out "
+            f"of the fit the error of the recovery is {100.0 * error:.2g} %."
         )
     if conducts := conductances(law, law["fit_pressure"].to_numpy()):
         figures["conductance"] = on_axes(plot_conductance, law)
         lines.append(
             f"The conductance follows from the stiffness at the start of "
-            f"{told['conductance_branch']}, since spots of contact hinder a current as they hinder "
-            f"a small further displacement (J. R. Barber, doi:10.1098/rspa.2002.1038). What the "
-            f"gap itself conducts comes on top, and films on the spots are not counted."
+            f"{attributes['conductance_branch']}, by the analogy of conduction and incremental "
+            f"compliance of contact spots (J. R. Barber, doi:10.1098/rspa.2002.1038). It includes "
+            f"neither conduction through the gap nor films on the contact spots."
         )
     if "hydraulic_aperture" in law:
         figures["leakage"] = on_axes(plot_leakage, law)
         fields = out / "fields" / "fields.nc"
         figures |= {f"flow_along_{axis}": on_axes(_flow, fields, axis) for axis in "xy"}
         lines.append(
-            f"The hydraulic aperture is the distance of parallel walls that let as much of a "
-            f"liquid through, by Reynolds' equation on the open part of the gap, and the interface "
-            f"is a patchwork of the cells. {say_sealing(law)} {told.get('leakage_intervals', '')} "
-            f"The pressure of the liquid itself lifts nothing."
+            f"The hydraulic aperture is the distance of parallel walls with the same flow rate, by "
+            f"Reynolds' equation on the open area of the gap; the interface is a patchwork of the "
+            f"cells. {say_sealing(law)} {attributes.get('leakage_intervals', '')} The pressure of "
+            f"the liquid does not deform the bodies."
         )
-    if sheared := SHEARED_CELLS.name in found:
+    if sheared := SHEARED_CELLS.name in datasets:
         figures["shear_law"] = on_axes(plot_shear_law, law)
-        lines += _shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION])
+        lines += _shear(law, datasets[SHEARED_CELLS.name].attrs[POINT_FRICTION])
     files: dict[str, Callable[[Path], object]] = {"law.csv": partial(write_law_table, law)}
     for code in ("abaqus", "calculix"):
         files[f"{code}.inp"] = partial(
@@ -205,26 +210,26 @@ def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
 
 
 def _shear(law: Dataset, of_points: float) -> list[str]:
-    """Say what the sheared cells gave, and which friction was put into them."""
-    x, y = _say_ratio(law, 0), _say_ratio(law, 1)
+    """Report the tangential stiffness and the friction of the sheared cells."""
+    x, y = _format_ratio(law, 0), _format_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
     apart = law["shear_traction"].values - law["shear_bed_traction"].values
     distance = np.max(np.linalg.norm(apart, axis=1) / (friction * p))
     lines = [
-        f"Results of {law.attrs['n_sheared']} sheared realisations: before it slips, the interface "
-        f"is {x} times as stiff along x and {y} times along y as across, at the same "
-        f"pressure; all of it slips at a shear of {friction:.3g} of the pressure. Along the shear "
-        f"the tangential law, a bed of sliders, is never farther from the cells than "
-        f"{100.0 * distance:.2g} % of full slip.",
+        f"Results of {law.attrs['n_sheared']} sheared realisations: before slip the tangential "
+        f"stiffness of the interface is {x} (along x) and {y} (along y) times its normal stiffness "
+        f"at the same pressure; full slip is at a shear of {friction:.3g} times the pressure. The "
+        f"tangential law, a slider bed, differs from the cells by at most "
+        f"{100.0 * distance:.2g} % of the shear at full slip.",
         f"The friction of points of contact, {of_points:.3g}, is an input of the cells: the "
-        f"coefficient of the interface follows from it and is no prediction of friction.",
+        f"coefficient of the interface follows from it and does not predict friction.",
     ]
     if "shear_loss_ratio" in law:
         lines.append(f"{loss_term(law).how.capitalize()}.")
     return lines
 
 
-def _say_ratio(law: Dataset, axis: int) -> str:
+def _format_ratio(law: Dataset, axis: int) -> str:
     """Tangential over normal stiffness along an axis, with its 95 % interval if there is one."""
     value, drawn = float(law["shear_stiffness_ratio"][axis]), np.empty(0)
     if law.sizes.get("shear_sample", 0):
@@ -236,7 +241,7 @@ def _say_ratio(law: Dataset, axis: int) -> str:
 
 
 def _answer(law: Dataset) -> Iterator[str]:
-    """Report gap, stiffness and contact of the interface at the middle one of the pressures."""
+    """Report gap, stiffness and contact of the interface at the middle pressure."""
     shown = _compared(law)
     step = shown.isel(step=shown.sizes["step"] // 2)
     touches = float(step["contact_fraction"]) < CLOSED
@@ -252,13 +257,13 @@ def _answer(law: Dataset) -> Iterator[str]:
 def _compared(law: Dataset) -> Dataset:
     """Return gap, stiffness and contact at the pressures of the cells, with their known errors."""
     pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
-    found = {
+    answers = {
         "mean_gap": (gap, "m"),
         "stiffness": (law_from_dataset(law).stiffness(gap), "Pa m-1"),
         "contact_fraction": (area_from_dataset(law).contact_fraction(pressure), "1"),
     }
     values: dict[str, Any] = {}
-    for name, (value, unit) in found.items():
+    for name, (value, unit) in answers.items():
         half = value * known_error(law.sel(quantity=[name]))[0]
         values[name] = ("step", value, {"units": unit})
         values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
@@ -272,7 +277,7 @@ FITTED_LAW = Stage(
     tables=("micro",),
     reads={
         "law": True,
-        "structure": {"kind", "width"},  # whose scales the budget compares
+        "structure": {"kind", "width"},  # with whose width the budget compares the scales
         "body_1": set(CONDUCTIVITIES),
         "body_2": set(CONDUCTIVITIES),
     },

@@ -23,18 +23,18 @@ from multiscale.schema import GRANULATE, Dataset, with_cautions
 __all__ = ["GRAINS"]
 
 STEP_TIME, GRAIN_TIME = 1.5e-3, 1e-5  # s of a step, and of a grain in it, about
-LAST = 0.2  # share of a motion whose mean counts
-UNSETTLED = 0.05  # share of the weight that nothing bears, or is borne beyond it, in motion
+LAST = 0.2  # share of the motion over which means are taken
+UNSETTLED = 0.05  # relative difference of load and weight above which grains are in motion
 STEADY = 3.0  # diameters of a grain after which a layer may slide steadily
 MOVING = 0.01  # kinetic energy of grains that still run, over its largest value
 RIGID = 5.0  # times more sweeps of rigid contacts, about
 
 
-def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
+def _solve(given: Granulate, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
     steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
-    job.progress(0, steps, "time steps")  # the first step tells the time of all
+    job.progress(0, steps, "time steps")  # the time of the first step gives the remaining time
     result = granulate.simulate_grains(
         given.build(grains, motion),
         motion.duration,
@@ -65,13 +65,13 @@ def _needs(given: Granulate, case: Case) -> Needs:
 
 def _answer(result: Dataset) -> Iterator[str]:
     """Report the load of walls, the run-out or the stress of the grains, and the cost of a step."""
-    for name, say in SAID.items():
+    for name, report in REPORTS.items():
         if name in result:
-            yield from say(result)
+            yield from report(result)
     sweeps, seconds = (float(result[name].mean()) for name in ("iterations", "wall_time"))
     yield (
-        f"A step of {result.sizes['grain']} grains takes {sweeps:.3g} sweeps and "
-        f"{1e3 * seconds:.3g} ms in the mean."
+        f"A step of {result.sizes['grain']} grains takes on average {sweeps:.3g} sweeps and "
+        f"{1e3 * seconds:.3g} ms."
     )
 
 
@@ -81,7 +81,7 @@ def _late(result: Dataset, name: str, share: float) -> tuple[float, float, float
     return float(values.mean()), float(values.min()), float(values.max())
 
 
-def _say_weight(result: Dataset) -> Iterator[str]:
+def _report_weight(result: Dataset) -> Iterator[str]:
     """Report the shares of the weight of side walls and floor in the last fifth of the motion."""
     sides, least, most = _late(result, "side_share", LAST)
     floor, *_ = _late(result, "floor_share", LAST)
@@ -101,7 +101,7 @@ def _say_weight(result: Dataset) -> Iterator[str]:
         yield f"The largest contact force is {force.max() / weight:.3g} times a grain's weight."
 
 
-def _say_run_out(result: Dataset) -> Iterator[str]:
+def _report_run_out(result: Dataset) -> Iterator[str]:
     """Report how far the grains have run, and whether they still move."""
     last, energy = float(result["run_out"][-1]), result["kinetic_energy"].to_numpy()
     when = f"After {float(result['time'][-1]):.3g} s"
@@ -121,7 +121,7 @@ def _say_run_out(result: Dataset) -> Iterator[str]:
         )
 
 
-def _say_plate(result: Dataset) -> Iterator[str]:
+def _report_plate(result: Dataset) -> Iterator[str]:
     """Report the shear stress of the second half of the motion, and its ratio to the pressure."""
     shear, *ends = (1e-3 * value for value in _late(result, "plate_shear", 0.5))
     pressure = 1e-3 * _late(result, "plate_pressure", 0.5)[0]
@@ -144,7 +144,7 @@ def _say_plate(result: Dataset) -> Iterator[str]:
         )
 
 
-def _say_cell(result: Dataset) -> Iterator[str]:
+def _report_cell(result: Dataset) -> Iterator[str]:
     """Report the largest and the last stress ratio of a strained cell, and its change of volume."""
     curve = granulate.biaxial_curve(result)
     ratio, strain = curve["stress_ratio"].to_numpy(), 100.0 * curve["axial_strain"].to_numpy()
@@ -154,7 +154,7 @@ def _say_cell(result: Dataset) -> Iterator[str]:
     )
     if known.size:
         peak, last = known[np.argmax(ratio[known])], known[-1]
-        end = "at the end" if last == ratio.size - 1 else "last, before the cell bears nothing"
+        end = "at the end" if last == ratio.size - 1 else "in the last step with stress"
         yield (
             f"The stress ratio q/p is at most {ratio[peak]:.3g}, at an axial strain of "
             f"{strain[peak]:.2g} %, and {ratio[last]:.3g} {end}, at {strain[last]:.2g} %."
@@ -168,20 +168,20 @@ def _say_cell(result: Dataset) -> Iterator[str]:
     yield f"By then the cell has {changed} by {abs(volume):.2g} %."
 
 
-SAID = {
-    "side_share": _say_weight,
-    "run_out": _say_run_out,
-    "plate_shear": _say_plate,
-    "stress": _say_cell,
+REPORTS = {
+    "side_share": _report_weight,
+    "run_out": _report_run_out,
+    "plate_shear": _report_plate,
+    "stress": _report_cell,
 }
 """Sentences of the quantities that a motion may have."""
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show the quantity asked for, the forces, the energies and the error of the contacts."""
-    told = ["Forces and grains are those of the last instant kept."]
+    caption = ["Forces and grains are those of the last stored frame."]
     figures = {name: on_axes(plot) for name, plot in grain_pictures(result).items()}
-    yield Section("Grains", told, figures=figures)
+    yield Section("Grains", caption, figures=figures)
 
 
 def _compared(result: Dataset) -> Dataset:

@@ -108,7 +108,7 @@ SENTENCES = (
     "At a preload of {preload} the joint has a stiffness of {joint_stiffness:±}.",
     "{contact_fraction} of its area touches, under a mean pressure of {real_pressure:±}.",
     "The interface alone has {interface_stiffness:±}, the bodies {solid_stiffness:±}.",
-    "When the preload begins to fall, it is {unloading_stiffness:±}.",
+    "At the start of unloading the stiffness of the joint is {unloading_stiffness:±}.",
 )
 
 
@@ -132,7 +132,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     if "area_pressure" in law:
         fraction = area_from_dataset(law).contact_fraction(preload)
     areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
-    kept = np.isfinite(result["joint_stiffness"].to_numpy())
+    solved = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
     shears = tangential_values(law)
     # without friction there are no tangential springs
@@ -140,25 +140,25 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     sheared = lower.shear_compliance + upper.shear_compliance  # m/Pa
 
     def tangential(K: np.ndarray) -> dict[str, np.ndarray]:
-        """Blocks in even shear in series with kappa K, if the law has kappa; no point slips."""
+        """Interface, kappa K, in series with blocks in even shear; empty without kappa; no slip."""
         return {} if ratio is None else {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + sheared)}
 
     conducts = conductance_ratios(law)
 
-    def beside(K: np.ndarray) -> dict[str, np.ndarray]:
+    def from_stiffness(K: np.ndarray) -> dict[str, np.ndarray]:
         """Answers that follow from the stiffness of the interface."""
-        return tangential(K) | {name: one * K for name, one in conducts.items()}
+        return tangential(K) | {name: share * K for name, share in conducts.items()}
 
-    areas |= beside(result["interface_stiffness"].to_numpy())
-    areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
+    areas |= from_stiffness(result["interface_stiffness"].to_numpy())
+    areas = {name: np.where(solved, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
-    if not has_budget(law) and law.attrs.get("family") != TABLE:  # whose caution it has already
+    if not has_budget(law) and law.attrs.get("family") != TABLE:  # a table has this caution already
         cautions = [*cautions, UNKNOWN_LAW.format(number=0)]
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
     below = negative_gap(result["mean_gap"].to_numpy(), law)
     facts = [*behaviour(law), *share, *below, *_tangential_facts(law, ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
-    steps = np.flatnonzero(kept & (result["known"].values == 1))
+    steps = np.flatnonzero(solved & (result["known"].values == 1))
     if not steps.size or not has_budget(law):
         return result
 
@@ -166,25 +166,31 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     real = ["real_pressure"] if "area_pressure" in law else []
     names = (*STIFFNESSES, *shear, *conducts, *real)
 
-    def answers(one: NormalLaw) -> np.ndarray:
-        pressed = macro.press_joint(joint, one, preload[steps], extrapolate=True)
+    def answers(changed: NormalLaw) -> np.ndarray:
+        pressed = macro.press_joint(joint, changed, preload[steps], extrapolate=True)
         normal = {name: pressed[name].to_numpy() for name in STIFFNESSES}
-        rows = normal | beside(normal["interface_stiffness"])
+        rows = normal | from_stiffness(normal["interface_stiffness"])
         return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
 
     known = result.isel(step=steps)
     drawn = None
     if samples:
-        whole, own = (
+        whole, interface = (
             known[f"{name}_sample"].to_numpy()
             for name in ("joint_stiffness", "interface_stiffness")
         )
         solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), whole.shape)
-        rows = [whole, own, solid, *beside(own).values(), *(1.0 + 0.0 * solid for _ in real)]
+        rows = [
+            whole,
+            interface,
+            solid,
+            *from_stiffness(interface).values(),
+            *(1.0 + 0.0 * solid for _ in real),
+        ]
         drawn = list(np.stack(rows, axis=1))
     answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
     at = preload[steps]
-    exact = "none: blocks and law in series are a closed form under even pressure"
+    exact = "none: blocks and law in series have a closed form under uniform pressure"
     sources: list[Source] = [
         *law_sources(law, at, drawn=drawn),
         contact_source(law, at, np.array(names) == "real_pressure"),
@@ -204,26 +210,26 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
 
 
 def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
-    """Say what the tangential stiffness rests on; nothing if the law has none."""
+    """Report the source of the tangential stiffness, if the law has a shear branch."""
     if ratio is None:
         return []
-    told = branch_origins(law)["shear"]
+    source = branch_origins(law)["shear"]
     return [
-        f"Before anything slips, the interface is {ratio:.3g} times as stiff along its face as "
-        f"across it (shear branch of the law: {told}). The tangential stiffness has the interface "
-        f"in series with the blocks in even shear, without bending."
+        f"Before slip the tangential stiffness of the interface is {ratio:.3g} times its normal "
+        f"stiffness (shear branch of the law: {source}). The tangential stiffness of the joint has "
+        f"the interface in series with the blocks in uniform shear, without bending."
     ]
 
 
 def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[str], list[str]]:
     """Compare the cells of a law with the width of the joint, m: law, cautions, and facts.
 
-    The budget of a law from a file, which is the budget of another joint, is changed to this one.
+    The budget of a law from a file belongs to another joint, and is adapted to this joint.
     """
     if case.has_cells:
         scales = joint_scales(case)
         return law, scales.cautions if scales else (), [cell_share(max(case.cell.size), width)]
-    of_file = [f"its law: {one}" for one in list_cautions(law)]
+    of_file = [f"its law: {caution}" for caution in list_cautions(law)]
     if not {"longest_wave", "cell_size"} <= set(law.attrs):
         return law, of_file, unknown_cells(law)
     wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
@@ -233,7 +239,7 @@ def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[
 
 
 def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]:
-    r"""Stiffness of the joint whose preload begins to fall, and its samples; if cells unloaded.
+    r"""Stiffness of the joint at the start of unloading, and its samples, if cells were unloaded.
 
     With the factor :math:`\beta` of the unloading branch, (1) of
     :func:`~multiscale.macro.press_joint` for :math:`\beta K` instead of :math:`K`.
@@ -255,7 +261,7 @@ def _needs(case: Case) -> Needs:
             Choice("joint", "blocks and interface law in series, in closed form"),
             Choice(
                 "joint mesh",
-                "the pressure on the joint is even, and a closed form is exact",
+                "the pressure on the joint is uniform, and the closed form is exact",
                 built=False,
             ),
         ),
@@ -275,47 +281,49 @@ def _check(result: Dataset) -> None:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the middle one of the preloads with an answer, with its error."""
+    """Report the answers at the middle preload among the solved ones, with errors."""
     done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
     if not done.size:
-        yield "The answer is known at no preload."
+        yield "No preload has an answer."
         return
     yield from View(result).sentences(result.isel(step=done[done.size // 2]), *SENTENCES)
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    result = found[JOINT.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    result = datasets[JOINT.name]
     planned = str(result.attrs.get("plan", "")).splitlines()
     remarks = [*list_missing(result), *list_facts(result)]
     stiffness = {"joint_stiffness": on_axes(plot_joint_stiffness, result, size=WIDE)}
     yield Section("Joint", planned, *JOINT_TABLE.rows(result), stiffness, remarks=remarks)
-    yield from (replace(one, printed=False) for one in budget_sections(result))
+    yield from (replace(section, printed=False) for section in budget_sections(result))
 
 
 def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
-    """Say of each term of the error budget how large it is and how it was estimated.
+    """Tabulate the terms of the error budget with their sources, then the sensitivities.
 
-    It is the budget of the first quantity, then of further ones; at the end stands how answers
-    depend on parameters that have a half-width of their own.
+    The budgets are those of the first quantity and of the ``further`` quantities; sensitivities are
+    to parameters with a given half-width.
     """
     if "error_total" not in result:
-        yield Section("Error budget", ["Nothing was estimated."])
+        yield Section("Error budget", ["No error was estimated."])
         return
     drawn = on_axes(plot_error_budget, result, size=WIDE)
     for quantity in (str(result["quantity"].values[0]), *further):
         name = quantity.replace("_", " ")
         yield Section(
             f"Error budget of the {name}" if further else "Error budget",
-            [f"Half-widths of 95 % intervals of the {name}, in per cent of it."],
+            [f"Half-widths of 95 % intervals of the {name}, in per cent."],
             *tabulate_budget(result, quantity),
             figures={} if quantity in further else {"error_budget": drawn},
             notes=True,
         )
     head, rows = tabulate_sensitivity(result) if "sensitivity" in result else ((), [])
     if rows:
-        told = "Relative changes of the answers, to first order, if a parameter is larger by the "
-        told += "half-width of its 95 % interval, and all others stay as they are."
-        yield Section("Sensitivity", [told], head, rows)
+        caption = (
+            "Relative changes of the answers, to first order, if a parameter increases by the "
+            "half-width of its 95 % interval and all other parameters are unchanged."
+        )
+        yield Section("Sensitivity", [caption], head, rows)
 
 
 JOINT = Stage(
@@ -323,7 +331,7 @@ JOINT = Stage(
     tables=("structure", "joint"),
     reads={"structure", "interface", "statics", "body_1", "body_2"},
     takes=(FITTED_LAW,),
-    run=lambda case, found, job: solve_joint(case, case.interface_law(found, job.read_law)),
+    run=lambda case, datasets, job: solve_joint(case, case.interface_law(datasets, job.read_law)),
     needs=_needs,
     check=_check,
     question="How stiff is the joint of the two bodies at its preloads, and how much touches?",

@@ -68,7 +68,7 @@ TABLE = Table(
     HEADS | {"tangential_stiffness": "tangential, no slip", "slipping_load": "sliding force"},
     answer="approach",
 )
-"""Of the joints at their preloads."""
+"""Answers of the joints at their preloads."""
 
 CYCLES = Table(
     (
@@ -81,30 +81,30 @@ CYCLES = Table(
     at=2,
     along=("level", "amplitude"),
 )
-"""Of the closed cycles at every preload and amplitude."""
+"""Answers of the closed cycles at every preload and amplitude."""
 
 STIFF = (
     "At a preload of {preload} the joint has a normal stiffness of {joint_stiffness:±} and, before "
     "it slips, a tangential stiffness of {tangential_stiffness:±}."
 )
 LOSES = (
-    "A cycle of shear between {most} and -{most} MPa loses {cycle_energy:±}; at its ends, "
+    "A cycle of shear between {most} and -{most} MPa dissipates {cycle_energy:±}; at its ends, "
     f"{SLIP}."
 )
-"""Sentences of the answer, at a preload and of the last cycle."""
+"""Sentences of the answer: at a preload, and in the last cycle."""
 
 
-def _press(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dataset:
+def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
-    ready = ReadyBodies.of(structure, case, found, job)
+    ready = ReadyBodies.of(structure, case, datasets, job)
     assembly, small = ready.parts.assembly, ready.structure.small
-    loading = cast(substructures.JointLoading, ready.parts.loading)  # joints have one
-    law = cast(Dataset, ready.laws[0])  # all joints have this one
+    loading = cast(substructures.JointLoading, ready.parts.loading)  # joints have a joint loading
+    law = cast(Dataset, ready.laws[0])  # all joints share this law
     watched = counting(ready.method, job, structure.joint_size(case).steps)
     followed = substructures.follow_joint(small, loading, method=watched)
     result = substructures.measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
     result = with_contact(ready.structure.restore(result), law)
-    result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
+    result = with_cautions_of(result, ready.bodies, case, datasets, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
     sources = ErrorSources.of(ready.bodies, case, ready.laws)
@@ -131,21 +131,21 @@ def _follow_joints(
     method: "substructures.Method",
     near: "substructures.FollowedJoint | None" = None,
 ) -> Dataset:
-    """Load the joints, maybe near others, whatever the data of the laws."""
-    found = substructures.follow_joint(problem, loading, method=method, near=near)
-    return substructures.measure_joint(found, areas, extrapolate=True)
+    """Load the joints, from the path of near joints if given, and extrapolate the laws."""
+    followed = substructures.follow_joint(problem, loading, method=method, near=near)
+    return substructures.measure_joint(followed, areas, extrapolate=True)
 
 
 def _needs_of_joints(bodies: RoughBodies, case: Case) -> Needs:
     size = bodies.joint_size(case)
     needs = solver_needs(choose_solver(case, size), size, bodies.slabs(case))
-    own, path, pressed = len(case.statics.preloads), "alone", "the preloads"
+    count, path, pressed = len(case.statics.preloads), "only", "the preloads"
     if case.cycles:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
-        path = f"and {own} x {few} cycles of one step to their amplitudes"
+        path = f"and {count} x {few} cycles of one step to their amplitudes"
         pressed = (
             f"{size.steps} load steps: preloads, cycles at the last one ({cycles.cycles}), "
-            f"and one cycle at each of {own} preloads and {few} amplitudes"
+            f"and one cycle at each of {count} preloads and {few} amplitudes"
         )
     solves = Choice(
         "intervals",
@@ -172,18 +172,18 @@ def _answer_of_joints(result: Dataset) -> Iterator[str]:
 
 
 def _sections_of_joints(result: Dataset) -> Iterator[Section]:
-    """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
-    told = [
+    """Show where the joints stick, slip and open, their loop, and their error budgets."""
+    caption = [
         "Zones and pressure are seen along the normal of the first joint, at the last amplitude "
-        "that has an answer; a point slides if contacts under more than half of its pressure do, "
-        "and is open below 1 % of the mean pressure; lines are the outlines of the parts."
+        "that has an answer; a point slides if contacts with more than half of its pressure "
+        "slide, and is open below 1 % of the mean pressure; lines are the outlines of the bodies."
     ]
     figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
-    yield Section("Joint", told, figures=figures)
+    yield Section("Joint", caption, figures=figures)
     if "cycle_loss" in result:
         cycles = [
-            "From each preload the shear makes a closed cycle of each amplitude, the smallest one "
-            "first. The secant stiffness is the shear over the displacement of the sheared face "
+            "At each preload the shear makes a closed cycle of each amplitude, in rising order. "
+            "The secant stiffness is the shear over the displacement of the sheared face "
             "between both ends of a cycle. Bands are the 95 % intervals of the mean law and of one "
             "part."
         ]
@@ -213,7 +213,7 @@ ROUGH_JOINTS = structure_stage(
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
-    question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
+    question="How stiff are the joints, where do they slip, and what does a cycle dissipate?",
     check=partial(require_known, answer="approach"),
     more=_sections_of_joints,
     answer=_answer_of_joints,
@@ -232,7 +232,7 @@ ROUGH_JOINTS = structure_stage(
     compared=_compare_joints,
 )
 
-KEPT = (
+QUICK_NOTE = (
     "--quick takes larger elements in geometries, and elements of first order on meshes that are "
     "read from files, which it cannot make coarser"
 )
@@ -244,15 +244,15 @@ NO_COARSER = (
 
 OF_LOADS = ("factor", "load_displacement", "load_secant")
 SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
-"""What the table has of each load, and of each interface beside its pressure."""
+"""Columns of the table for each load, and for each interface after its pressure."""
 
 SLIPS = 1e-3
 """Change of a stiffness by slip, relative to it, from which both are reported."""
 
 
-def _load(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
+def _load(bodies: Bodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Follow the path over the named loads."""
-    ready = ReadyBodies.of(bodies, case, found, job)
+    ready = ReadyBodies.of(bodies, case, datasets, job)
     laws, path, structure = ready.laws, ready.parts.path, ready.structure
     watched = counting(ready.method, job, len(path.factors()))
     result = structure.restore(
@@ -260,14 +260,14 @@ def _load(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
             structure.small, path, method=watched, extrapolate=case.extrapolate
         )
     )
-    result = with_cautions_of(result, ready.bodies, case, found, laws)
+    result = with_cautions_of(result, ready.bodies, case, datasets, laws)
     if laws:
         result = with_interface_contact(result, laws)
     result = _with_budget(result, ready, path, job)
-    result = result.assign_attrs(bodies=" ".join(one.name for one in bodies.bodies))
+    result = result.assign_attrs(bodies=" ".join(body.name for body in bodies.bodies))
     tightening = result["factor"].to_numpy()[:, 0]
     bolts = list_bolts(result, tightening) if ready.parts.assembly.bolts else []
-    counted = ["Displacements count from step 0."] if laws else []
+    counted = ["Displacements are relative to step 0."] if laws else []
     facts = [*counted, *ready.parts.facts, *_interfaces(result), *bolts]
     return ready.finish(result, facts)
 
@@ -275,13 +275,13 @@ def _load(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
 def _with_budget(
     result: Dataset, ready: ReadyBodies, path: "substructures.LoadPath", job: Job
 ) -> Dataset:
-    """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
+    """Propagate the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
     sources = ErrorSources.of(bodies, case, laws)
     result = with_cautions(result, "" if sources.meshes else NO_COARSER)
     if not sources:
         return result
-    if not laws:  # nothing but convergence limits what is known
+    if not laws:  # without laws every converged step is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
     if not solved:
@@ -306,7 +306,7 @@ def _follow(
     method: "substructures.Method",
     near: "substructures.FollowedPath | None" = None,
 ) -> Dataset:
-    """Follow a path, maybe near another one, whatever the data of the laws."""
+    """Follow a path, from a near path if given, and extrapolate the laws."""
     return substructures.follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
 
 
@@ -321,16 +321,16 @@ def _answer(result: Dataset) -> Iterator[str]:
         moved, since = moved - moved[ends[0]], " since step 0"
     names, factors = map(str, result["load"].values), last["factor"].to_numpy()
     loads = list(zip(names, factors, moved[ends[-1]], strict=True))
-    acting = [load for load in loads if load[1]] or loads  # all of them where none acts any more
-    said = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in acting)
-    way = f"the loaded faces have moved{since} by {said}; " if not since or ends.size > 1 else ""
+    acting = [load for load in loads if load[1]] or loads  # all loads if none acts any more
+    motions = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in acting)
+    way = f"the loaded faces have moved{since} by {motions}; " if not since or ends.size > 1 else ""
     stress = last["equivalent_stress"].to_numpy()
     worst = int(np.nanargmax(stress))
     where = ""
     if len(np.unique(result["element_body"])) > 1:
         body = int(result["element_body"][worst])
-        called = str(result.attrs.get("bodies", "")).split()
-        where = f", in {called[body] if called else f'body {body}, counted from 0'}"
+        bodies = str(result.attrs.get("bodies", "")).split()
+        where = f", in {bodies[body] if bodies else f'body {body}, counted from 0'}"
     yield (
         f"At step {int(last['path_step'])} {way}the largest mean stress of an element is "
         f"{1e-6 * stress[worst]:.4g} MPa (von Mises){where}."
@@ -338,40 +338,40 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 
 def _secants(result: Dataset) -> Iterator[str]:
-    """Report how stiff the structure is under each load, for small changes, at the path's end."""
+    """Report the tangent stiffness of the structure under each load at the end of the path."""
     view = View(result)
     for load in result["load"].values:
-        one = result.sel(load=load)
-        for step in np.flatnonzero(np.isfinite(one["load_stiffness"].to_numpy()))[-1:]:
-            at, beside = one.isel(step=step), ""
+        loaded = result.sel(load=load)
+        for step in np.flatnonzero(np.isfinite(loaded["load_stiffness"].to_numpy()))[-1:]:
+            at, further = loaded.isel(step=step), ""
             if result.sizes.get("interface"):
                 share = 100.0 * float(at["interface_compliance"].round(6))
-                beside = f"; {share:.3g} % of the compliance comes from the interfaces"
+                further = f"; {share:.3g} % of the compliance comes from the interfaces"
             stiffness, stuck = float(at["load_stiffness"]), float(at["stuck_stiffness"])
             if abs(stuck - stiffness) > SLIPS * stuck:
-                beside += "; while no point slips, as in small vibration, it has {stuck_stiffness}"
+                further += "; without slip, as in small vibration, it is {stuck_stiffness}"
             yield from view.sentences(
                 at,
-                f"Against a small rise of {load} at step {int(at['path_step'])} the structure has "
-                f"a stiffness of {{load_stiffness:()}}{beside}.",
+                f"The stiffness of the structure for a small increase of {load} at step "
+                f"{int(at['path_step'])} is {{load_stiffness:()}}{further}.",
             )
 
 
 def _interfaces(result: Dataset) -> Iterator[str]:
-    """Report the real pressure of interfaces at the end of the path, and what a cycle loses."""
+    """Report the real pressure of interfaces at the end of the path, and the loss of a cycle."""
     view = View(result)
     for number in range(result.sizes.get("interface", 0)):
-        one = result.isel(interface=number)
-        known = one.get("interface_real_pressure", one["path_step"] * np.nan).notnull()
-        for step in np.flatnonzero((one["path_step"] >= 0) & known)[-1:]:
-            at = one.isel(step=step)
+        interface = result.isel(interface=number)
+        pressure = interface.get("interface_real_pressure", interface["path_step"] * np.nan)
+        for step in np.flatnonzero((interface["path_step"] >= 0) & pressure.notnull())[-1:]:
+            at = interface.isel(step=step)
             yield from view.sentences(
                 at,
-                f"At step {int(at['path_step'])} interface {number} has, where it touches, "
-                "{interface_real_pressure:()}.",
+                f"At step {int(at['path_step'])} the mean pressure on the real contact area of "
+                f"interface {number} is {{interface_real_pressure:()}}.",
             )
     for number in range(result.sizes.get("interface", 0) if "interface_energy" in result else 0):
-        lost = f"Interface {number} loses {{interface_energy}} in the last cycle."
+        lost = f"Interface {number} dissipates {{interface_energy}} in the last cycle."
         yield from view.sentences(result.isel(cycle=-1, interface=number), lost)
 
 
@@ -380,11 +380,11 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
     chosen = choose_solver(case, size)
     points = size.joint_points
     needs = solver_needs(chosen, size, SLABS if points else 0)
-    path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "only"
     solves = Choice(
         "intervals",
         f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the steps {path}, for each law "
-        f"with a budget: one for each of its terms, and once coarser beds and meshes",
+        f"with a budget: one for each of its terms, and one with coarser beds and meshes",
     )
     libraries = tuple(sorted({*needs.libraries, "meshio"}))
     return replace(needs, libraries=libraries, choices=(*needs.choices, *([solves] * bool(points))))
@@ -392,26 +392,27 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
 
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show loads, bolts and interfaces."""
-    told = [
-        "Zones, pressure and outlines of the parts are seen along the normal of each interface, at "
+    caption = [
+        "Zones, pressure and outlines of the bodies are seen along the normal of each interface, "
+        "at "
         "the last step that has an answer."
     ]
     known = np.flatnonzero(np.isfinite(result["equivalent_stress"].to_numpy()).all(axis=1))
     figures = {"body_stress": in_space(plot_body_stress, result, step=int(known[-1]))}
     figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
-    yield Section("Loads and interfaces", told, figures=figures)
+    yield Section("Loads and interfaces", caption, figures=figures)
     yield from budget_sections(result)
 
 
 def _compared(result: Dataset) -> Dataset:
-    """Return the answers at the last step that has stiffnesses, slip and bolts at the last one."""
+    """Return stiffnesses at the last step that has any, slip and bolt forces at the last step."""
     known = np.isfinite(result["load_stiffness"].to_numpy()).all(axis=1)
     rest = int(np.flatnonzero(known)[-1]) if known.any() else 0
     at_rest = ("load_stiffness", "interface_real_pressure")
     values = {
-        name: one.isel(step=rest if str(name).startswith(at_rest) else -1).reset_coords(drop=True)
-        for name, one in result.data_vars.items()
-        if "step" in one.dims
+        name: value.isel(step=rest if str(name).startswith(at_rest) else -1).reset_coords(drop=True)
+        for name, value in result.data_vars.items()
+        if "step" in value.dims
     }
     if "bolt_force" in values:
         values["bolt_force"] = values["bolt_force"].max("bolt")
@@ -421,12 +422,12 @@ def _compared(result: Dataset) -> Dataset:
 def _tabulate(result: Dataset) -> Rows:
     """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
 
-    Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
-    each interface its mean pressure, the share of its contact force at sliding, and the shares of
-    its nominal area at sliding and open.
+    A load has its factor, displacement (with interfaces, since step 0) and secant stiffness; an
+    interface has its mean pressure, the share of its contact force at sliding, and the shares of
+    its nominal area that slide and are open.
     """
     loads, count = list(map(str, result["load"].values)), result.sizes.get("interface", 0)
-    if count:  # an interface without load has no gap from which displacements could count
+    if count:  # displacements are relative to step 0, as the gap without load is not known
         moved = result["load_displacement"]
         start = moved.isel(step=int(np.argmax(result["path_step"].to_numpy() == 0)))
         result = result.assign(load_displacement=moved - start)
@@ -444,11 +445,12 @@ def _tabulate(result: Dataset) -> Rows:
             row.append("unknown" if int(step["converged"]) else "not converged")
             rows.append(padded(tuple(row), head))
             continue
-        for one in (step.isel(load=at) for at in range(len(loads))):
-            row.append(", ".join(view.text(one, name) for name in OF_LOADS).replace("unknown", "-"))
-        for one in (step.isel(interface=at) for at in range(count)):
-            pressure = view.text(one, "interface_pressure")
-            row.append(", ".join([pressure, *(view.phrase(one, name) for name in SHARES)]))
+        for load in (step.isel(load=at) for at in range(len(loads))):
+            texts = (view.text(load, name) for name in OF_LOADS)
+            row.append(", ".join(texts).replace("unknown", "-"))
+        for interface in (step.isel(interface=at) for at in range(count)):
+            pressure = view.text(interface, "interface_pressure")
+            row.append(", ".join([pressure, *(view.phrase(interface, name) for name in SHARES)]))
         bolts = (step.isel(bolt=k) for k in range(result.sizes.get("bolt", 0)))
         forces = ", ".join(view.text(bolt, "bolt_force") for bolt in bolts)
         rows.append((*row, forces) if forces else tuple(row))
@@ -466,7 +468,7 @@ LOADED_BODIES = structure_stage(
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),
     check=partial(require_known, answer="load_displacement"),
-    kept=KEPT,
+    quick_note=QUICK_NOTE,
     more=_sections,
     answer=lambda result: [*_answer(result), *_secants(result)],
     answers={

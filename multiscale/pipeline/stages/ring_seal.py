@@ -1,4 +1,4 @@
-"""Stage: a ring of the two bodies that seals a liquid, and what leaks through its interface."""
+"""Stage: a ring of the two bodies that seals a liquid, and its leak rate."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +17,10 @@ from multiscale.upscaling import area_from_dataset, say_sealing
 __all__ = ["RING_SEAL"]
 
 LIFTING = 0.1
-"""Mean pressure of the liquid over pressure of the ring from which it lifts the ring noticeably."""
+"""Mean pressure of the liquid over contact pressure from which lifting of the ring matters."""
 
 FEWEST_CELLS = 4.0
-"""Cells over the width of a ring below which it is no patchwork of many."""
+"""Cells over the width of a ring below which a patchwork of cells does not represent it."""
 
 ANSWERS = (
     "nominal_pressure",
@@ -34,13 +34,14 @@ ANSWERS = (
 TABLE = Table((*ANSWERS, "leak_rate:mean_law"), {"leak_rate:mean_law": "leak rate, 95 % ({unit})"})
 
 SENTENCE = (
-    "{ring}: pressed on by {nominal_pressure} it leaks {leak_rate} (95 % interval: "
-    "{leak_rate:mean_law}), while {contact_fraction} of it touches."
+    "{ring}. At a contact pressure of {nominal_pressure} the leak rate is {leak_rate} (95 % "
+    "interval: {leak_rate:mean_law}), and the real contact area is {contact_fraction} of the "
+    "nominal area."
 )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
-    law, seal = found[INTERFACE_LAW.name], case.seal
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    law, seal = datasets[INTERFACE_LAW.name], case.seal
     pressure, direction = law["fit_pressure"].to_numpy(), seal.direction or "both"
     across = law.sel(direction=direction)
     values = {
@@ -55,43 +56,43 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     liquid = readable(f"{seal.pressure_difference:g} Pa")
     lifted = pressure[0.5 * seal.pressure_difference > LIFTING * pressure]
     cautions = [
-        f"the liquid pushes the faces apart by about half of its {liquid}, more than "
-        f"{100.0 * LIFTING:g} % of the pressure of the ring up to {1e-6 * pressure:.4g} MPa; this "
-        f"is not counted, and the ring leaks more there"
+        f"the mean pressure of the liquid on the faces, about half of its {liquid}, is more than "
+        f"{100.0 * LIFTING:g} % of contact pressures up to {1e-6 * pressure:.4g} MPa; this lifting "
+        f"is not included, and the leak rate is larger there"
         for pressure in lifted[-1:]
     ]
     cells = seal.width / max(case.cell.size)
     if cells < FEWEST_CELLS:
         cautions.append(
-            f"the ring is {cells:.2g} cells wide, and {FEWEST_CELLS:g} or more leak as a patchwork "
-            f"of cells does; single paths across a narrow ring may leak more"
+            f"the ring is {cells:.2g} cells wide, and a patchwork of cells needs {FEWEST_CELLS:g} "
+            f"or more; single leak paths across a narrower ring may leak more"
         )
     low, high = law["hydraulic_aperture_mean_law"].sel(direction=["x", "y"]).to_numpy()
     apart = np.max(low, axis=0) > np.min(high, axis=0)  # the intervals along x and y
     if seal.direction is None and apart.mean() > 0.5:
         cautions.append(
-            "the interface lets through another aperture along x than along y, and both are taken "
-            "as alike; name the axis across the ring by direction in [seal]"
+            "hydraulic apertures along x and y differ, and the leak rate uses a common aperture; "
+            "give the axis across the ring as direction in [seal]"
         )
     return SEAL.build(
         values,
         title=case.title,
         ring=f"A ring of {readable(f'{seal.diameter:g} m')} diameter and "
-        f"{readable(f'{seal.width:g} m')} width holds back {liquid} of a liquid of "
-        f"{readable(f'{seal.viscosity:g} Pa*s')}",
+        f"{readable(f'{seal.width:g} m')} width seals a pressure difference of {liquid} in a "
+        f"liquid with a viscosity of {readable(f'{seal.viscosity:g} Pa*s')}",
         sealing=say_sealing(law, direction),
         intervals=law.attrs["leakage_intervals"],
         cautions="\n".join(cautions),
     )
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    result = found[RING_SEAL.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    result = datasets[RING_SEAL.name]
     yield Section("Seal", [result.attrs.get("intervals", "")], *TABLE.rows(result))
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the middle one of the pressures, and from which one the ring is tight."""
+    """Report the leak rate at the middle pressure, and from which pressure the ring is tight."""
     step = result.isel(step=result.sizes["step"] // 2)
     return View(result).sentences(step, SENTENCE, "{sealing}")
 
@@ -102,7 +103,9 @@ RING_SEAL = Stage(
     reads={"title", "seal"},
     takes=(FITTED_LAW,),
     run=_run,
-    needs=lambda case: Needs(choices=(Choice("seal", "what leaks through apertures of the law"),)),
+    needs=lambda case: Needs(
+        choices=(Choice("seal", "leak rate through the hydraulic apertures of the law"),)
+    ),
     question="How much leaks through the roughness under a ring, against its pressure?",
     answer=_answer,
     sections=_sections,

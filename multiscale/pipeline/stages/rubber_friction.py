@@ -43,10 +43,10 @@ def slide_road(case: Case, road: Surface) -> PlainDataset:
     """Slide rubber over one road at every temperature, pressure and speed, in this order."""
     slides = case.sliding
     steps = list(product(slides.temperatures, slides.pressures, slides.speeds))
-    found, times, start = [], [], None
+    solved, times, start = [], [], None
     for temperature, pressure, speed in steps:
         begin = perf_counter()
-        one = solve_sliding(
+        slide = solve_sliding(
             road,
             case.rubber.solid,
             pressure,
@@ -54,15 +54,15 @@ def slide_road(case: Case, road: Surface) -> PlainDataset:
             shift=case.rubber.shift(temperature),
             start=start if speed > slides.speeds[0] else None,
         )
-        converged = one.status is Status.CONVERGED
-        start = one.pressure if converged else None
-        found.append(one)
+        converged = slide.status is Status.CONVERGED
+        start = slide.pressure if converged else None
+        solved.append(slide)
         times.append(perf_counter() - begin)
     p = np.array([pressure for _, pressure, _ in steps])
-    mean_gap = np.array([one.mean_gap for one in found])
+    mean_gap = np.array([slide.mean_gap for slide in solved])
     traction, jump = np.zeros((2, 1, len(steps), 3))
     traction[0, :, 0] = -p
-    traction[0, :, 1] = p * [one.friction for one in found]
+    traction[0, :, 1] = p * [slide.friction for slide in solved]
     jump[0, :, 0] = mean_gap - (road.heights.max() - road.heights.mean())
     statistics = (rms_height, rms_slope, nayak_parameter)
     return PlainDataset(
@@ -70,26 +70,26 @@ def slide_road(case: Case, road: Surface) -> PlainDataset:
             "displacement_jump": jump,
             "traction": traction,
             "mean_gap": mean_gap[None],
-            "contact_fraction": [[one.contact_fraction for one in found]],
-            "converged": [[int(one.status is Status.CONVERGED) for one in found]],
-            "active_set_iterations": [[one.active_sets for one in found]],
-            "linear_iterations": [[one.linear_iterations for one in found]],
+            "contact_fraction": [[slide.contact_fraction for slide in solved]],
+            "converged": [[int(slide.status is Status.CONVERGED) for slide in solved]],
+            "active_set_iterations": [[slide.active_sets for slide in solved]],
+            "linear_iterations": [[slide.linear_iterations for slide in solved]],
             "wall_time": np.array(times)[None],
             "nominal_pressure": p,
-            "branch": np.zeros(len(steps), int),  # every step starts anew
+            "branch": np.zeros(len(steps), int),  # every step is a new contact
             "sliding_speed": [speed for *_, speed in steps],
             "temperature": [temperature for temperature, *_ in steps],
-            **{one.__name__: [one(road)] for one in statistics},
+            **{statistic.__name__: [statistic(road)] for statistic in statistics},
         }
     )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
-    """Slide rubber over all roads; finished roads that are found are kept."""
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Slide rubber over all roads; finished roads are not solved again."""
     identity = case.identity()
     roads = make_roads(case)
-    kept = job.ensemble("micro", identity, len(roads), "roads")
-    response = run_realisations(slide_road, [(case, road) for road in roads], **kept)
+    options = job.ensemble("micro", identity, len(roads), "roads")
+    response = run_realisations(slide_road, [(case, road) for road in roads], **options)
     return response.assign_attrs(
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",
@@ -104,21 +104,22 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
 
 
 def _needs(case: Case) -> Needs:
-    (nx, ny), told = case.cell.points, case.sliding
-    steps = len(told.pressures) * len(told.speeds) * len(told.temperatures) * told.realisations
+    (nx, ny), sliding = case.cell.points, case.sliding
+    steps = len(sliding.pressures) * len(sliding.speeds) * len(sliding.temperatures)
+    steps *= sliding.realisations
     return Needs(
         kinematics="small slopes and small strain, steady sliding",
         choices=(
             Choice(
-                "complex compliance", "stiffness and loss of the rubber, for each wave of the road"
+                "complex compliance", "stiffness and loss of the rubber, for each mode of the road"
             ),
             Choice("time steps", "sliding is steady in the frame of the road", built=False),
             Choice(
                 "mesh of the road",
-                "a half-space of rubber is known in closed form for each wave",
+                "a half-space of rubber has a closed form for each mode",
                 built=False,
             ),
-            Choice("heat", "the temperature is even, and each of the case is given", built=False),
+            Choice("heat", "the temperature is uniform, and the case gives it", built=False),
         ),
         memory=8 * 30 * nx * ny,
         seconds=STEP_TIME * nx * ny * steps,
@@ -126,11 +127,11 @@ def _needs(case: Case) -> Needs:
 
 
 def _first_road(case: Case) -> Surface:
-    one = case.sliding.model_copy(update={"realisations": 1})
-    return make_roads(case.model_copy(update={"sliding": one}))[0]
+    sliding = case.sliding.model_copy(update={"realisations": 1})
+    return make_roads(case.model_copy(update={"sliding": sliding}))[0]
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     def plot(ax: Axes) -> Axes:
         case = validate(Case, read_toml(out / "case.toml"), out / "case.toml", {})
         return plot_road(_first_road(case), ax=ax)
@@ -166,11 +167,11 @@ LAW = (
     "largest_error_temperature",
     "admissibility",
 )
-"""What the page says of a law of friction."""
+"""Attributes of a law of friction on the page."""
 
 
 FAINT = 0.01
-"""Friction over its peak, below which it is not fitted."""
+"""Friction over its peak below which the law is not fitted."""
 
 
 def fit_friction(case: Case, response: Dataset) -> Dataset:
@@ -178,9 +179,9 @@ def fit_friction(case: Case, response: Dataset) -> Dataset:
 
     Notes
     -----
-    Rubber at a temperature T answers to a speed :math:`v` as at the reference to :math:`a_T v`,
-    so that all temperatures together cover more of one curve; errors of the fit count by their
-    size in :math:`\mu`, and a hundredth of its peak is below what a grid resolves:
+    Rubber at a temperature T and a speed :math:`v` responds as at the reference temperature and
+    :math:`a_T v`, so that all temperatures form a single curve. The fit minimises absolute errors
+    of :math:`\mu`; a hundredth of the peak is below the resolution of a grid:
 
     .. math:: \mu(p, v, T) = \mu_r(p, a_T v).    \tag{1}
     """
@@ -218,36 +219,37 @@ def fit_friction(case: Case, response: Dataset) -> Dataset:
 
 
 def _fit_needs(case: Case) -> Needs:
-    told = "a bell over speed and temperature, with samples for its bands"
-    return Needs(choices=(Choice("friction law", told),), seconds=1.0)
+    curve = "a bell over speed and temperature, with samples for its intervals"
+    return Needs(choices=(Choice("friction law", curve),), seconds=1.0)
 
 
-def _law_sections(found: Datasets, out: Path) -> Iterator[Section]:
-    response, law = found[MICRO_RESPONSE.name], found[FRICTION_LAW.name]
+def _law_sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    response, law = datasets[MICRO_RESPONSE.name], datasets[FRICTION_LAW.name]
     require_law(law, *LAW)
     count = int(law.attrs["n_realisations"])
     values = law.attrs
-    pressure = float(found[MACRO_RESULT.name]["preload"][0])
+    pressure = float(datasets[MACRO_RESULT.name]["preload"][0])
     bell = on_axes(plot_friction_bell, response, law, pressure)
     yield Section(
         "Friction law",
         [
-            f"The law stands for {response.attrs['bodies']}; it rests on "
+            f"The law describes: {response.attrs['bodies']}. It is fitted to "
             f"{count} realisation{'s' * (count > 1)} between "
             f"{1e-3 * values['pressure_min']:.4g} and "
             f"{1e-3 * values['pressure_max']:.4g} kPa.",
             f"At {values['reference_temperature'] - ZERO_CELSIUS:.4g} °C friction peaks at "
             f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s "
             f"under {1e-3 * float(law['reference_pressure']):.3g} kPa; the speed of the "
-            f"peak goes with the power {float(law['speed_exponent']):.2g} of the pressure, and "
-            f"other temperatures shift it.",
-            f"The bell misses the cells by {100.0 * values['rms_error_over_peak']:.2g} % of "
-            f"the peak, root mean square, and by at most "
+            f"peak varies with the power {float(law['speed_exponent']):.2g} of the pressure, and "
+            f"shifts with the temperature.",
+            f"The fitted curve differs from the cells by "
+            f"{100.0 * values['rms_error_over_peak']:.2g} % "
+            f"of the peak (root mean square), and by at most "
             f"{100.0 * values['largest_error_over_peak']:.2g} %, at "
             f"{values['largest_error_speed']:.3g} m/s and "
             f"{values['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C.",
-            "It is friction by hysteresis on the waves of the road that the case names: no "
-            "adhesion, no finer texture.",
+            "The friction is hysteresis on the wavelengths of the road in the case, without "
+            "adhesion or finer texture.",
             f"Admissibility: {values['admissibility']}.",
         ],
         figures={"friction": bell},
@@ -259,7 +261,7 @@ FRICTION_LAW = Stage(
     tables=("rubber", "sliding"),
     reads={"law"},
     takes=(ROADS,),
-    run=lambda case, found, job: fit_friction(case, found[MICRO_RESPONSE.name]),
+    run=lambda case, datasets, job: fit_friction(case, datasets[MICRO_RESPONSE.name]),
     needs=_fit_needs,
     sections=_law_sections,
 )

@@ -21,13 +21,13 @@ __all__ = ["SLIDING", "describe_sliding", "make_pair"]
 
 
 TOLERANCE = 1e-6
-"""Of the contact solver, relative to the norm of the contact forces."""
+"""Tolerance of the contact solver, relative to the norm of the contact forces."""
 
 
 def make_pair(case: Case, surfaces: tuple[Surface, Surface] | None = None) -> FiniteCell:
     """Build the cell of two deformable bodies, of the first realisation if no surfaces are given.
 
-    A body with a hardness flows (J2), another one is neo-Hookean, whose small strain is Hooke's.
+    A body with a hardness is elastoplastic (J2), a body without is neo-Hookean.
     """
     if surfaces is None:
         micro = case.micro.model_copy(update={"realisations": 1})
@@ -36,7 +36,7 @@ def make_pair(case: Case, surfaces: tuple[Surface, Surface] | None = None) -> Fi
     return two_bodies(case.cell, surfaces, (lower, upper), case.slide.friction_coefficient)
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     slide = case.slide
     response = slide_cell(
         make_pair(case),
@@ -47,7 +47,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         tolerance=TOLERANCE,
     )
     ended = str(response.attrs.get("ended", ""))
-    caution = f"sliding went no further at {ended}" if ended else ""
+    caution = f"sliding stopped at {ended}" if ended else ""
     return response.assign_attrs(title=case.title, cautions=caution)
 
 
@@ -61,13 +61,15 @@ def _law(body: RoughBody) -> NeoHookean | J2:
 
 def _needs(case: Case) -> Needs:
     pair = make_pair(case, smooth_pair(case.cell)).needs()
-    slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
+    slide = Choice(
+        "slide", "both bodies, deformable and at large strain, one pressure after the other"
+    )
     steps = (case.slide.steps + 1) * len(case.slide.pressures or case.micro.pressures)
     return Needs(choices=(slide,), memory=pair.memory, seconds=pair.seconds * steps)
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    response = found[SLIDING.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    response = datasets[SLIDING.name]
     figures = {
         "sliding": on_axes(plot_lines, response, "effective_friction", by="nominal_pressure"),
         "steady_friction": on_axes(plot_lines, response, "steady_friction"),
@@ -76,17 +78,17 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 
 
 def describe_sliding(response: Dataset) -> list[str]:
-    """Say the friction of each pressure: its largest value, and where it settles."""
-    way = float(response["sliding_distance"][-1])
+    """Report the largest and the steady friction at each pressure."""
+    distance = float(response["sliding_distance"][-1])
     lines = []
     for load in range(response.sizes["load"]):
-        one = response.isel(load=load)
-        friction = one["effective_friction"].values[1:]
-        pressure = 1e-6 * float(one["nominal_pressure"])
+        loaded = response.isel(load=load)
+        friction = loaded["effective_friction"].values[1:]
+        pressure = 1e-6 * float(loaded["nominal_pressure"])
         if not np.isfinite(friction).any():
             lines.append(f"Under {pressure:.4g} MPa nothing slid.")
             continue
-        steady = float(one["steady_friction"])
+        steady = float(loaded["steady_friction"])
         last = friction[np.isfinite(friction)][-1]
         end = (
             f"{steady:.3g} over the last length of the cell"
@@ -94,7 +96,8 @@ def describe_sliding(response: Dataset) -> list[str]:
             else f"{last:.3g} at the end"
         )
         lines.append(
-            f"Under {pressure:.4g} MPa the friction of the cell over {1e6 * way:.4g} µm is at most "
+            f"Under {pressure:.4g} MPa the friction of the cell over {1e6 * distance:.4g} µm is "
+            f"at most "
             f"{np.nanmax(friction):.3g}, and {end}."
         )
     return lines

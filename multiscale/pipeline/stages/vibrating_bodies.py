@@ -20,7 +20,7 @@ from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
-from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER
+from multiscale.pipeline.stages.loaded_bodies import NO_COARSER, QUICK_NOTE
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
 from multiscale.pipeline.tables.assembly_settings import Bodies
@@ -61,12 +61,12 @@ TABLE = Table(
 BUDGETED = ("frequency", "fall", "damping")
 
 STATED_BED = 2
-"""Ratio of the slabs of two beds that tell the error of the finer one."""
+"""Ratio of the slabs of two beds from which the error of the finer bed is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Vibrating:
-    """A case at rest, its modes, and the amplitudes at which these are followed."""
+    """A preloaded case and its modes."""
 
     bodies: "Sequence[macro.Body]"
     rest: "macro.vibration.Preloaded"
@@ -80,9 +80,9 @@ def _press(
     laws: Sequence[InterfaceLaw],
     near: "macro.vibration.Preloaded | None" = None,
 ) -> tuple[_Vibrating, list[str]]:
-    """Bring bodies with some laws to rest and find their modes; also what is said of the parts.
+    """Preload bodies with given laws and compute their modes; also return facts of the bodies.
 
-    ``near`` are the same bodies at rest under other laws or preloads.
+    ``near`` is the preloaded state of the same bodies under other laws or preloads.
     """
     asked = case.vibration
     parts = bodies.build(case, laws)
@@ -99,8 +99,8 @@ def _press(
         if asked.preload_friction:
             raise
         raise ConvergenceError(
-            f"{error}; preload_friction = false in [vibration] leaves the bodies without friction "
-            f"while the preload is brought up: leave it out, or hold them by supports or bolts"
+            f"{error}; preload_friction = false in [vibration] applies the preload without "
+            f"friction: leave it out, or fix the bodies by supports or bolts"
         ) from error
     densities = [float(body.density or 0.0) for body in bodies.bodies]
     mass = macro.vibration.structure_mass(rest.free, parts.assembly.bodies, densities)
@@ -111,13 +111,13 @@ def _press(
 def _laws(
     bodies: Bodies, case: Case, laws: Sequence[Dataset | None], change: Change
 ) -> list[InterfaceLaw]:
-    """Make beds of many slabs, on the curve of unloading where cells have measured one."""
+    """Make slider beds, on the unloading curve of the cells if they have one."""
     asked = case.vibration
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
     made = changed_sliders(bodies, case, laws, few, asked.slabs)
     for number, law in enumerate(laws):
         if law is not None and branch_origins(law).get("unloading", "").startswith("measured"):
-            bed = cast(Sliders, made[number])  # a law of cells is one
+            bed = cast(Sliders, made[number])  # the law of cells is a bed
             ratio, exponent = (
                 float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent")
             )
@@ -126,11 +126,11 @@ def _laws(
     return made
 
 
-def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job) -> Dataset:
+def _solve(structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
-    bodies = structure.with_volumes(case, found, job.read_rve)
-    laws = bodies.read_laws(case, found, job.read_law)
+    bodies = structure.with_volumes(case, datasets, job.read_rve)
+    laws = bodies.read_laws(case, datasets, job.read_law)
     still, facts = _press(bodies, case, _laws(bodies, case, laws, Change()))
     modes, largest = still.modes, _largest(still)
     result = macro.vibration.vibrate(
@@ -145,16 +145,16 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
     if still.rest.free.bolts:
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
-    result = with_cautions_of(result, bodies, case, found, laws)
+    result = with_cautions_of(result, bodies, case, datasets, laws)
     result = _with_budget(result, bodies, case, laws, still, job)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
-    pinned = "without friction" if not asked.preload_friction else "with friction"
-    frequencies = ", ".join(f"{one:.5g}" for one in modes.frequency)
+    friction = "with friction" if asked.preload_friction else "without friction"
+    frequencies = ", ".join(f"{frequency:.5g}" for frequency in modes.frequency)
     facts += [
-        f"Small vibration, in which no point slips, has {frequencies} Hz.",
+        f"The frequencies of small vibration, without slip, are {frequencies} Hz.",
         asked.left_out(),
         rigid,
-        f"The preload was brought up {pinned}; shapes and amplitudes count from there.",
+        f"The preload was applied {friction}; shapes and amplitudes are relative to that state.",
     ]
     return result.assign_attrs(facts="\n".join(filter(None, facts)))
 
@@ -172,7 +172,7 @@ def _with_budget(
     still: _Vibrating,
     job: Job,
 ) -> Dataset:
-    """Carry the budgets of all laws to frequency and damping of every amplitude."""
+    """Propagate the budgets of all laws to frequency and damping at every amplitude."""
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
@@ -181,13 +181,13 @@ def _with_budget(
     if not sources:
         return result
 
-    def place(told: Dataset, budget: Dataset) -> Dataset:
-        """Give every amplitude its column, which follow the preload."""
+    def place(solved_again: Dataset, budget: Dataset) -> Dataset:
+        """Assign the columns of the budget, which follow the preload, to the amplitudes."""
         count = result.sizes["step"]
         whole = over_steps(budget.isel(step=slice(1, None)), solved, count)
         whole = whole.assign_coords(step=result["step"])
         placed = with_intervals(with_budget(result, whole), schema=VIBRATION)
-        return placed.assign_attrs(cautions=str(told.attrs.get("cautions", "")))
+        return placed.assign_attrs(cautions=str(solved_again.attrs.get("cautions", "")))
 
     slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
     read = {name: answer_at(name, solved) for name in BUDGETED}
@@ -204,7 +204,7 @@ def _with_budget(
     rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
-    if job.executor is not None:  # workers take no factors
+    if job.executor is not None:  # workers do not receive factorisations
         free = substructures.CondensedProblem(still.rest.free, still.rest.free)
         still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
@@ -234,7 +234,7 @@ def _solve_changed(
 
 
 def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
-    """Put modes of the same mesh in the order of others, by their shapes."""
+    """Order modes of the same mesh like other modes, by the products of their shapes."""
     alike = np.abs(near.modes.shape.T @ (near.mass @ still.modes.shape))
     order = np.argmax(alike, axis=1)
     if np.unique(order).size < order.size:
@@ -248,14 +248,14 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
 def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     asked = case.vibration
     reached = asked.reach(np.ones(max(asked.modes)))
-    grid = sum(one.curve()[0].size for one in reached.values())
+    grid = sum(amplitudes.curve()[0].size for amplitudes in reached.values())
     cycles = 4 * asked.steps * len(asked.modes) * len(asked.modal_amplitudes or asked.amplitudes)
     steps = 2 * grid + (cycles if asked.cycle == "full" or asked.preload_friction else 0)
     size = replace(bodies.joint_size(case), steps=steps)
     needs = cut_needs(
         size.unknowns, joint_points=size.joint_points, coarse=False, slabs=asked.slabs
     )
-    told = Choice(
+    vibration = Choice(
         "vibration",
         f"modes by shift and invert on {size.unknowns} unknowns; then bodies are condensed onto "
         f"{size.joint_points} points of interfaces and followed over {len(asked.modes)} modes in "
@@ -263,28 +263,28 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     )
     memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
     memory += 8 * 3 * asked.slabs * size.joint_points * 4
-    others = [one for one in needs.choices if one.part != "mass"]
+    others = [choice for choice in needs.choices if choice.part != "mass"]
     seconds = substructures.choose_method(size).taken.seconds
-    return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
+    return replace(needs, memory=memory, seconds=seconds, choices=(vibration, *others))
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show modes, backbones and joints."""
-    told = [
-        "Pressure and slip of interfaces are those at the largest amplitude of the first mode that "
-        "has an answer, in one direction."
+    caption = [
+        "Pressure and slip of interfaces are shown at the largest amplitude with an answer of the "
+        "first mode, in one direction of the motion."
     ]
     drawn = vibration_pictures(result, MOST_DRAWN)
     figures = {
         name: on_axes(plot, size=WIDE if name.startswith("mode_shape") else SIZE)
         for name, plot in drawn.items()
     }
-    yield Section("Modes, frequency and damping", told, figures=figures)
+    yield Section("Modes, frequency and damping", caption, figures=figures)
     yield from budget_sections(result, "fall", "damping")
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report frequency and damping of the first mode at its least and largest amplitude."""
+    """Report frequency and damping of the first mode at its smallest and largest amplitude."""
     known = np.flatnonzero(
         (result["converged"].values == 1)
         & (result["step_mode"].values == result["step_mode"].values[0])
@@ -294,13 +294,14 @@ def _answer(result: Dataset) -> Iterator[str]:
     for k in dict.fromkeys((*known[:1], *known[-1:])):
         yield from View(result).sentences(
             result.isel(step=k),
-            "Mode {step_mode} has {frequency:()} and {damping:()} of critical damping where its "
-            "largest displacement is {largest_displacement}.",
+            "Mode {step_mode} has a frequency of {frequency:()} and {damping:()} of critical "
+            "damping "
+            "at a largest displacement of {largest_displacement}.",
         )
 
 
 def _tabulate(result: Dataset) -> Rows:
-    """Head and rows of the amplitudes of all modes; a fall that is mere rounding is zero."""
+    """Head and rows of the amplitudes of all modes; a fall of the size of rounding is zero."""
     falls = np.abs(result["fall"]) > ROUNDING * result["frequency"]
     return TABLE.rows(result.assign(fall=result["fall"].where(falls, 0.0)))
 
@@ -323,7 +324,7 @@ VIBRATING_BODIES = structure_stage(
     question="Which frequency and damping do the bodies have, and how do both change with the "
     "amplitude?",
     prepare=lambda bodies, case: bodies.try_to_build(case, macro.vibration.require_joined),
-    kept=KEPT,
+    quick_note=QUICK_NOTE,
     more=_sections,
     answer=_answer,
     answers={

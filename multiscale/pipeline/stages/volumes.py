@@ -13,7 +13,7 @@ from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.showing import Rows, Table, View, say_mean
+from multiscale.pipeline.showing import Rows, Table, View, format_mean
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tables.rve_settings import RveSettings
 from multiscale.pipeline.tables.settings import Case
@@ -64,7 +64,7 @@ TABLE = Table(
 
 
 def measure_case(rve: RveSettings, job: Job) -> Dataset:
-    """Measure all volumes of the settings, of which finished ones are kept, and average them."""
+    """Measure all volumes of the settings that are not finished yet, and average all."""
     volumes = [*rve.jobs()]
     measure = partial(
         measure_volume,
@@ -77,7 +77,7 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
     identity = rve.checksum(exclude={"accept"})
     measured = run_realisations(
         _measure,
-        [(measure, one, rve.voxels_of(one), share) for share, one in volumes],
+        [(measure, volume, rve.voxels_of(volume), share) for share, volume in volumes],
         executor=job.executor,
         folder=job.out / FOLDER / identity[:12],
         sparing=job.sparing,
@@ -89,10 +89,10 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
     image = volumes[0][1].image(rve.voxels)
     moduli = rve.youngs_modulus, rve.poissons_ratio
     result = represent(measured, image, *moduli, level=rve.level)
-    own = result["porosity"].to_numpy()[result["share"].to_numpy() == 1.0]
+    porosity = result["porosity"].to_numpy()[result["share"].to_numpy() == 1.0]
     result = result.assign_attrs(
         accept=rve.accept,
-        limits="; ".join(rve.limits(float(own.mean()))),
+        limits="; ".join(rve.limits(float(porosity.mean()))),
         counts=", ".join(f"{count:.6g} {name}" for name, count in rve.counts.items()),
     )
     return result.assign_attrs(cautions="\n".join(_cautions(rve, image, result, measured)))
@@ -107,45 +107,47 @@ def _measure(
 def _cautions(
     rve: RveSettings, image: VoxelImage, result: Dataset, measured: Dataset
 ) -> Iterator[str]:
-    """Say what is lost, coarse or not known."""
+    """Cautions for floating solid, coarse voxels and unknown intervals."""
     if ended := measured.attrs.get("ended"):
         yield ended.replace("\n", "; ")
     whole = rve.image.read() if rve.image is not None else image
     if floating := int(np.count_nonzero(whole.floating)):
         volume = floating * float(np.prod(whole.spacing))
         share = 100.0 * floating / np.count_nonzero(~whole.void)
-        then = "the sections of the closed forms still count it"
+        treated = "sections in closed form still count it"
         yield (
-            f"solid of {1e18 * volume:.3g} µm³, {share:.2g} % of it, floats in voids and carries "
-            f"nothing; " + ("it is taken for void" if rve.image is not None else then)
+            f"solid of {1e18 * volume:.3g} µm³, {share:.2g} % of it, is not connected to the rest "
+            f"and carries no load; "
+            + ("it is treated as void" if rve.image is not None else treated)
         )
     yield from filter(None, [result.attrs["limits"]])
     for name, count in rve.counts.items() if rve.recipe else ():
-        few = [one for one in rve.parts if one**3 * count < 1.0]
+        few = [share for share in rve.parts if share**3 * count < 1.0]
         if few:
             yield (
-                f"the size study holds fewer than one of the {name} in volumes of {few[-1]:g} of "
-                f"the size and less, whose rows tell nothing of the material"
+                f"volumes of {few[-1]:g} of the size and less in the size study contain fewer than "
+                f"one of the {name} on average; their rows do not represent the material"
             )
     edges = np.array(image.spacing)
     across = rve.smallest / edges.max()
     if across < FEWEST_ACROSS:
         yield (
-            f"pores are {across:.2g} voxels across, and their stiffness needs {FEWEST_ACROSS:g} or "
-            f"more; give more voxels"
+            f"pores are {across:.2g} voxels across, and the stiffness needs {FEWEST_ACROSS:g} or "
+            f"more; "
+            f"give more voxels"
         )
     if edges.max() > FLATTEST * edges.min():
-        told = " x ".join(readable(f"{edge:.3g} m") for edge in edges)
-        yield f"voxels measure {told}: check voxel_size in [rve.image]"
+        size = " x ".join(readable(f"{edge:.3g} m") for edge in edges)
+        yield f"voxels measure {size}: check voxel_size in [rve.image]"
     if not np.isfinite(result["scatter"]).all():
         yield (
-            "one volume alone has no scatter, and intervals are not known; give several, or parts "
-            "of half its size or less"
+            "a single volume has no scatter, and intervals are not known; give several volumes, or "
+            "parts of half its size or less"
         )
 
 
 def is_representative(rve: Dataset) -> str:
-    """Say how far the bounds lie apart and volumes differ, and whether the volume is one."""
+    """Report distance of the bounds and scatter, and whether the volume is representative."""
     if limits := rve.attrs.get("limits"):
         return f"The volume is not representative: {limits}."
     accept = float(rve.attrs["accept"])
@@ -166,8 +168,8 @@ def is_representative(rve: Dataset) -> str:
         )
     return (
         f"Traction and displacement sides differ by up to {differ}: the volume is not "
-        f"representative within {100.0 * accept:g} %; intervals count this, and a larger one "
-        f"narrows them."
+        f"representative within {100.0 * accept:g} %; intervals include this, and a larger "
+        f"volume narrows them."
     )
 
 
@@ -215,39 +217,40 @@ def _by_size(
     volumes: Dataset,
     edge: float,
     means: Mapping[str, np.ndarray],
-    beside: Mapping[str, Callable[[float], str]] = MappingProxyType({}),
+    further: Mapping[str, Callable[[float], str]] = MappingProxyType({}),
 ) -> Rows:
     """Head and rows of means and standard deviations over volumes of each size."""
     share, rows = volumes["share"].to_numpy(), []
     for size in np.unique(share):
         same = share == size
-        known = (say_mean(values[same]) for values in means.values())
-        others = (say(size) for say in beside.values())
+        known = (format_mean(values[same]) for values in means.values())
+        others = (write(size) for write in further.values())
         rows.append((readable(f"{size * edge:.4g} m"), f"{same.sum()}", *others, *known))
-    return ("edge", "volumes", *beside, *means), rows
+    return ("edge", "volumes", *further, *means), rows
 
 
 def _causes(rve: Dataset) -> str:
-    """Say which causes the intervals count."""
+    """Report the half-widths of the interval by cause."""
     half = 100.0 * rve["modulus_error"].max("direction").to_numpy()
-    said = [
+    causes = [
         f"{name} {value:.2g} %" if np.isfinite(value) else f"{name} unknown"
         for name, value in zip(rve["rve_error"].values, half, strict=True)
     ]
-    return f"Half-widths of the 95 % interval of the material, at most: {', '.join(said)}."
+    return f"Half-widths of the 95 % interval of the material, at most: {', '.join(causes)}."
 
 
 def _facts(rve: Dataset) -> list[str]:
-    own = rve["share"].to_numpy() == 1.0
-    porosity = say_mean(100.0 * rve["porosity"].to_numpy()[own])
+    whole = rve["share"].to_numpy() == 1.0
+    porosity = format_mean(100.0 * rve["porosity"].to_numpy()[whole])
     size = " x ".join(readable(f"{edge:.4g} m") for edge in rve["box_size"].to_numpy())
-    told = rve.attrs["spread"]
+    source = rve.attrs["spread"]
     return [
-        f"{own.sum()} volume(s) of {size}, porosity {porosity} %.",
+        f"{whole.sum()} volume(s) of {size}, porosity {porosity} %.",
         is_representative(rve),
-        _causes(rve) + (f" The scatter comes from {told}." if told else ""),
-        "Damage is geometric, eq (1): the stiffness is E (1 - D) only of pores that run through "
-        "along the direction.",
+        _causes(rve) + (f" The scatter comes from {source}." if source else ""),
+        "Damage is geometric, eq (1): the stiffness is E (1 - D) only for pores that extend "
+        "through "
+        "the volume along the direction.",
     ]
 
 
@@ -269,8 +272,8 @@ def _answer(rve: Dataset) -> Iterator[str]:
     yield is_representative(rve)
 
 
-def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    rve = found[RVE.name]
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    rve = datasets[RVE.name]
     figures: dict[str, Callable[[Path], Path]] = {
         "rve": in_space(plot_rve, rve),
         "stiffness_surface": in_space(plot_modulus_surface, rve),
@@ -281,8 +284,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section(
         "Representative volume", (), *_tabulate(rve), figures=figures, remarks=_facts(rve)
     )
-    told = ["Means over volumes, and for stiffnesses over directions, ± one standard deviation."]
-    yield Section("Size study", told, *_sizes(rve))
+    caption = ["Means over volumes, and for stiffnesses over directions, ± standard deviation."]
+    yield Section("Size study", caption, *_sizes(rve))
 
 
 def _draw_study(rve: Dataset, file: Path) -> Path:
@@ -293,10 +296,10 @@ def _draw_study(rve: Dataset, file: Path) -> Path:
 
 def _compared(rve: Dataset) -> Dataset:
     """Return moduli along the edges with their intervals, the largest damage and the porosity."""
-    own = rve["share"].to_numpy() == 1.0
+    whole = rve["share"].to_numpy() == 1.0
     values = {
         "largest_damage": rve["damage"].max("direction"),
-        "porosity": rve["porosity"].isel(realisation=own).mean("realisation"),
+        "porosity": rve["porosity"].isel(realisation=whole).mean("realisation"),
     }
     for name, k in _axes(rve).items():
         for kind in ("", "_mean_law", "_one_part"):
@@ -308,7 +311,7 @@ def _needs(case: Case) -> Needs:
     rve = case.rve
     voxels = int(np.prod(rve.grid))
     count = rve.recipe.realisations if rve.recipe else 1
-    cubes = count + sum((count if rve.recipe else 8) * one**3 for one in rve.parts)
+    cubes = count + sum((count if rve.recipe else 8) * share**3 for share in rve.parts)
     planes = (count if rve.recipe else 8) * (1 + len(rve.parts)) * rve.sections
     planes *= len(section_normals((1.0, 1.0, 1.0), rve.level))
     return Needs(
@@ -317,7 +320,7 @@ def _needs(case: Case) -> Needs:
             Choice("sections", f"{rve.sections} for each normal, exact areas, eq (1)"),
             Choice(
                 "bounds",
-                "traction and displacement sides, which tell whether the volume is representative",
+                "traction and displacement sides, to test whether the volume is representative",
             ),
         ),
         libraries=("numba",),
@@ -330,7 +333,7 @@ REPRESENTATIVE_VOLUME = Stage(
     schema=RVE,
     tables=("rve",),
     reads={"title", "rve"},
-    run=lambda case, found, job: measure_case(case.rve, job).assign_attrs(title=case.title),
+    run=lambda case, datasets, job: measure_case(case.rve, job).assign_attrs(title=case.title),
     needs=_needs,
     prepare=lambda case: case.rve.first(),
     question="How stiff is the solid with its pores and cracks, and which sections are damaged?",
@@ -350,10 +353,9 @@ GROWTH_SECONDS = 1e-6
 """CPU seconds of a crack in an event; there are about 150 events of a crack that cuts a volume."""
 
 
-def _grow(case: Case, found: Datasets, job: Job) -> Dataset:
+def _grow(case: Case, datasets: Datasets, job: Job) -> Dataset:
     volumes = case.growth.volumes(case.rve)
-    share = np.array([one for one, _ in volumes])
-    cracks = [one for _, one in volumes]
+    share, cracks = np.array([share for share, _ in volumes]), [cracks for _, cracks in volumes]
     axis = "xyz".index(case.growth.pull)
     result = grow_volumes(cracks, share, axis=axis, through=case.growth.through)
     return result.assign_attrs(title=case.title)
@@ -364,8 +366,8 @@ def _growth_answer(growth: Dataset) -> Iterator[str]:
     damage = float(growth["peak_damage"].to_numpy()[whole.to_numpy()].mean())
     yield from View(growth).sentences(
         growth,
-        "A volume of {size} bears a tension of {strength:()} along {way}, at a damage of {worst} "
-        "of its worst section, eq (1); its crack then takes {fracture_energy:()}.",
+        "A volume of {size} has a tensile strength of {strength:()} along {way}, at a damage of "
+        "{worst} in its worst section, eq (1); its fracture energy is {fracture_energy:()}.",
         size=readable(f"{float(growth.attrs['edge']):.4g} m"),
         way="xyz"[int(growth.attrs["axis"])],
         worst=f"{damage:.3g}",
@@ -384,14 +386,14 @@ def _tabulate_growth(growth: Dataset) -> Rows:
     return _by_size(growth, float(growth.attrs["edge"]), means, counted)
 
 
-def _growth_sections(found: Datasets, out: Path) -> Iterator[Section]:
-    growth = found[VOLUME_GROWTH.name]
+def _growth_sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    growth = datasets[VOLUME_GROWTH.name]
     figures = {
         "crack_damage": on_axes(plot_crack_damage, growth),
         "softening": on_axes(plot_softening, growth),
     }
-    told = ["Means over volumes, ± one standard deviation."]
-    yield Section("Growth of cracks", told, *_tabulate_growth(growth), figures=figures)
+    caption = ["Means over volumes, ± the standard deviation."]
+    yield Section("Growth of cracks", caption, *_tabulate_growth(growth), figures=figures)
 
 
 def _growth_needs(case: Case) -> Needs:
@@ -401,11 +403,11 @@ def _growth_needs(case: Case) -> Needs:
     if case.rve.recipe is not None:
         count = round(sum(case.rve.recipe.counts(case.rve.size).values()))
         volumes = case.rve.recipe.realisations
-    told = "event by event, no iteration; a crack that reaches another one " + (
-        "grows on as if it were alone" if case.growth.through else "ends its volume"
+    how = "event by event, without iteration; a crack that reaches another crack " + (
+        "grows on independently" if case.growth.through else "ends its volume"
     )
     return Needs(
-        seconds=150 * volumes * count * GROWTH_SECONDS, choices=(Choice("growth of cracks", told),)
+        seconds=150 * volumes * count * GROWTH_SECONDS, choices=(Choice("growth of cracks", how),)
     )
 
 
