@@ -24,7 +24,7 @@ import numpy as np
 from numpy.linalg import norm, qr, svd
 from scipy.sparse import block_diag, csr_array, hstack, issparse
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw, Response
@@ -170,6 +170,7 @@ def solve_interface(
     small stiffness holds bodies that an open interface does not, where the residual explodes, and
     where it has not fallen for some steps.
     """
+    check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
         raise ValueError(

@@ -12,7 +12,6 @@ import numpy as np
 from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
-from multiscale.macro.substructures.methods import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, changed_sliders
 from multiscale.pipeline.showing import Rows, Table, list_cycles, list_facts
@@ -99,7 +98,7 @@ def solver_needs(
 ) -> Needs:
     """Return the needs of the chosen solver of bodies, and the reason of the choice."""
     taken = chosen.taken
-    needs = cut_needs(
+    needs = substructures.cut_needs(
         size.unknowns,
         joint_points=size.joint_points,
         substructures=taken.substructures,

@@ -2,6 +2,10 @@ from .assembly import GROUND as GROUND
 from .assembly import Assembly as Assembly
 from .assembly import GapMap as GapMap
 from .assembly import Interface as Interface
+from .body_fields import add_body_fields as add_body_fields
+from .body_fields import element_corners as element_corners
+from .body_fields import element_stress as element_stress
+from .body_fields import list_elements as list_elements
 from .bolt import Bolt as Bolt
 from .bolt import BoltSection as BoltSection
 from .bolt import Platen as Platen
@@ -10,7 +14,3 @@ from .builders import LapShape as LapShape
 from .builders import lap_joint as lap_joint
 from .builders import lap_meshes as lap_meshes
 from .builders import stacked_blocks as stacked_blocks
-from .fields import add_body_fields as add_body_fields
-from .fields import element_corners as element_corners
-from .fields import element_stress as element_stress
-from .fields import list_elements as list_elements

@@ -18,6 +18,7 @@ from .measures import measure_joint as measure_joint
 from .methods import JointSize as JointSize
 from .methods import MethodChoice as MethodChoice
 from .methods import choose_method as choose_method
+from .methods import cut_needs as cut_needs
 from .methods import solve_assembly as solve_assembly
 from .problem import CutInterface as CutInterface
 from .problem import CutProblem as CutProblem

@@ -10,7 +10,6 @@ from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields, write_link_fields
 from multiscale.macro import substructures
-from multiscale.macro.substructures.methods import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
@@ -219,7 +218,7 @@ def _needs(links: LinkStructure, case: Case) -> Needs:
 
     system, statics, motion = links.build(), case.statics, case.dynamics
     if case.substructures is not None:
-        return cut_needs(
+        return substructures.cut_needs(
             int((~system.fixed).sum()),
             links=system.n_links,
             substructures=case.cut.count,
@@ -284,7 +283,7 @@ def _plate_sections(result: Dataset) -> Iterator[Section]:
 PLATE = structure_stage(
     "plate",
     _solve_plate,
-    lambda plate, case: cut_needs(
+    lambda plate, case: substructures.cut_needs(
         3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse
     ),
     Table(("load_factor", "largest_displacement", "iterations", "residual")),

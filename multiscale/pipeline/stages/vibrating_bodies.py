@@ -12,7 +12,6 @@ from multiscale.errors import ConvergenceError
 from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
-from multiscale.macro.substructures.methods import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
@@ -252,7 +251,7 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     cycles = 4 * asked.steps * len(asked.modes) * len(asked.modal_amplitudes or asked.amplitudes)
     steps = 2 * grid + (cycles if asked.cycle == "full" or asked.preload_friction else 0)
     size = replace(bodies.joint_size(case), steps=steps)
-    needs = cut_needs(
+    needs = substructures.cut_needs(
         size.unknowns, joint_points=size.joint_points, coarse=False, slabs=asked.slabs
     )
     vibration = Choice(
