@@ -334,7 +334,7 @@ def test_a_packing_does_not_overlap_and_has_the_porosity():
         (lambda: VoxelImage(np.zeros((4, 4, 4)), (1, 1, 0)), "three positive lengths"),
         (lambda: Cavities((1, 1, -1)), "three positive lengths"),
         (lambda: max_damage(np.zeros((4, 4, 4))), "an array becomes an image by VoxelImage"),
-        (lambda: voxelise(Cavities(CUBE), 0), "at least one voxel along every axis, got 0"),
+        (lambda: voxelise(Cavities(CUBE), 0), "at least 1 voxel along every axis, got 0"),
         (lambda: voxelise(VoxelImage(np.zeros((4, 4, 4)), CUBE), 8), "takes Cavities"),
         (lambda: spheres(MIDDLE, -0.1), r"radius of a body must be positive.*got -0.1 for body 0"),
         (lambda: penny_cracks(MIDDLE, (0, 0, 0), 0.1), "normal of a body must be a direction"),

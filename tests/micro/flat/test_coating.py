@@ -146,7 +146,7 @@ def test_two_deformable_bodies_have_coatings_of_their_own():
                 bulk=NeoHookean(1.0, 0.3),
                 coating=(Coating(0.1, 1.0, 0.3),),
             ),
-            "one elastic material, and the law of the cell is NeoHookean",
+            "single elastic material, and the law of the cell is NeoHookean",
         ),
         (
             lambda: (
