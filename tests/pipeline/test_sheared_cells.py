@@ -68,7 +68,7 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     page = write_report(out).read_text(encoding="utf-8")
     assert "of full slip the cells lose" in page
     assert set(open_run(out)) == set(stages)
-    assert "before it slips, the interface is 0." in page
+    assert "before slip the tangential stiffness of the interface is 0." in page
     assert "The friction of points of contact, 0.2, is an input of the cells" in page
     assert "shear is measured" in page
 
