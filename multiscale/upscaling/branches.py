@@ -184,7 +184,7 @@ def sliding_friction_at(dataset: Dataset, pressure: np.ndarray) -> np.ndarray:
 
 
 def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
-    """Return a law whose sliders have the friction of large sliding at a pressure, Pa.
+    """Return a law with the friction of large sliding at a pressure, Pa, in its sliders.
 
     The law is of :func:`with_sliding`; its friction was measured in one cell, so that the error
     of the friction is not known.
@@ -204,8 +204,8 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     return with_cautions(
         changed,
         outside if beyond else "",
-        f"{name} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
-        f"not known; shear the cells to measure it with its scatter",
+        f"{name} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, with an "
+        f"unknown error; shear the cells to measure it with its scatter",
     )
 
 
@@ -227,7 +227,7 @@ def sliders_from_dataset(
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
     normal : GapLaw, optional
         Instead of the normal law of the dataset, such as its law with unloading.
-    along : {0, 1}, optional, direction whose stiffness is taken, x or y; the mean if not given
+    along : {0, 1}, optional, direction of the stiffness, x or y; the mean if not given
     pressures : tuple of float, optional, where the bed is fine, Pa; the data if not given
     slabs : int, see :class:`~multiscale.laws.Sliders`
 
@@ -385,7 +385,7 @@ def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> Hyst
     if "unloading_stiffness_ratio" not in dataset.variables:
         raise CaseError(
             "the law has no unloading branch; unload the cells (unload = true in [micro]), or "
-            "add one with with_unloading"
+            "add a branch with with_unloading"
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
     require_law(dataset, *names)
@@ -401,7 +401,7 @@ def with_damage(law: Dataset, sections: Dataset) -> Dataset:
     law : Dataset, follows ``INTERFACE_LAW``
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``, of :func:`multiscale.micro.damage.max_damage`: a volume of the
-        material near the surface, whose axis z is the normal of the interface.
+        material near the surface, with the axis z normal to the interface.
 
     Returns
     -------

@@ -39,10 +39,10 @@ __all__ = [
 ]
 
 FEW_CELLS = "few cells"
-"""Term of one part, whose interface holds few cells; the mean law does not have it."""
+"""Term of a single specimen with few cells in its interface; the mean law does not have it."""
 
 STATED = "stated values"
-"""Term of values that a case states with a half-width of their own."""
+"""Term of values that a case states with a half-width."""
 
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 
@@ -66,16 +66,16 @@ ERROR_TERMS = (
 """Labels of the dimension ``error_term``."""
 
 ALWAYS = ("sampling", "fit", "increments", "surface")
-"""Terms that every total holds; the others enter if something was given to estimate them."""
+"""Terms of every total; the others enter if data to estimate them are given."""
 
-ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
+ONE_SIDED = 6.0  # standard deviations from which a bias leaves a single tail
 
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
 LABELS = ("quantity", "error_term", "parameter")
 """Labels of the dimensions of a budget."""
 
-ORDERS = (0.5, 3.0)  # outside, differences do not tell an order
+ORDERS = (0.5, 3.0)  # of believed observed orders
 
 LOWEST_ORDER = 1.0
 
@@ -88,9 +88,9 @@ UNSURE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """One part of the error of an answer."""
+    """A contribution to the error of an answer."""
 
-    how: str  # how it was estimated, or what would tell it
+    how: str  # how it was estimated, or the data that are missing
     half_width: np.ndarray | None = None  # over the value; NaN where unknown, None if not estimated
     bias: np.ndarray | float = 0.0  # over the value, with its sign
 
@@ -106,19 +106,19 @@ class Term:
     def smooth(self, pressure: np.ndarray) -> "Term":
         """Return the term with a parabola over the logarithm of the pressure (Pa) as bias.
 
-        The half-width holds the distance from it. A bias of few cells, which differs by chance
-        from step to step, would make a law uneven that is corrected by it.
+        The half-width contains the distance from the parabola. The bias of few cells differs by
+        chance from step to step, and a law corrected by it would be uneven.
         """
         x, bias = np.log(pressure), np.asarray(self.bias)
-        known = np.isfinite(bias).all(axis=0)
-        degree = max(0, min(2, int(known.sum()) - 2))
+        finite = np.isfinite(bias).all(axis=0)
+        degree = max(0, min(2, int(finite.sum()) - 2))
         powers = np.vander(x - x.mean(), degree + 1)
-        even = (powers @ np.linalg.lstsq(powers[known], bias[:, known].T, rcond=None)[0]).T
-        half = np.hypot(np.asarray(self.half_width), bias - even)
-        return replace(self, bias=even, half_width=half)
+        smooth = (powers @ np.linalg.lstsq(powers[finite], bias[:, finite].T, rcond=None)[0]).T
+        half = np.hypot(np.asarray(self.half_width), bias - smooth)
+        return replace(self, bias=smooth, half_width=half)
 
     def taken_out(self, source: str) -> "Term":
-        """Return what is left where the bias is taken out of an answer."""
+        """Return the remaining term where the bias is taken out of an answer."""
         return replace(self, how=f"taken out: {self.how} ({source})", bias=0.0)
 
 
@@ -134,7 +134,7 @@ def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:
 
 
 def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:
-    """Return a law or a macro result that carries its error budget, which has its steps.
+    """Return a law or a macro result with its error budget at the same steps.
 
     Raises
     ------
@@ -154,23 +154,23 @@ def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:
 
 
 def known_terms(law: Dataset) -> tuple[str, ...]:
-    """Return the terms of the budget of a law that are known of a quantity at a step."""
-    known = law["error_half_width"].notnull().any(("quantity", "step"))
-    return tuple(term for term in ERROR_TERMS[:-1] if known.sel(error_term=term))
+    """Return the terms of the budget of a law that have a value for a quantity at a step."""
+    estimated = law["error_half_width"].notnull().any(("quantity", "step"))
+    return tuple(term for term in ERROR_TERMS[:-1] if estimated.sel(error_term=term))
 
 
 def how_attribute(term: str) -> str:
-    """Return the attribute that says how a term was estimated."""
+    """Return the name of the attribute with the text of a term."""
     return "how_" + term.replace(" ", "_")
 
 
 def is_absent(how: str) -> bool:
-    """Whether a law has no such term, by what a budget tells of it."""
+    """Whether a law has no such term, by its text in a budget."""
     return how.startswith("not in a law")
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
-    r"""Bound that an error with a bias keeps with a probability of 95 %."""
+    r"""Return the bound that an error with a bias keeps with a probability of 95 %."""
     from scipy.special import chndtrix
 
     b, s = np.abs(bias), np.asarray(half_width) / NORMAL
@@ -180,19 +180,19 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
 
 
 def add_terms(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Totals of half-widths and biases (quantity, term, step), with the terms that were given.
+    """Add half-widths and biases (quantity, term, step) of the given terms.
 
-    NaN where one of these, or of :data:`ALWAYS`, is not known.
+    NaN where a given term, or a term of :data:`ALWAYS`, is unknown.
     """
     counted = np.isin(ERROR_TERMS, ALWAYS) | given
     return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))
 
 
 def known_error(budget: Dataset, *without: str) -> np.ndarray:
-    """Total of the terms that are known, but for those that are left out.
+    """Add the known terms, but for the terms ``without``.
 
-    It is a lower bound of the error where :func:`unknown_terms` names any, relative to the value,
-    shape (quantities, steps); NaN where no term is known, or those that are have no part in it.
+    A lower bound of the error where :func:`unknown_terms` names any, relative to the value,
+    shape (quantities, steps); NaN where no term is known, or the known terms contribute nothing.
     """
     half, bias = (
         budget[name].transpose("quantity", "error_term", ...).values
@@ -202,37 +202,38 @@ def known_error(budget: Dataset, *without: str) -> np.ndarray:
     counted = ~np.isnan(half) & ~left_out.reshape(-1, *(1,) * (half.ndim - 2))
     half, bias = (np.where(counted, values, 0.0) for values in (half, bias))
     error = total_error(np.nansum(bias, axis=1), np.sqrt(np.sum(half**2, axis=1)))
-    lacking = np.isnan(budget["error_total"].values) & (error == 0.0)
-    return np.where(counted.any(axis=1) & ~lacking, error, np.nan)
+    unknown = np.isnan(budget["error_total"].values) & (error == 0.0)
+    return np.where(counted.any(axis=1) & ~unknown, error, np.nan)
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Known total of a budget without what one part has by its few cells: error of the mean part.
+    """Add the known terms without the scatter of few cells: the error of the mean specimen.
 
-    It is as of :func:`known_error`, shape (quantities, steps).
+    Shape (quantities, steps), see :func:`known_error`.
     """
     return known_error(budget, FEW_CELLS)
 
 
 def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
-    """Terms that totals of a budget, or of some of its quantities, hold not or not at every step.
+    """Return the terms that are missing at a step in totals of a budget, or of some quantities.
 
-    Steps at which none of :data:`ALWAYS` was estimated do not count, and terms of a law do not for
+    Steps at which no term of :data:`ALWAYS` was estimated do not count, nor do terms of a law for
     an answer on which the known terms of the law have no influence.
     """
     names, terms = (list(map(str, budget[name].values)) for name in ("quantity", "error_term"))
     half = np.reshape(budget["error_half_width"].values, (len(names), len(terms), -1))
-    asked = [names.index(name) for name in quantities] if quantities else range(len(names))
+    chosen = [names.index(name) for name in quantities] if quantities else range(len(names))
     of_law = ~np.isin(terms, [STATED, ERROR_TERMS[-1]])
-    said = [str(budget.attrs.get(how_attribute(term), "")) for term in terms]
-    told = np.array([not is_absent(how) for how in said])
-    told |= np.isfinite(half).any(axis=(0, 2))  # of another answer
+    texts = [str(budget.attrs.get(how_attribute(term), "")) for term in terms]
+    present = np.array([not is_absent(how) for how in texts])
+    present |= np.isfinite(half).any(axis=(0, 2))  # of another answer
     missing = np.zeros(len(terms), dtype=bool)
     always = np.isin(terms, ALWAYS)
-    for one in (half[k][:, np.isfinite(half[k][always]).any(axis=0)] for k in asked):
-        passed = one[of_law & np.isfinite(one).any(axis=1)]
-        counts = told & ~(of_law & (passed.size > 0 and not np.nan_to_num(passed).any()))
-        missing |= counts & np.isnan(one).any(axis=1)
+    for k in chosen:
+        width = half[k][:, np.isfinite(half[k][always]).any(axis=0)]  # (terms, steps that count)
+        passed = width[of_law & np.isfinite(width).any(axis=1)]
+        counts = present & ~(of_law & (passed.size > 0 and not np.nan_to_num(passed).any()))
+        missing |= counts & np.isnan(width).any(axis=1)
     return [term for term, is_missing in zip(terms, missing, strict=True) if is_missing]
 
 
@@ -242,7 +243,7 @@ def assemble_budget(
     pressure: np.ndarray | None,
     steps: int | None = None,
 ) -> Dataset:
-    """Arrange the terms, add them up and say which are not known."""
+    """Assemble the terms, their totals and the list of unknown terms."""
     n = steps if pressure is None else pressure.size
     half = np.full((len(quantities), len(ERROR_TERMS), n or 0), np.nan)
     bias = np.zeros(half.shape)
@@ -271,9 +272,9 @@ def assemble_budget(
 
 
 def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
-    """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps).
+    """Return half-widths of both kinds of intervals over the answers, (quantities, steps).
 
-    Where a term is not known, they have the others: lower bounds.
+    Where a term is unknown they contain the others, and are lower bounds.
     """
     total = budget["error_total"].to_numpy()
     one_part = np.where(np.isfinite(total), total, known_error(budget))
@@ -281,13 +282,13 @@ def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
 
 
 def limits(value: np.ndarray, error: np.ndarray, share: "np.ndarray | float" = 1.0) -> np.ndarray:
-    """Return both ends of intervals, shape (2, ...), none below zero; the error is relative.
+    """Return both ends of intervals, shape (2, ...), not below zero; the error is relative.
 
-    If the answer is a stiffness in series, one part with this share of the compliance has the
-    error, and the ends are those of the series.
+    If the answer is a stiffness in series, the error is of the spring with this share of the
+    compliance, and the ends are of the series.
     """
-    part = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)
-    return np.asarray(value * part / (share + (1.0 - share) * part))
+    factor = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)  # of the uncertain spring
+    return np.asarray(value * factor / (share + (1.0 - share) * factor))
 
 
 def with_intervals(
@@ -297,12 +298,12 @@ def with_intervals(
 ) -> Dataset:
     """Return a result of a structure with the 95 % intervals of all answers of its budget.
 
-    ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
-    lies, whose interface holds only so many cells; where a term of the budget is not known they
-    have the others, and are lower bounds. Of answers for each cycle the last one has
-    intervals, which the budget has at the last step. No answer lies below zero, and no joint is
+    ``..._mean_law`` is the interval of the answer by the mean law, ``..._one_part`` the interval of
+    the next specimen, with the scatter of the cells in its interface; where a term of the budget
+    is unknown they contain the others, and are lower bounds. Answers for each cycle have intervals
+    at the last cycle, by the budget of the last step. No answer lies below zero, and no joint is
     stiffer than its bodies: its ``uncertain_part``, in series with them, has the error. ``along``
-    names variable and place of answers that are one of several loads or interfaces.
+    names variable and place of an answer for one of several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():
@@ -316,29 +317,29 @@ def with_intervals(
             value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])
-            part = schema.optional[name].uncertain_part
-            share = value / result[part].to_numpy() if part else 1.0
+            uncertain = schema.optional[name].uncertain_part
+            share = value / result[uncertain].to_numpy() if uncertain else 1.0
             values[f"{name}_{kind}"] = limits(value, half, share)
     return schema.assign(result, values)
 
 
 def over_steps(budget: Dataset, steps: np.ndarray, count: int) -> Dataset:
-    """Return a budget of some steps, by their numbers, as one of ``count`` steps, NaN at others."""
+    """Expand a budget of some steps, by their numbers, to ``count`` steps, NaN at the others."""
     values = {}
-    for name, one in budget.data_vars.items():
-        values[str(name)] = np.full((*one.shape[:-1], count), np.nan)
-        values[str(name)][..., steps] = one.to_numpy()
+    for name, variable in budget.data_vars.items():
+        values[str(name)] = np.full((*variable.shape[:-1], count), np.nan)
+        values[str(name)][..., steps] = variable.to_numpy()
     labels = {name: budget[name].values for name in LABELS if name in budget}
     return ERROR_BUDGET.build(values, **budget.attrs).assign_coords(labels)
 
 
 @dataclass(frozen=True, eq=False)
 class GridEstimate:
-    """What coarser grids tell of an answer."""
+    """Error of an answer by coarser grids."""
 
     error: np.ndarray  # answer minus limit, in the unit of the answer
     half_width: np.ndarray  # about a 95 % bound on its size, same unit
-    order: float  # observed, of all answers and steps; NaN if the grids tell none
+    order: float  # observed, of all answers and steps; NaN if none is observed
     how: str  # the estimate in words
 
 
@@ -347,7 +348,7 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
     Parameters
     ----------
-    answer : ndarray, shape (..., steps), on the finest grid; any unit, for each answer its own
+    answer : ndarray, shape (..., steps), on the finest grid; any unit, which may differ by answer
     coarser : mapping of float to ndarray, shape (..., steps)
         From the ratio :math:`r > 1` of the spacings to the answer there; one or two grids, the
         second with :math:`r^2`.
@@ -366,21 +367,21 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
         q = \frac{\ln (\|d_2\| / \|d_1\|)}{\ln r}, \qquad e = -\frac{d_1}{r^q - 1}, \qquad
         |e_{95}| = 1.25\, |e|.    \tag{1}
 
-    The order belongs to the discretisation and is one for all answers and steps: at a single step,
-    where a difference passes through zero, the ratio of both may be anything, and the bound is at
-    least the root mean square of :math:`e_{95}` over the steps there. With one coarser grid the
-    order is 1, the order of the contact fraction and the lowest of the averages, and this bound
-    holds at all steps of an answer whose :math:`d_1` changes its sign over them. Where three grids
-    tell no order between 0.5 and 3, or the differences are not alike (a cosine below a half), the
+    The order belongs to the discretisation and is common to all answers and steps: at a step where
+    a difference passes through zero, the ratio of both may be anything, and the bound is at least
+    the root mean square of :math:`e_{95}` over the steps there. With one coarser grid the order is
+    1, the order of the contact fraction and the lowest of the averages, and this bound holds at all
+    steps of an answer if :math:`d_1` changes its sign over them. Where three grids
+    show no order between 0.5 and 3, or the differences are not alike (a cosine below a half), the
     bound is three times the largest difference. The factors are taken from the grid convergence
-    index [1]_. Where a coarser grid has no answer, NaN, the error is not known.
+    index [1]_. Where a coarser grid has no answer, NaN, the error is unknown.
 
     References
     ----------
     .. [1] P. J. Roache, J. Fluids Eng. 116 (1994) 405-413, doi:10.1115/1.2910291.
     """
     if not coarser:
-        raise CaseError("the error of a grid is estimated from at least one coarser one")
+        raise CaseError("the error of a grid is estimated from at least one coarser grid")
     ratios = sorted(coarser)
     r = ratios[0]
     if not r > 1.0:
@@ -390,11 +391,12 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     scale = np.where(fine != 0.0, np.abs(fine), 1.0)
     if len(ratios) == 1 or abs(ratios[1] - r**2) > 0.05 * r**2:
         error = -d1 / (r**LOWEST_ORDER - 1.0)
-        falls, rises = (np.any(one, axis=-1, keepdims=True) for one in (d1 < 0.0, d1 > 0.0))
+        falls, rises = (np.any(sign, axis=-1, keepdims=True) for sign in (d1 < 0.0, d1 > 0.0))
         how = f"one coarser grid (spacing {r:g} times), order taken as {LOWEST_ORDER:g}"
         return GridEstimate(error, SAFETY * _size(error, scale, ~(falls & rises)), np.nan, how)
+    # the order from the norms of both differences, where they are alike
     d2 = coarser[r] - coarser[ratios[1]]
-    product, *squares = (float(np.nansum(one / scale**2)) for one in (d1 * d2, d1**2, d2**2))
+    product, *squares = (float(np.nansum(x / scale**2)) for x in (d1 * d2, d1**2, d2**2))
     how = f"two coarser grids (spacing {r:g} and {ratios[1]:g} times), observed order "
     order = 0.5 * np.log(squares[1] / squares[0]) / np.log(r) if min(squares) > 0.0 else np.nan
     alike = product > ALIKE * np.sqrt(squares[0] * squares[1])
@@ -407,9 +409,9 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
 
 def _size(error: np.ndarray, scale: np.ndarray, sure: np.ndarray) -> np.ndarray:
-    """Size of errors, at least the root mean square of relative ones over the steps if not sure."""
+    """Return sizes of errors; if not sure, at least the root mean square over the steps."""
     square = (error / scale) ** 2
-    known = np.isfinite(square)
-    count = np.maximum(np.count_nonzero(known, axis=-1, keepdims=True), 1)
-    usual = scale * np.sqrt(np.sum(square, axis=-1, keepdims=True, where=known) / count)
+    finite = np.isfinite(square)
+    count = np.maximum(np.count_nonzero(finite, axis=-1, keepdims=True), 1)
+    usual = scale * np.sqrt(np.sum(square, axis=-1, keepdims=True, where=finite) / count)
     return np.asarray(np.where(sure, np.abs(error), np.maximum(np.abs(error), usual)))

@@ -1,4 +1,4 @@
-"""What a law lacks by its cells: by their size, and by the waves of a measured surface."""
+"""Errors of a law by the size of its cells, and by wavelengths that they lack."""
 
 from collections.abc import Mapping
 
@@ -14,15 +14,15 @@ from multiscale.upscaling.response_observations import area_observations, normal
 __all__ = [
     "at_rms_height",
     "compared",
-    "parts_of_cells",
+    "ensembles_of_cells",
     "size_term",
     "surface_term",
     "values_of_cells",
     "without_bias",
 ]
 
-SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # of what a finite cell leaves out
-FEWEST_HELD = 0.5
+SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # powers of the cell size
+LEAST_SHARE = 0.5
 """Share of height or slope below which a law would be read at less than half its pressures."""
 
 
@@ -33,9 +33,8 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
     ----------
     response : Dataset, follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation
     rms_height : float
-        Root mean square height of the surface at large, m: of a patch that holds many of its
-        longest waves, of which only the heights have to be made. It is kept as the attribute
-        ``gaps_at_rms_height``.
+        Root mean square height of the surface at large, m: of a patch of many of the longest
+        wavelengths, which need not be solved. It becomes the attribute ``gaps_at_rms_height``.
 
     Raises
     ------
@@ -44,11 +43,10 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
 
     Notes
     -----
-    Small periodic cells have few long waves, and their root mean square height :math:`h_k` is not
-    the height :math:`h` of the surface. At one slope, gaps are in proportion to the heights, so
-    that :math:`g_k\, h / h_k` has most of that bias taken out, and the scatter that comes from it.
-    The rest of the bias falls with the size of the cell, and ensembles of several sizes still tell
-    it if all of them are treated alike.
+    Small periodic cells have few long wavelengths, and their root mean square height :math:`h_k` is
+    not the height :math:`h` of the surface. At equal slope, gaps are in proportion to the heights,
+    so that :math:`g_k\, h / h_k` has less bias and less scatter. The rest of the bias falls with
+    the size of the cell, and ensembles of several sizes, all treated alike, still measure it.
     """
     if not (rms_height > 0.0 and np.isfinite(rms_height)):
         raise CaseError(f"rms_height must be positive and finite (m), got {rms_height:g}")
@@ -70,39 +68,42 @@ def size_term(
 ) -> Term:
     r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
-    The part of the mean that is left to an infinite cell falls as a power of the size: the scatter
-    has the power 1, its square, which a bent law makes of it, 2, and the lattice of the waves of a
-    periodic cell about 1.5; cells with a handful of contacts are not there yet and change faster,
-    so that powers from 1 to 3 are taken. For each power
+    The difference of the mean from an infinite cell falls as a power of the size: the scatter has
+    the power 1, its square, through the curvature of a law, 2, and the lattice of the wave vectors
+    of a periodic cell about 1.5; cells with a handful of contacts change faster, so that powers
+    from 1 to 3 are taken. For each power
     the bias is a weighted sum :math:`\sum_i w_i m_i` of the means, and powers count by their
     likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
-    half-width. Where the response is one of the sizes, its error :math:`\epsilon_0` enters twice,
-    as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
-    from it are free of that. ``controls`` have cheap cells beside the cells of a ratio.
+    half-width. Where the response is among the sizes, its error :math:`\epsilon_0` enters twice,
+    as :math:`(1 - w_0)\, \epsilon_0`, and the sampling term contains :math:`\epsilon_0`; ensembles
+    ``apart`` from the response have no such share. ``controls`` are cheap cells by ratio.
     """
-    found = compared(response, sizes, apart=apart)
-    ratios = np.array(sorted(found))
-    parts = [parts_of_cells(found[ratio], controls.get(ratio)) for ratio in ratios]
-    answers = parts_of_cells(response, controls.get(1.0))
+    responses = compared(response, sizes, apart=apart)
+    ratios = np.array(sorted(responses))
+    ensembles = [ensembles_of_cells(responses[ratio], controls.get(ratio)) for ratio in ratios]
+    answers = ensembles_of_cells(response, controls.get(1.0))
     shared = 0.0 if apart else 1.0 * (ratios == 1.0)
     biases, rows, powers = [], [], []
     for quantity, ((answer, _), *_) in enumerate(answers):
-        ensembles = [one[quantity] for one in parts]
-        mean = np.array([np.nanmean(one[0][0], axis=0) for one in ensembles])
-        owner = np.repeat(np.arange(ratios.size), [len(one) for one in ensembles])
-        rows_of = [values for one in ensembles for values, _ in one]
-        count = [np.maximum(np.isfinite(one).sum(axis=0) - 1, 1) for one in rows_of]
-        variance = np.array([np.nanvar(one, axis=0) for one in rows_of]) / count  # of the means
-        freedom = np.array([[max(free, 1)] for one in ensembles for _, free in one])
-        variance = np.maximum(variance, (1e-9 * mean[owner]) ** 2)
-        error = np.sqrt([variance[owner == k].sum(axis=0) for k in range(ratios.size)])
+        # means of the sizes, and variances of the means of their ensembles
+        of_size = [by_quantity[quantity] for by_quantity in ensembles]
+        mean = np.array([np.nanmean(parts[0][0], axis=0) for parts in of_size])
+        size_of = np.repeat(np.arange(ratios.size), [len(parts) for parts in of_size])
+        samples = [values for parts in of_size for values, _ in parts]
+        count = [np.maximum(np.isfinite(values).sum(axis=0) - 1, 1) for values in samples]
+        variance = np.array([np.nanvar(values, axis=0) for values in samples]) / count
+        freedom = np.array([[max(free, 1)] for parts in of_size for _, free in parts])
+        variance = np.maximum(variance, (1e-9 * mean[size_of]) ** 2)
+        error = np.sqrt([variance[size_of == k].sum(axis=0) for k in range(ratios.size)])
+        # bias, its half-width and the misfit by each power
         bias, noise, misfit = [], [], []
         for order in SIZE_ORDERS:
             weight, miss = _slope(ratios**-order, mean, error)
             bias.append(np.sum(weight * mean, axis=0))
             counted = weight**2 - 2.0 * np.reshape(shared, (-1, 1)) * weight
-            noise.append(students(counted[owner] * variance, freedom))
+            noise.append(students(counted[size_of] * variance, freedom))
             misfit.append(miss)
+        # the powers, weighted by their likelihood
         likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
         likelihood /= likelihood.sum()
         middle = likelihood @ np.array(bias)
@@ -117,11 +118,11 @@ def size_term(
 
 
 def without_bias(response: Dataset, *terms: Term) -> Dataset:
-    """Return a response less the biases of gap and contact fraction that terms tell.
+    """Return a response less the biases of gap and contact fraction by terms.
 
     Its budget has these terms :meth:`~.budget.Term.taken_out`.
     """
-    gap, area, _ = 1.0 - np.sum([np.asarray(one.bias) for one in terms], axis=0)
+    gap, area, _ = 1.0 - np.sum([np.asarray(term.bias) for term in terms], axis=0)
     steps, place = response.sizes["step"], normal_observations(response).order
     factors = np.ones((2, steps))
     factors[:, place] = gap, area
@@ -134,11 +135,11 @@ def without_bias(response: Dataset, *terms: Term) -> Dataset:
 
 
 def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
-    r"""Half-widths from the height and the slope of measured maps that the cells lack.
+    r"""Estimate the half-widths from the height and slope of measured maps that the cells lack.
 
     The gap of an elastic surface over its height, and its contact fraction, are functions of
-    :math:`p / (E^* h'_\mathrm{rms})` and of the form of the spectrum. Cells that hold the shares
-    :math:`s_h` of the height and :math:`s_g` of the slope thus stand, for one form, for
+    :math:`p / (E^* h'_\mathrm{rms})` and of the form of the spectrum. Cells with the shares
+    :math:`s_h` of the height and :math:`s_g` of the slope thus stand, at equal form, for
 
     .. math::
         \bar g(s_g\, p) / s_h, \qquad A(s_g\, p), \qquad
@@ -146,21 +147,21 @@ def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
         \bar g(p), \quad A(p), \quad k(p) = -\mathrm{d}p / \mathrm{d}\bar g.
 
     The changes by :math:`s_h` and by :math:`s_g` are added, not set off against each other. As the
-    lost waves change the form too, which similarity does not tell, they count twice.
+    lost wavelengths change the form too, which similarity does not capture, they count twice.
     """
     if "body_rms_height" not in response:
         nothing = np.zeros((3, p.size))
-        return Term("nothing: the surfaces of the cells are not parts of maps", nothing)
-    held = []  # of height and slope; squares of independent bodies add
+        return Term("nothing: the surfaces of the cells are not windows of maps", nothing)
+    shares = []  # of height and slope; squares of independent bodies add
     for name in ("rms_height", "rms_slope"):
         body = response[f"body_{name}"]
         lost = body.sel(stage="map").to_numpy() ** 2 - body.sel(stage="cells").to_numpy() ** 2
         square = float(np.mean(response[name].to_numpy() ** 2))
         # windows that are rougher than their map lack nothing
-        held.append(float(np.sqrt(square / (square + np.sum(np.maximum(lost, 0.0))))))
-    height, slope = held
-    how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope measured"
-    if min(held) < FEWEST_HELD:
+        shares.append(float(np.sqrt(square / (square + np.sum(np.maximum(lost, 0.0))))))
+    height, slope = shares
+    how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope"
+    if min(shares) < LEAST_SHARE:
         unknown = np.full((3, p.size), np.nan)
         return Term(f"not known: {how}, too little to infer the rest from", unknown)
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
@@ -175,7 +176,7 @@ def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
 
 
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weights (sizes, steps) that give the slope of a line over x from the means, and the misfit.
+    """Return the weights (sizes, steps) of the means in the slope of a line over x, and the misfit.
 
     As x is 1 for the response, the slope is its difference from an infinite cell.
     """
@@ -189,41 +190,42 @@ def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
 
 
 def values_of_cells(response: Dataset) -> np.ndarray:
-    """Gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
-    return np.array([values for ((values, _),) in parts_of_cells(response)])
+    """Return gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
+    return np.array([values for ((values, _),) in ensembles_of_cells(response)])
 
 
-def parts_of_cells(
+def ensembles_of_cells(
     response: Dataset, control: Dataset | None = None, law: Dataset | None = None
 ) -> list[list[tuple[np.ndarray, int]]]:
-    """Ensembles whose means add up to gap, contact fraction and stiffness, with their freedoms.
+    """Return ensembles with means that add up to gap, contact fraction and stiffness.
 
-    One each, (realisations, steps), or two with a control; NaN where a value is missing.
+    For each quantity a list of values (realisations, steps), NaN where missing, with their degrees
+    of freedom: a single ensemble, or two with a control.
     """
     gap, area = normal_observations(response, control), area_observations(response, control)
     return [
-        [(one.masked, freedom) for one, freedom in gap.parts],
-        [(one.masked, freedom) for one, freedom in area.parts],
-        [(stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
+        [(ensemble.masked, freedom) for ensemble, freedom in gap.ensembles],
+        [(ensemble.masked, freedom) for ensemble, freedom in area.ensembles],
+        [(stiffness_of_each(ensemble, law), freedom) for ensemble, freedom in gap.ensembles],
     ]
 
 
 def compared(
     response: Dataset, others: Mapping[float, Dataset], *, apart: bool
 ) -> dict[float, Dataset]:
-    """Responses that are compared, by their ratios: they were pressed alike.
+    """Return the compared responses, pressed alike, by their ratios.
 
-    The response itself, of the ratio 1, is one of them unless the others are apart from it.
+    The response itself, of the ratio 1, is among them unless the others are ``apart`` from it.
     """
     if apart and len(others) < 2:
         raise CaseError(
             f"ensembles apart from the response are compared among themselves, so that two are "
             f"needed, got {len(others)}"
         )
-    own = normal_observations(response).pressure
+    expected = normal_observations(response).pressure
     for ratio, other in others.items():
         p = normal_observations(other).pressure
-        if p.size != own.size or not np.allclose(p, own, rtol=1e-6):
+        if p.size != expected.size or not np.allclose(p, expected, rtol=1e-6):
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
@@ -231,9 +233,9 @@ def compared(
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
+    """Return the 95 % half-width of a sum with variances (terms, steps) and freedoms (terms, 1).
 
-    The freedom of the sum is the one of Welch and Satterthwaite.
+    The freedom of the sum is by Welch and Satterthwaite.
     """
     from scipy.special import stdtrit
 

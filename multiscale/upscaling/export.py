@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 __all__ = ["ChordTable", "pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
 
 SMALLEST_STEP = 1e-10
-"""CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
+"""Overclosures that differ by less are moved apart by CalculiX, in the unit of the table."""
 
-MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+MOST_POINTS = 40  # of tables in older versions of CalculiX
 FACE_POINTS, FACE_TABLE = 20, 41
 """Points that CalculiX 2.20 reads of a table, at most, and points that the table has, face to face:
-it takes the whole part of the overclosure of the 41st point as the number of points."""
+it takes the integer part of the overclosure of the 41st point as the number of points."""
 
 MORTAR_SHEAR = ("** with TYPE=MORTAR CalculiX 2.20 carries more shear than friction allows",)
 
@@ -97,11 +97,10 @@ def write_pressure_overclosure(
         Name of the surface interaction, and the units of the model.
     tolerance : float, see :func:`pressure_overclosure`
     friction_for : {"abaqus", "calculix"}, optional
-        Write friction and stick stiffness too, which the two codes read in different words. The
-        law needs a tangential branch.
+        Write friction and stick stiffness too, in the keywords of either code. The law needs a
+        tangential branch.
     stick_pressure : float, optional
-        Pressure p whose stick stiffness is written, Pa; the geometric mean of the data if not
-        given.
+        Pressure p of the stick stiffness, Pa; the geometric mean of the data if not given.
     conductance_for : {"abaqus", "calculix"}, optional
         Write the thermal conductance too, as gap conductance against pressure; energies of the
         model are in its unit of pressure times length cubed, and times in s.
@@ -112,24 +111,24 @@ def write_pressure_overclosure(
     ------
     CaseError
         If two points would be closer than CalculiX keeps apart, the tolerance needs more than 40
-        points, or 20 face to face, the name is none, or friction is asked of a law that has none.
+        points, or 20 face to face, the name is invalid, or friction is asked of a law without.
 
     Notes
     -----
     Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
     ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero. Beyond
-    the last point Abaqus goes on with its slope and CalculiX keeps the pressure, so that one more
-    point prolongs the last chord to ten times the largest pressure. Surfaces of the model that
-    touch have the first contact of the summits: the mean planes are then as far apart as the head
-    of the file says. CalculiX makes no contact elements where surfaces are open, so that a body
-    which only the contact holds should overlap a little at the start.
+    the last point Abaqus continues with its slope and CalculiX keeps the pressure, so that a
+    further point prolongs the last chord to ten times the largest pressure. Surfaces of the model
+    that touch have the first contact of the summits: the head of the file gives the distance of the
+    mean planes there. CalculiX makes no contact elements where surfaces are open, so that a body
+    supported by the contact only should overlap a little at the start.
 
     CalculiX 2.20 carries no load with a table and ``TYPE=SURFACE TO SURFACE``, in silence: it takes
     the number of points from the overclosure of a 41st point, which no usual table has. A table
     ``face_to_face`` has this point; ``TYPE=NODE TO SURFACE`` reads it as well, ``TYPE=MORTAR`` does
     not. With ``TYPE=MORTAR`` and friction, CalculiX 2.20 carries more shear than friction allows.
 
-    Either code sticks with one spring and one slider, which has no micro-slip. It is as stiff as
+    Either code sticks with a single spring and slider, without micro-slip. It is as stiff as
     the bed of sliders before any slip: CalculiX takes the stiffness :math:`\kappa K(p)`, the same
     at all pressures; Abaqus the elastic slip :math:`\mu p / (\kappa K(p))`, from which it makes a
     stiffness in proportion to the pressure, as rough surfaces nearly have. Stiffness and capacity
@@ -179,7 +178,7 @@ def write_pressure_overclosure(
         f"** zero overclosure: mean planes {table.first_contact / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
         f"{100.0 * tolerance:g} % of the law",
-        *_say_reader(p.size - points, face_to_face),
+        *_describe_reader(p.size - points, face_to_face),
         f"*SURFACE INTERACTION, NAME={name}",
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
         *(f"{a / pressure:.9e}, {b / length:.9e}" for a, b in zip(p, overclosure, strict=True)),
@@ -191,7 +190,7 @@ def write_pressure_overclosure(
         if not low <= at <= high:
             raise CaseError(
                 f"the law rests on data from {low:.3g} to {high:.3g} Pa, got a stick_pressure of "
-                f"{at:.3g} Pa; give one between them"
+                f"{at:.3g} Pa; give a pressure between them"
             )
         bed = sliders_from_dataset(dataset)
         if not bed.friction:
@@ -202,7 +201,7 @@ def write_pressure_overclosure(
         stiffness = bed.stiffness_ratio * float(law.stiffness(law.gap_at(np.array(at))))
         slip = bed.friction * at / stiffness
         lines += [
-            f"** one slider, as stiff as the interface at {at / pressure:.4g} {pressure_unit}; "
+            f"** a slider as stiff as the interface at {at / pressure:.4g} {pressure_unit}; "
             f"its micro-slip is left out",
             *MORTAR_SHEAR * (friction_for == "calculix"),
             *(
@@ -224,21 +223,21 @@ def write_pressure_overclosure(
         lines += [
             "*GAP CONDUCTANCE" + (", PRESSURE" if conductance_for == "abaqus" else ""),
             "0., 0., 0.",
-            *(f"{one:.9e}, {at / pressure:.9e}, 0." for one, at in zip(h, data, strict=True)),
+            *(f"{value:.9e}, {p / pressure:.9e}, 0." for value, p in zip(h, data, strict=True)),
         ]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode("ascii", "replace"))
 
 
-def _say_reader(added: int, face_to_face: bool) -> list[str]:
-    """Report which lines of a table are no data, and for which contact of CalculiX 2.20 it is."""
+def _describe_reader(added: int, face_to_face: bool) -> list[str]:
+    """Describe the lines of a table beyond the data, and its contact type in CalculiX 2.20."""
     if face_to_face:
         return [
-            f"** the last {added} lines are no data: they prolong the chord before them, and the "
+            f"** the last {added} lines are not data: they prolong the chord before them, and the "
             f"last",
             "** overclosure gives CalculiX 2.20 the number of lines with TYPE=SURFACE TO SURFACE",
         ]
     return [
-        "** the last line is no data: it prolongs the chord before it",
+        "** the last line is not data: it prolongs the chord before it",
         "** CalculiX 2.20 reads it with TYPE=NODE TO SURFACE and MORTAR; with SURFACE TO SURFACE",
         "** it carries no load: there write the table by multiscale export --face-to-face",
     ]
@@ -252,22 +251,22 @@ def write_law_table(
     pressure_unit: str = "MPa",
     leakage: bool = False,
 ) -> None:
-    """Write a normal law, with its band and its area law if there are, as CSV.
+    """Write a normal law, with its band and its area law if it has them, as CSV.
 
-    A law of so few realisations or samples that they tell no band of 95 % has none in its table.
+    Too few realisations or samples for a band of 95 % leave its columns out.
 
     Parameters
     ----------
     dataset, path, length_unit, pressure_unit
-        As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
+        See :func:`write_pressure_overclosure`; the head of each column has its unit.
     leakage : bool
         Write the hydraulic apertures too, along x, y and both, with the ends of their 95 %
-        intervals, and all columns at the pressures of the data alone; zero is tight.
+        intervals, and all columns at the pressures of the data only; zero is tight.
 
     Raises
     ------
     CaseError
-        If apertures are asked of a law that has none.
+        If apertures are asked of a law without them.
     """
     require_law(dataset, "pressure_min", "pressure_max")
     p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], TABLE_POINTS)
@@ -286,17 +285,17 @@ def write_law_table(
     if "area_pressure" in dataset:
         columns["contact fraction (1)"] = area_from_dataset(dataset).contact_fraction(p)
     if not refuse_band(dataset):
-        low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
+        low, high = law_band(dataset, lambda sample: sample.gap_at(p), confidence=0.95)
         columns[f"gap low 95 % ({length_unit})"] = low / length
         columns[f"gap high 95 % ({length_unit})"] = high / length
     for name in map(str, dataset["direction"].to_numpy() if leakage else ()):
-        one = dataset.sel(direction=name)
-        ends = [
-            one["hydraulic_aperture"].to_numpy(),
-            *one["hydraulic_aperture_mean_law"].to_numpy(),
+        flow = dataset.sel(direction=name)
+        apertures = [
+            flow["hydraulic_aperture"].to_numpy(),
+            *flow["hydraulic_aperture_mean_law"].to_numpy(),
         ]
-        for told, aperture in zip(("", " low 95 %", " high 95 %"), ends, strict=True):
-            columns[f"aperture {name}{told} ({length_unit})"] = aperture / length
+        for suffix, aperture in zip(("", " low 95 %", " high 95 %"), apertures, strict=True):
+            columns[f"aperture {name}{suffix} ({length_unit})"] = aperture / length
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode())

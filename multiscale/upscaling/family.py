@@ -1,4 +1,4 @@
-"""Families of laws with a few parameters, built in or a user's own."""
+"""Families of laws with a few parameters, built in or defined by a user."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -33,28 +33,28 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Family:
-    """Laws that differ in a few numbers.
+    """Laws of the same formula with a few parameters.
 
     Parameters
     ----------
     name : str
     quantities : tuple of str
-        What the family can be fitted to: keys of ``QUANTITIES`` whose prediction the law has.
+        Quantities that the family can be fitted to: keys of ``QUANTITIES``.
     parameters : mapping of str to Parameter
     make : callable
-        The law, from the parameters and the held values, as keywords. A normal law gets the
-        pressures of the data as its ``pressure_range``.
+        Builds the law from the parameters and the ``held`` values, as keywords. A normal law gets
+        the pressures of the data as its ``pressure_range``.
     start : callable, estimates of the parameters, SI, inside their ranges, from observations
     held : callable, optional
-        Keywords of ``make`` that the data decide and the fit leaves alone, such as a reference
-        pressure, with their units: from observations to a mapping of name to (value, unit).
+        Keywords of ``make`` that follow from the data and are not fitted, such as a reference
+        pressure: from observations to a mapping of name to (value, unit).
     broadcasts : bool, default False
-        Whether a parameter may be an array that broadcasts with what the law is asked for, so
-        that many samples are fitted at once.
+        Whether a parameter may be an array that broadcasts with the conditions, so that many
+        samples are fitted at once.
 
     Examples
     --------
-    A user's own family, here an exponential law of given decay length:
+    A family of a user, here an exponential law of given decay length:
 
     >>> from multiscale.laws import Exponential
     >>> rigid = Family(
@@ -78,7 +78,7 @@ class Family:
 
 
 def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
-    """Pressures and gaps that a normal law is started from; a stiffness is integrated."""
+    """Return pressures and gaps to start a normal law from; a stiffness is integrated."""
     mean = observations.mean
     p = observations.pressure
     if observations.quantity == "normal_stiffness":
@@ -87,7 +87,7 @@ def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
 
 
 def integrate_stiffness(pressure: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    r"""Gaps, m, from stiffnesses, Pa/m, that are a power of the pressure between the data.
+    r"""Integrate gaps, m, from stiffnesses, Pa/m, that are powers of the pressure between the data.
 
     .. math:: g(p) = \int_p^{p_{\max}} \frac{\mathrm{d}p'}{K(p')},    \tag{1}
 
@@ -107,7 +107,7 @@ def integrate_stiffness(pressure: np.ndarray, stiffness: np.ndarray) -> np.ndarr
 
 
 def _start_exponential(observations: Observations) -> dict[str, float]:
-    """Line through the gap over the logarithm of the pressure."""
+    """Fit a line through the gap over the logarithm of the pressure."""
     p, gap = _gaps(observations)
     slope, offset = np.polyfit(np.log(p), gap, 1)
     decay = max(-float(slope), 1e-6 * float(np.ptp(gap)))
@@ -115,7 +115,7 @@ def _start_exponential(observations: Observations) -> dict[str, float]:
 
 
 def _start_power(observations: Observations) -> dict[str, float]:
-    """Exponent from the change of the decay length with the pressure."""
+    """Estimate the exponent from the change of the decay length with the pressure."""
     p, gap = _gaps(observations)
     x = np.log(p)
     decay = -np.diff(gap) / np.diff(x)
@@ -132,7 +132,7 @@ def _start_power(observations: Observations) -> dict[str, float]:
 
 
 def _start_error_function(observations: Observations) -> dict[str, float]:
-    """Inverse of the mean area at each pressure."""
+    """Invert the mean area at each pressure."""
     from scipy.special import erfinv
 
     area = np.clip(observations.mean, 1e-6, 0.999)
@@ -140,19 +140,19 @@ def _start_error_function(observations: Observations) -> dict[str, float]:
 
 
 def _reference(observations: Observations) -> dict[str, tuple[float, str]]:
-    """Geometric mean of the pressures, where the parameters are least correlated."""
+    """Return the geometric mean of the pressures, where the parameters are least correlated."""
     return {"reference_pressure": (float(np.exp(np.mean(np.log(observations.pressure)))), "Pa")}
 
 
 def _start_stiffness(observations: Observations) -> dict[str, float]:
-    """Line in logarithms."""
+    """Fit a line in logarithms."""
     x = np.log(observations.pressure / _reference(observations)["reference_pressure"][0])
     slope, level = np.polyfit(x, np.log(observations.mean), 1)
     return {"stiffness_scale": float(np.exp(level)), "exponent": max(float(slope), 0.05)}
 
 
 def _start_decaying(observations: Observations) -> dict[str, float]:
-    """Take both ends of the range of speeds, and where the coefficient is half way."""
+    """Estimate from both ends of the range of speeds, and the speed of the mean coefficient."""
     mean, speed = observations.mean, observations.conditions[1]
     order = np.argsort(speed)
     share = max(1, mean.size // 5)
@@ -168,7 +168,7 @@ def _start_decaying(observations: Observations) -> dict[str, float]:
 
 
 def _start_bell(observations: Observations) -> dict[str, float]:
-    """Take the peak, and the mean slopes of the logarithm down to the slowest and the fastest."""
+    """Estimate from the peak, and mean slopes of the logarithm to the slowest and the fastest."""
     mean, speed = observations.mean, observations.conditions[1]
     x = np.log(np.maximum(speed, speed[speed > 0.0].min()))
     level = np.log(np.maximum(mean, 1e-3 * mean.max()))
@@ -262,7 +262,7 @@ FAMILIES = {family.name: family for family in _FAMILIES}
 
 
 def unloading_family(loading: NormalLaw) -> Family:
-    """Family of the unloading branches of an interface whose loading law is known."""
+    """Return the family of the unloading branches of an interface with this loading law."""
     return _built_in(
         "unloading",
         ("recovery",),

@@ -78,8 +78,8 @@ def fit_law(
         as is a pressure that no realisation reached. Observations give the law of their
         quantity; see :func:`observe` and :func:`read_observations`.
     control : Dataset, optional
-        Follows ``MICRO_RESPONSE``: many cheap cells beside the few of a response, at the same
-        pressures, such as flat cells beside conforming ones. Those with the numbers of the
+        Follows ``MICRO_RESPONSE``: many cheap cells besides the few of a response, at the same
+        pressures, such as flat cells for conforming cells. Cheap cells with the numbers of the
         response have its surfaces. Means and samples are of both, see
         :class:`~.sampling.Control`; for a quantity where that makes no interval narrower they
         are of the response only.
@@ -131,7 +131,7 @@ def fit_law(
     The law of free form is :class:`~multiscale.laws.ConvexDecreasing`. Its knots are even in the
     logarithm of the pressure and common to all samples. Its accuracy depends on the pressures per
     decade. Where noise-free exponential, power, Greenwood-Williamson and Westergaard laws (up to
-    half the pressure of complete contact) are fitted over one to three decades, it errs by at most
+    half the pressure of complete contact) are fitted over 1 to 3 decades, it errs by at most
 
     ================== ===== ===== ===== =====
     pressures a decade 2     3     4     8
@@ -143,11 +143,11 @@ def fit_law(
     most of it Westergaard's at the highest pressures. Outside its range the law extrapolates. Where
     the stiffness tends to infinity, as at complete contact, its error grows.
 
-    Cells whose surfaces flow nearly everywhere become softer as the pressure rises, which no convex
-    law does: the law ends where that begins. Every other law has a caution where it misses what was
-    observed.
+    Cells that flow nearly everywhere at the surface become softer as the pressure rises, which no
+    convex law does: the law ends where that begins. Every other law has a caution where it misses
+    what was observed.
 
-    The bootstrap resamples whole realisations with replacement, since the steps of one are
+    The bootstrap resamples whole realisations with replacement, since the steps of each are
     correlated; the samples are spread by :func:`widening`, so that 95 % intervals hold for few
     realisations too. The bands contain the sampling error, not the error of the model.
 
@@ -218,7 +218,7 @@ def fit_law(
 
 def describe_control(name: str, observed: Observations) -> str:
     """Describe the effect of a control on a quantity, which may be none."""
-    return f"{name}: {observed.control or 'none, since they follow each other by chance alone'}"
+    return f"{name}: {observed.control or 'none, since they follow each other by chance only'}"
 
 
 def with_branch(law: Dataset, branch: str, origin: str, values: Mapping[str, Any]) -> Dataset:
@@ -373,8 +373,8 @@ def compare_laws(
     Notes
     -----
     The criterion is Akaike's with the correction for few points [1]_, for independent errors of
-    one relative size; with the weights :math:`w_i \propto e^{-\Delta_i / 2}` from the differences
-    to the smallest. The steps of one cell are not independent, which favours families with many
+    equal relative size; with the weights :math:`w_i \propto e^{-\Delta_i / 2}` from the differences
+    to the smallest. The steps of a cell are not independent, which favours families with many
     parameters; the error at unseen points does not rest on that.
 
     References
@@ -464,7 +464,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     Returns
     -------
     Prediction
-        A specimen differs from the mean law by one factor at all pressures (a gap by one
+        A specimen differs from the mean law by the same factor at all pressures (a gap by the same
         distance): with the standard deviation s of the logarithm of that factor over n specimens,
         the next specimen lies within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`.
     """
@@ -479,7 +479,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
         unknown.append(f"the interval of the mean law is not known: {refusal}")
     else:
         band = np.array(law_band(law, lambda sample: predicted(sample, pressure)))
-    # one factor (of a gap: one distance) for each specimen, and its scatter
+    # the factor (of a gap: the distance) of each specimen, and its scatter
     additive = seen.quantity == "gap"
     read = (lambda x: x) if additive else np.log
     offset = np.nanmean(read(seen.masked) - read(predicted(mean, seen.pressure)), axis=1)

@@ -25,20 +25,20 @@ __all__ = [
 ]
 
 N_TERMS = 40
-"""Knots of a law, if nothing else is asked for."""
+"""Default number of knots of a law."""
 
 RIDGE = 3e-4  # weight of the smoothness of a law, dimensionless
 
-PASSES = 4  # of the fit, each smooth relative to the one before
+PASSES = 4  # of the fit, each smooth relative to the pass before
 HEAD = 0.3  # the first knot lies beyond the largest pressure by this, in its logarithm
 TAIL = 7.0  # the last knot lies below the smallest pressure by this, in its logarithm
 
-SECOND_ORDER, FIRST_ORDER = 0.25, 0.5  # part of an error that is left where the spacing is halved
+SECOND_ORDER, FIRST_ORDER = 0.25, 0.5  # remaining share of an error at half the spacing
 
 Values = dict[str, np.ndarray]
 
 FEWEST_PRESSURES = 3
-"""Pressures of a normal law of free form, of which the inner ones tell its error."""
+"""Pressures of a normal law of free form; its error follows from the inner pressures."""
 
 
 def place_knots(
@@ -86,7 +86,7 @@ def fit_spline(
     Notes
     -----
     The curvature :math:`p''(g)` is linear between the knots, :math:`\theta_k \ge 0` at the knots
-    and zero from the last one on: any such :math:`\theta` gives a positive, decreasing, convex
+    and zero from the last knot on: any such :math:`\theta` gives a positive, decreasing, convex
     and twice differentiable law of compact support. With the pressure :math:`A_{jk}` at
     :math:`g_j` of a unit curvature at knot k, the fit minimises
 
@@ -96,8 +96,8 @@ def fit_spline(
         \qquad x = \ln p,    \tag{1}
 
     with :math:`\rho =` :data:`RIDGE`, and :math:`\ln\theta` linearised about the pass before. The
-    second term decides between curvatures that the data do not tell apart; it vanishes for
-    exponential and for power laws.
+    second term decides between curvatures that fit the data equally; it vanishes for exponential
+    and for power laws.
     """
     from scipy.optimize import nnls
 
@@ -109,9 +109,10 @@ def fit_spline(
     start = np.exp(level[:-1]) / unit / decay**2
 
     coefficients = np.empty((len(gap), knot.size))
-    for sample, (here, counts) in enumerate(zip(g, weight, strict=True)):
-        at_data = np.maximum(0.0, s - here[:, None]) ** 3 @ powers  # A_jk
+    for sample, (g_sample, counts) in enumerate(zip(g, weight, strict=True)):
+        at_data = np.maximum(0.0, s - g_sample[:, None]) ** 3 @ powers  # A_jk
         at_data *= (counts * unit / pressure)[:, None]
+        # (1), linear in the relative change of theta
         theta = start
         for _ in range(PASSES):
             matrix = np.vstack([at_data * theta, bending])
@@ -119,13 +120,13 @@ def fit_spline(
             change, _ = nnls(matrix, target, maxiter=100 * theta.size)
             theta = theta * np.clip(change, 0.1, 10.0)
         coefficients[sample] = powers @ theta
-    # left of the first knot the curvature goes on with its slope, but never falls
+    # left of the first knot the curvature continues with its slope, but never falls
     coefficients[:, 0] += np.maximum(0.0, -coefficients.sum(axis=1))
     return np.asarray(coefficients * unit / length**3)
 
 
 def _curvature_to_powers(knot: np.ndarray) -> np.ndarray:
-    """Coefficients of the truncated cubes for a unit curvature at each knot but the last."""
+    """Return the coefficients of truncated cubes for a unit curvature at each knot but the last."""
     n, h = knot.size, np.diff(knot)
     powers = np.zeros((n, n - 1))
     for k in range(n - 1):
@@ -138,7 +139,7 @@ def _curvature_to_powers(knot: np.ndarray) -> np.ndarray:
 
 
 def _third_derivative(x: np.ndarray) -> np.ndarray:
-    """Matrix whose squared norm is the integral of the squared third derivative over x."""
+    """Assemble the third derivative over x, weighted to the root of its integral."""
     difference = np.eye(x.size)
     for order in (1, 2, 3):
         spacing = (x[:-order] - x[order:]) / order
@@ -148,7 +149,7 @@ def _third_derivative(x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """Variables and attributes that a fit gives to the dataset of its law."""
+    """Variables and attributes of the dataset of a fitted law."""
 
     values: Values
     attributes: dict[str, Any]
@@ -166,8 +167,9 @@ def fit_convex_decreasing(
     if n < FEWEST_PRESSURES:
         raise CaseError(
             f"a law of free form needs {FEWEST_PRESSURES} pressures or more, got {n}; measure at "
-            f"others, too"
+            f"more pressures"
         )
+    # gaps of the mean and of the samples, and knots over all of them
     mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     gap, sample_gap = _gaps(observations, mean), sample_mean
@@ -179,17 +181,18 @@ def fit_convex_decreasing(
     largest += (factor - 1.0) * (largest - float(gap.max()))
     knot, level = place_knots(p, gap[0], n_terms, largest)
 
+    # the mean law, fits with left out points, and samples spread as Student's
     root = np.sqrt(weights)
     coefficient = fit_spline(p, gap, root[None], knot, level)[0]
     law = ConvexDecreasing(knot, coefficient, pressure_range=(p[0], p[-1]))
-    kept, judged = left_out(n)
-    unseen = fit_spline(p, np.repeat(gap, len(kept), axis=0), root * kept, knot, level)
+    used, judged = left_out(n)
+    unseen = fit_spline(p, np.repeat(gap, len(used), axis=0), root * used, knot, level)
     sample_gap = gap + factor * np.where(sample_weight > 0.0, sample_gap - gap, 0.0)
     sample = np.empty((0, n_terms))
     if len(counts):
         seen = root * (sample_weight > 0.0)
         sample = fit_spline(p, sample_gap, seen, knot, level)
-    blind = [ConvexDecreasing(knot, one) for one in unseen]
+    blind = [ConvexDecreasing(knot, row) for row in unseen]
     values = {"knot": knot, "coefficient": coefficient, "coefficient_sample": sample}
     errors = normal_errors(law, blind, judged, p, gap[0])
     ends = {"gap_min": float(gap[0, -1]), "gap_max": float(gap[0, 0])}
@@ -199,11 +202,11 @@ def fit_convex_decreasing(
 def representable(
     observations: Observations, weights: np.ndarray, *, n_terms: int
 ) -> tuple[int, list[str]]:
-    """How many pressures, from the lowest on, a convex law follows, and a caution if not all.
+    """Count the pressures, from the lowest on, that a convex law follows; a caution if not all.
 
-    Gaps of cells say too how stiff the interface is. A convex law that ends at a pressure has at
-    least the mean stiffness of the interval below: it does not follow what is softer in the
-    interval above. Measured values, whose errors are independent, are all kept.
+    Gaps of cells give the stiffness of the interface too. A convex law that ends at a pressure has
+    at least the mean stiffness of the interval below: it does not follow a softer interval above.
+    Measured values with independent errors are all used.
     """
     p = observations.pressure
     _check_falls(p, _gaps(observations, observations.mean[None])[0])
@@ -211,7 +214,7 @@ def representable(
         return p.size, []
     counted = weights > 0.0
     observations, weights = observations.at(counted), weights[counted]
-    p, every, n, gap = observations.pressure, p, int(counted.sum()), observations.mean
+    p, all_pressures, n, gap = observations.pressure, p, int(counted.sum()), observations.mean
     falls = _softer_above(observations)
     for k in range(2 + int(np.argmax(falls)) if falls.any() else n, 2, -1):
         some = observations.at(slice(k))
@@ -221,10 +224,10 @@ def representable(
         if some.misses(law, "").missed.any():
             continue
         if k == n:
-            return every.size, []
+            return all_pressures.size, []
         stiffness = p[k - 1] / observations.scale[k - 1]  # from the gaps on both sides
         if law.stiffness(gap[k - 1]) <= (1.0 + ALLOWED) * stiffness:
-            return int(np.sum(every <= p[k - 1])), [
+            return int(np.sum(all_pressures <= p[k - 1])), [
                 f"the law ends at {list_pressures(p[k - 1 : k])}: {list_pressures(p[k:])} are left "
                 f"out of it, since the interface is softer there than any convex law through the "
                 f"gaps below"
@@ -233,7 +236,7 @@ def representable(
     raise CaseError(
         f"no convex law follows the gaps at {list_pressures(p)}: from "
         f"{list_pressures(p[turn : turn + 1])} on the stiffness of the interface falls as the "
-        f"pressure rises, and fewer than three pressures lie below that the law could rest on; "
+        f"pressure rises, and fewer than three pressures lie below, too few for a law; "
         f"press the cells at more pressures below"
     )
 
@@ -241,9 +244,9 @@ def representable(
 def _softer_above(observations: Observations) -> np.ndarray:
     """Whether the interface is softer above an inner pressure than below it, and not by chance."""
     steps, mean = -np.diff(observations.masked, axis=1), -np.diff(observations.mean)
-    known = np.isfinite(steps)
-    n = np.maximum(known.sum(axis=0), 1)
-    spread = np.where(known, steps - np.where(known, steps, 0.0).sum(axis=0) / n, 0.0)
+    finite = np.isfinite(steps)
+    n = np.maximum(finite.sum(axis=0), 1)
+    spread = np.where(finite, steps - np.where(finite, steps, 0.0).sum(axis=0) / n, 0.0)
     chance = TWO_SIDED * np.sqrt(np.sum(spread**2, axis=0) / np.maximum(n * (n - 1), 1)) / mean
     stiffness = np.diff(observations.pressure) / mean
     allowed = 2.0 * ALLOWED + np.hypot(chance[1:], chance[:-1])
@@ -251,55 +254,55 @@ def _softer_above(observations: Observations) -> np.ndarray:
 
 
 def _gaps(observations: Observations, mean: np.ndarray) -> np.ndarray:
-    """Gaps, m, of mean values (rows, points); those of stiffnesses from the largest pressure on."""
+    """Return gaps, m, of mean values (rows, points); a stiffness is integrated from the top."""
     if observations.quantity == "normal_stiffness":
         return integrate_stiffness(observations.pressure, mean)
     return mean
 
 
 def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasing]:
-    """Laws of single realisations, whose gaps (realisations, points), m, have no hole."""
+    """Fit laws of single realisations, with gaps (realisations, points), m, at all points."""
     p, mean = observations.pressure, observations.mean
     _check_falls(p, mean)
     knot, level = place_knots(p, mean, N_TERMS, float(gap.max()))
-    found = fit_spline(p, gap, 1.0 * observations.counted, knot, level)
-    return [ConvexDecreasing(knot, one, pressure_range=(p[0], p[-1])) for one in found]
+    coefficients = fit_spline(p, gap, 1.0 * observations.counted, knot, level)
+    return [ConvexDecreasing(knot, row, pressure_range=(p[0], p[-1])) for row in coefficients]
 
 
 def left_out(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points that fits keep (fits, n), and the one left out that each is judged by (fits,).
+    """Return the points that fits use (fits, n), and the left out point that judges each (fits,).
 
-    The first n - 2 fits keep all other points, the rest the other ones of every second point. The
-    first and the last point of either are not judged, as leaving them out is extrapolation.
+    The first n - 2 fits use all other points, the rest the others of every second point. The first
+    and the last point of either are not judged, as leaving them out is extrapolation.
     """
     sets = (range(n), range(0, n, 2), range(1, n, 2))
     fits = [(points, j) for points in sets for j in points[1:-1]]
-    kept = np.array([[i in points and i != j for i in range(n)] for points, j in fits])
-    return kept, np.array([j for _, j in fits])
+    used = np.array([[i in points and i != j for i in range(n)] for points, j in fits])
+    return used, np.array([j for _, j in fits])
 
 
 def decay_share(
     error: np.ndarray, n: int, least: float, noise: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    r"""Part of the root mean square error at unseen points that is left at and between seen ones.
+    r"""Return the share of the root mean square error at unseen points that remains between points.
 
     Notes
     -----
-    Leaving one of all points out makes a hole of two spacings, one of every second a hole of four.
+    Leaving a point out makes a hole of two spacings; among every second point, a hole of four.
     With the root mean squares :math:`e_2, e_4` of their errors, noise apart, the share is
     :math:`e_2 / e_4`, the decay over another halving, but at most 1. A hole of four spacings may
-    be a decade, where errors do not decay by their order yet: orders above 2 of a value, 1 of its
-    derivative, are not believed. Below five points no decay is seen, and the share is 1: of mean
-    gaps of four flat cells at four pressures over 0.9 to 1.9 decades, against 33 pressures of the
-    same cells, the root mean square error over :math:`e_2` was 0.24 to 0.36 in the median, but
-    1.7 to 4.5 in one case of twenty, as two errors are small by chance.
+    be a decade, where errors do not decay by their order yet: the order of a value is limited to 2,
+    the order of its derivative to 1. Below five points no decay is seen, and the share is 1: of
+    mean gaps of four flat cells at four pressures over 0.9 to 1.9 decades, against 33 pressures of
+    these cells, the root mean square error over :math:`e_2` was 0.24 to 0.36 in the median, but
+    1.7 to 4.5 in a twentieth of the cases, as two errors are small by chance.
     """
-    known = np.isfinite(error)
-    square = np.where(known, error**2 - noise, 0.0)
-    parts = slice(n - 2), slice(n - 2, None)
-    count = [max(np.count_nonzero(known[part]), 1) for part in parts]
-    e2, e4 = (max(square[part].sum() / m, 0.0) for part, m in zip(parts, count, strict=True))
-    raw = np.sum(error[: n - 2][known[: n - 2]] ** 2) / count[0]
+    finite = np.isfinite(error)
+    square = np.where(finite, error**2 - noise, 0.0)
+    holes = slice(n - 2), slice(n - 2, None)  # of two spacings, and of four
+    count = [max(np.count_nonzero(finite[hole]), 1) for hole in holes]
+    e2, e4 = (max(square[hole].sum() / m, 0.0) for hole, m in zip(holes, count, strict=True))
+    raw = np.sum(error[: n - 2][finite[: n - 2]] ** 2) / count[0]
     decay = np.clip(np.sqrt(e2 / e4), least, 1.0) if e4 > 0.0 else 1.0
     return np.asarray(decay * np.sqrt(e2 / raw) if raw > 0.0 else decay)
 
@@ -307,16 +310,16 @@ def decay_share(
 def normal_errors(
     law: Any, blind: list[Any], judged: np.ndarray, pressure: np.ndarray, gap: np.ndarray
 ) -> FitResult:
-    """Errors of a normal law at its data, and of fits at points that they lack; see `left_out`."""
+    """Evaluate errors of a normal law at its data, and of fits at left out points."""
     n = len(gap)
     p, k, g = np.array(
         [
             (
-                one.pressure(gap[j]) / pressure[j] - 1.0,
-                one.stiffness(gap[j]) / law.stiffness(gap[j]) - 1.0,
-                (one.gap_at(pressure[j]) - gap[j]) / max(abs(gap[j]), 1e-300),
+                fit.pressure(gap[j]) / pressure[j] - 1.0,
+                fit.stiffness(gap[j]) / law.stiffness(gap[j]) - 1.0,
+                (fit.gap_at(pressure[j]) - gap[j]) / max(abs(gap[j]), 1e-300),
             )
-            for one, j in zip(blind, judged, strict=True)
+            for fit, j in zip(blind, judged, strict=True)
         ]
     ).T
     attributes = {
@@ -335,7 +338,7 @@ def normal_errors(
 
 
 def at_inner(error: np.ndarray, n: int) -> np.ndarray:
-    """Errors at all n points of fits without one of them: NaN at the ends."""
+    """Return the errors at all n points of fits that leave each out: NaN at the ends."""
     return np.pad(error[: n - 2], 1, constant_values=np.nan)
 
 
@@ -356,20 +359,21 @@ def _check_falls(p: np.ndarray, gap: np.ndarray) -> None:
 
 
 def fit_area(observations: Observations, counts: np.ndarray) -> Values:
-    """Area law of free form and its samples: mean fractions that never fall."""
+    """Fit an area law of free form and its samples: mean fractions that never fall."""
     p, mean = observations.pressure, observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     factor = observations.widening
     sample_mean = mean + factor * np.where(sample_weight > 0.0, sample_mean - mean, 0.0)
     fraction = _never_decreasing(mean)[0]
-    kept, judged = left_out(p.size)
-    singles = [np.where(one.counted, one.values, mean) for one, _ in observations.parts]
+    # errors at left out points, and the variance of their noise by single cells
+    used, judged = left_out(p.size)
+    singles = [np.where(data.counted, data.values, mean) for data, _ in observations.ensembles]
     error, noise, x = np.full(judged.size, np.nan), np.zeros(judged.size), np.log(p)
-    for k, (left, j) in enumerate(zip(kept, judged, strict=True)):
+    for k, (seen, j) in enumerate(zip(used, judged, strict=True)):
         if fraction[j] > 0.0:
-            blind = AreaLaw(p[left], fraction[left]).contact_fraction(p[j])
+            blind = AreaLaw(p[seen], fraction[seen]).contact_fraction(p[j])
             error[k] = blind / fraction[j] - 1.0
-            below, above = np.flatnonzero(left[:j])[-1], j + 1 + np.flatnonzero(left[j + 1 :])[0]
+            below, above = np.flatnonzero(seen[:j])[-1], j + 1 + np.flatnonzero(seen[j + 1 :])[0]
             w = (x[j] - x[below]) / (x[above] - x[below])
             for single in singles:
                 between = (1.0 - w) * single[:, below] + w * single[:, above] - single[:, j]
@@ -384,18 +388,18 @@ def fit_area(observations: Observations, counts: np.ndarray) -> Values:
 
 
 def unseen_errors(error: np.ndarray) -> dict[str, Any]:
-    """Largest and root mean square error at points that a fit has not seen; NaN does not count."""
-    known = error[np.isfinite(error)]
-    if not known.size:
+    """Return the largest and the root mean square error at left out points, without NaN."""
+    finite = error[np.isfinite(error)]
+    if not finite.size:
         return {}
     return {
-        "cross_validated_error": float(np.max(np.abs(known))),
-        "cross_validated_rms_error": float(np.sqrt(np.mean(known**2))),
+        "cross_validated_error": float(np.max(np.abs(finite))),
+        "cross_validated_rms_error": float(np.sqrt(np.mean(finite**2))),
     }
 
 
 def _never_decreasing(fractions: np.ndarray) -> np.ndarray:
-    """Closest contact fractions, row by row, that never decrease and lie between 0 and 1."""
+    """Return the closest contact fractions by rows that never decrease, between 0 and 1."""
     from scipy.optimize import isotonic_regression
 
     fitted = fractions.copy()

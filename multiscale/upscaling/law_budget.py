@@ -28,7 +28,7 @@ from multiscale.upscaling.budget import (
 )
 from multiscale.upscaling.cell_size import (
     compared,
-    parts_of_cells,
+    ensembles_of_cells,
     size_term,
     surface_term,
     values_of_cells,
@@ -53,11 +53,11 @@ FIT_ERRORS = {
     "area_fit_error": "area_fit_share",
     "stiffness_fit_error": "stiffness_fit_share",
 }
-"""From the errors at points that a fit has not seen to the shares that are left between them."""
+"""From the errors at left out points to the shares that remain between points."""
 
-FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures have so many
+FEWEST_UNSEEN = 3  # errors at left out points: five pressures have so many
 
-GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
+GROWTH = 10.0  # largest of differences from interval to interval that can be continued
 
 LAW_QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
@@ -74,7 +74,7 @@ def error_budget(
     control: Dataset | None = None,
     known: Mapping[str, Term] = {},
 ) -> Dataset:
-    r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
+    r"""Estimate the errors of the gap, the contact fraction and the stiffness of a law.
 
     Parameters
     ----------
@@ -88,28 +88,28 @@ def error_budget(
         response of cells with the same spectrum.
     scales : ScaleSeparation, optional, from :func:`compare_scales`
     apart : bool, default False
-        Whether resolutions and sizes, two at least of each, are ensembles of their own that are
+        Whether resolutions and sizes, at least two of each, are separate ensembles that are
         compared among themselves: the same small cells on several grids, and many cells of
         several sizes on a coarse grid. Their scatter then counts for the response too.
     tangential : mapping of float to Dataset, optional
         If given, the tangential traction of the law, over full slip, has a budget too; see
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
-        same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
-        the law under 1; may be empty.
+        same realisations, pressed and sheared on a coarser grid, and under 1 of these realisations
+        on the grid of the law; may be empty.
     control : Dataset, optional, as of :func:`fit_law`
     known : mapping of str to Term, optional
-        Terms that are known otherwise, such as those whose bias is taken out of the response.
+        Terms that are known otherwise, such as terms with a bias taken out of the response.
 
     Returns
     -------
     Dataset
         Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
-        quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
-        answer minus truth, is zero where no sign is known, and never taken out. The total holds
-        :data:`ALWAYS` and every term that something was given for; the attribute ``unknown`` lists
-        those that are not known, and ``how_...`` says of each term how it was estimated, or what
-        would tell it. A term that cannot be computed from what was given, such as the sampling of
-        one realisation, makes the total unknown, NaN, at its quantity and step, and never smaller.
+        quantity, term and step of the law; NaN for a term without data. A bias, answer minus
+        truth, is zero where no sign is known, and never taken out. The total contains
+        :data:`ALWAYS` and every term with data; the attribute ``unknown`` lists the unknown terms,
+        and ``how_...`` describes the estimate of each term, or the missing data. A term that cannot
+        be computed from the data, such as the sampling of a single realisation, makes the total
+        unknown, NaN, at its quantity and step, and never smaller.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def error_budget(
 
     Notes
     -----
-    How a term is estimated stands with its function: :func:`~.law_budget.sampling_term`,
+    Each term is estimated by its function: :func:`~.law_budget.sampling_term`,
     :func:`~.law_budget.fit_term`, :func:`~.cell_size.size_term`,
     :func:`~.law_budget.grid_term` (micro discretisation),
     :func:`~.law_budget.increment_term`, :func:`~.law_budget.slope_term`,
@@ -128,13 +128,13 @@ def error_budget(
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
     deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
     total :math:`w` is such that :math:`|b + s\, \mathcal{N}(0, 1)| \le w` with a probability of
-    95 %; without a bias it is that root itself.
+    95 %; without a bias it equals the root.
     """
     INTERFACE_LAW.check(law)
     response = up_to_limit(response, law)
     control = None if control is None else up_to_limit(control, law)
     resolutions, sizes = (
-        {ratio: up_to_limit(one, law) for ratio, one in (others or {}).items()}
+        {ratio: up_to_limit(other, law) for ratio, other in (others or {}).items()}
         for others in (resolutions, sizes)
     )
     known = {name: term.at(slice(law.sizes["step"])) for name, term in known.items()}
@@ -151,14 +151,15 @@ def error_budget(
     if gap.control is not None:
         how += f" with {gap.control}"
     elif control is not None:
-        how += " alone, since they and the control cells follow each other by chance alone"
+        how += " only, since they and the control cells follow each other by chance"
     elif pooled:
         how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
     if not np.any(np.isfinite(sampling.half_width)):
-        how = "not known: one realisation tells nothing of the scatter, solve 3"
+        how = "not known: a single realisation does not show the scatter, solve 3"
+    # terms without further data, then the terms of the given data
     terms = {
         "sampling": Term(how, sampling.half_width),
-        "fit": Term("error at pressures that the fit has not seen", fit_term(law, p)),
+        "fit": Term("error at pressures that are left out of the fit", fit_term(law, p)),
         "cell size": Term("not known: pass sizes, responses of cells of another size"),
         "micro discretisation": Term(
             "not known: pass resolutions, the same realisations on coarser grids"
@@ -205,18 +206,18 @@ def sampling_term(
     sizes: Mapping[float, Dataset] | None,
     control: Dataset | None = None,
 ) -> Sampling:
-    r"""Half-widths from the scatter of the realisations.
+    r"""Estimate the half-widths from the scatter of the realisations.
 
-    One rule serves all quantities and numbers of realisations: Student's interval of the mean.
-    Gap and contact fraction are means over the realisations, and so is the compliance
-    :math:`1/K` of a law through mean gaps, whose relative interval is the one of the stiffness;
-    each realisation has a law of its own. Two realisations give an interval, one gives none: NaN.
+    All quantities and numbers of realisations have Student's interval of the mean. Gap and contact
+    fraction are means over the realisations, and so is the compliance :math:`1/K` of a law through
+    mean gaps, which has the relative interval of the stiffness; each realisation has a separate
+    law. Two realisations give an interval, a single realisation gives NaN.
 
     With a control, the mean is a sum of the independent means of two ensembles, see
     :class:`~.sampling.Control`: the residuals of the pairs, and the cheap cells. The
     squares of their intervals add up, and so do their variances to the scatter of single cells.
     The interval of a sum by Welch and Satterthwaite covers less where pairs are few: 92 % of 1500
-    repeats with 4 pairs and a correlation of .98, where this one covers 96 %.
+    repeats with 4 pairs and a correlation of .98, where the sum of squares covers 96 %.
 
     The scatter of ``sizes``, cells of other sizes apart from the response, counts too, unless
     there is a control. It falls as :math:`1/L`, so that with :math:`\nu_i = N_i - 1` and the sizes
@@ -228,33 +229,33 @@ def sampling_term(
     from scipy.special import stdtrit
 
     gap = normal_observations(response, control)
-    parts = parts_of_cells(response, control, law)
-    parts[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in parts[2]]
+    quantities = ensembles_of_cells(response, control, law)
+    quantities[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in quantities[2]]
     others: dict[float, tuple[np.ndarray, ...]] = {}
     if sizes and gap.control is None:
-        for ratio, one in compared(response, sizes, apart=True).items():
-            g, a, k = values_of_cells(one)
+        for ratio, other in compared(response, sizes, apart=True).items():
+            g, a, k = values_of_cells(other)
             others[ratio] = g, a, 1.0 / k
     half, scatter = np.full((2, 3, gap.pressure.size), np.nan)
-    for k, ensembles in enumerate(parts):
-        sums = [_squares(one, len(one) - freedom) for one, freedom in ensembles]
-        square, freedom, n = (np.array(one) for one in zip(*sums, strict=True))
+    for k, ensembles in enumerate(quantities):
+        sums = [_squares(values, len(values) - freedom) for values, freedom in ensembles]
+        square, freedom, n = (np.array(column) for column in zip(*sums, strict=True))
         for ratio, values in others.items():
             more, free, _ = _squares(values[k], 1)
             square, freedom = square + ratio**2 * more, freedom + free
-        known = np.all((freedom > 0) & (n > 0), axis=0)
+        estimable = np.all((freedom > 0) & (n > 0), axis=0)
         variance = square / np.maximum(freedom, 1)
         factor = stdtrit(np.maximum(freedom, 1), 0.975) / np.sqrt(np.maximum(n, 1))
-        half[k] = np.where(known, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
-        scatter[k] = np.where(known, np.sqrt(variance.sum(axis=0)), np.nan)
+        half[k] = np.where(estimable, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
+        scatter[k] = np.where(estimable, np.sqrt(variance.sum(axis=0)), np.nan)
     return Sampling(half, scatter)
 
 
 def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sum of the squares about the mean over its square, scaled to a freedom; the freedom, and n.
+    """Return the relative sum of squares about the mean, scaled to a freedom; the freedom, and n.
 
     The values (realisations, steps) have ``spent`` degrees of freedom less than their number; their
-    variance is that of one degree less.
+    variance has n - 1.
     """
     counted = np.isfinite(values)
     n = counted.sum(axis=0)
@@ -267,54 +268,56 @@ def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
-    """Half-widths from the errors at steps that the fit has not seen.
+    """Estimate the half-widths from the errors at left out steps.
 
     The half-width is the root mean square of these errors, times the share that the decay with the
     spacing leaves, see :func:`~.free_form.decay_share`, times Student's factor of their number,
-    since few are small by chance; fewer than :data:`FEWEST_UNSEEN` tell no decay, and their whole
-    error is taken as it is. A family with parameters has no decay. At the ends of the data, which
-    have a neighbour on one side only, the error of the gap at the step beside counts whole. A
-    stiffness counts the error of the step itself as well, and at the ends its distance from the
-    slopes of the gap continued, see :func:`_end_error`. The gaps that were observed lie within the
-    half-width, and so does the stiffness by the gaps on both sides where it falls, as it does in no
-    convex law. Where some gaps are negative, their errors are not compared over the gaps, which
-    pass through zero, but over the distance in which the pressure changes by its own size.
+    since few are small by chance; fewer than :data:`FEWEST_UNSEEN` show no decay, and count with
+    their whole error. A family with parameters does not decay. At the ends of the data, with a
+    neighbour on one side only, the error of the gap at the next step counts whole. A stiffness
+    counts the error of the step itself as well, and at the ends its distance from the continued
+    slopes of the gap, see :func:`_end_error`. The observed gaps lie within the half-width, and so
+    does the stiffness by the gaps on both sides where it falls, which no convex law follows. Where
+    some gaps are negative, their errors are not relative to the gaps, which pass through zero, but
+    to the distance in which the pressure changes by a factor e.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
     from scipy.special import stdtrit
 
     rows, errors = [], []
-    gap, one = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
+    gap, normal = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
     size = np.abs(gap) if np.all(gap > 0.0) else np.abs(np.gradient(gap, np.log(p)))
     to_gap = size / np.maximum(np.abs(gap), 1e-300)
     for name, share in FIT_ERRORS.items():
         error = law[name].to_numpy()
         if name == "fit_error":
             error = error / to_gap
-        known = error[np.isfinite(error)]
-        rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
-        factor = stdtrit(known.size, 0.975) if known.size >= FEWEST_UNSEEN else NORMAL
+        finite = error[np.isfinite(error)]
+        rms = np.sqrt(np.mean(finite**2)) if finite.size else np.nan
+        factor = stdtrit(finite.size, 0.975) if finite.size >= FEWEST_UNSEEN else NORMAL
         rows.append(np.full(p.size, factor * float(law[share]) * rms))
         errors.append(NORMAL * np.abs(error))
+    # the ends of the gap, the errors of the stiffness, and the observed gaps
     rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])
     rows[2] = np.fmax(rows[2], errors[2])
-    rows[0] = to_gap * np.fmax(rows[0], np.abs(one.gap_at(p) - gap) / size)
-    stiffness = one.stiffness(one.gap_at(p))
+    rows[0] = to_gap * np.fmax(rows[0], np.abs(normal.gap_at(p) - gap) / size)
+    # the stiffness where the observed stiffness falls, and at the ends
+    stiffness = normal.stiffness(normal.gap_at(p))
     observed, between = p / np.abs(np.gradient(gap, np.log(p))), np.diff(p) / np.abs(np.diff(gap))
     falls = np.pad(between[1:] < between[:-1], 1)
     rows[2] = np.fmax(rows[2], np.where(falls, np.abs(stiffness / observed - 1.0), 0.0))
-    own = np.log(p / stiffness)
-    ends = [_end_error(gap[::k], np.log(p)[::k], own[::k]) for k in (-1, 1)]
+    log_compliance = np.log(p / stiffness)
+    ends = [_end_error(gap[::k], np.log(p)[::k], log_compliance[::k]) for k in (-1, 1)]
     rows[2][[0, -1]] = np.fmax(rows[2][[0, -1]], NORMAL * np.array(ends))
     return np.array(rows)
 
 
-def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
-    r"""Distance of the last compliance of a law from the mean ones of the intervals, continued.
+def _end_error(gap: np.ndarray, x: np.ndarray, log_compliance: np.ndarray) -> float:
+    r"""Return the distance of the last compliance of a law from the continued means of intervals.
 
     Let :math:`c_1, c_2, c_3` be the logarithms of the mean slopes :math:`|\Delta g / \Delta x|`,
-    :math:`x = \ln p`, of the last three intervals, the last one first. If their differences grow
-    by one factor :math:`\gamma`, Newton's series of backward differences, half a step on, gives
+    :math:`x = \ln p`, of the last three intervals, in reverse order. If their differences grow
+    by a factor :math:`\gamma`, Newton's series of backward differences, half a step on, gives
 
     .. math:: c = c_1 + (c_1 - c_2)\, \frac{(1 - r)^{-1/2} - 1}{r}, \qquad
         r = 1 - 1/\gamma, \quad \gamma = \frac{c_1 - c_2}{c_2 - c_3},
@@ -325,47 +328,50 @@ def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
     last, before = c[0] - c[1], c[1] - c[2] if c.size > 2 else 0.0
     growth = last / before if last * before > 0.0 else 1.0
     r = 1.0 - 1.0 / np.clip(growth, 1.0 + 1e-6, GROWTH)
-    return float(abs(own[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
+    return float(abs(log_compliance[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
 def grid_term(
     response: Dataset, resolutions: Mapping[float, Dataset], *, apart: bool = False
 ) -> Term:
-    """Bias and half-widths from the same realisations on several grids.
+    """Estimate bias and half-widths from the same realisations on several grids.
 
-    The bias is the difference from the grid of the response, or the grid compared that is nearest
-    to it, to the finest grid, both of which were solved: the sum of the mean differences between
-    neighbouring grids, each of the realisations of the finer one. The half-width is the error that
-    the finest grid leaves by the order observed, or the lowest. The mean difference of few
-    realisations may pass through zero: the intervals of the differences are added, and their
-    variance is taken out of the square of the mean, which holds it.
+    The bias is the difference from the grid of the response, or the nearest compared grid, to the
+    finest solved grid: the sum of the mean differences between neighbouring grids, each over the
+    realisations of the finer grid. The half-width is the error of the finest grid by the observed
+    order, or the lowest. The mean difference of few realisations may pass through zero: the
+    intervals of the differences are added, and their variance is subtracted from the square of the
+    mean, which contains it.
     """
     from scipy.special import stdtrit
 
-    found = {
-        ratio: values_of_cells(one)
-        for ratio, one in sorted(compared(response, resolutions, apart=apart).items())
+    by_ratio = {
+        ratio: values_of_cells(grid)
+        for ratio, grid in sorted(compared(response, resolutions, apart=apart).items())
     }
-    ratios = np.array([*found])
-    for (_, fine), (ratio, coarse) in pairwise(found.items()):
+    ratios = np.array([*by_ratio])
+    for (_, fine), (ratio, coarse) in pairwise(by_ratio.items()):
         if coarse.shape[1] < fine.shape[1]:
             raise CaseError(
                 f"the response at the ratio {ratio:g} has {coarse.shape[1]} realisations, not "
-                f"{fine.shape[1]}; solve the same ones on every grid"
+                f"{fine.shape[1]}; solve the same realisations on every grid"
             )
     near = ratios[np.argmin(np.abs(np.log(ratios)))]
     rows, biases, how = [], [], ""
-    for values in zip(*found.values(), strict=True):
-        steps = [coarse[: len(fine)] - fine for fine, coarse in pairwise(values)]
-        change = np.array([np.nanmean(one, axis=0) for one in steps])
+    for values in zip(*by_ratio.values(), strict=True):
+        # mean differences between grids, and the error of the finest by Richardson
+        differences = [coarse[: len(fine)] - fine for fine, coarse in pairwise(values)]
+        change = np.array([np.nanmean(difference, axis=0) for difference in differences])
         finest = np.nanmean(values[0], axis=0)
         means = zip(ratios[1:] / ratios[0], finest + np.cumsum(change, axis=0), strict=True)
         estimate = estimate_grid_error(finest, dict(means))
         order = estimate.order if np.isfinite(estimate.order) else LOWEST_ORDER
         solved = 1.0 * (ratios[1:] <= near)
-        weight = solved + np.eye(len(steps))[0] / ((ratios[1] / ratios[0]) ** order - 1.0)
-        freedom = np.array([max(len(one) - 1, 1) for one in steps])
-        deviation = [np.nanstd(one, axis=0) for one in steps] / np.sqrt(freedom)[:, None]
+        # variance and interval of the estimate by the realisations
+        weight = solved + np.eye(len(differences))[0] / ((ratios[1] / ratios[0]) ** order - 1.0)
+        freedom = np.array([max(len(difference) - 1, 1) for difference in differences])
+        deviation = np.array([np.nanstd(difference, axis=0) for difference in differences])
+        deviation /= np.sqrt(freedom)[:, None]
         variance = np.sum(weight[:, None] * deviation, axis=0) ** 2  # as if all were correlated
         spread = (weight * stdtrit(freedom, 0.975)) @ deviation
         square = (weight @ change) ** 2
@@ -378,21 +384,21 @@ def grid_term(
 
 
 def increment_term(response: Dataset) -> Term:
-    """Half-widths from the increments of a body that flows, by halved ones of one realisation."""
+    """Estimate the half-widths of the increments of plastic flow from halved increments."""
     gap = normal_observations(response)
     if "flowing_fraction" not in response.variables:
         nothing = np.zeros((3, gap.pressure.size))
         return Term("nothing: no body of the cells flows in increments", nothing)
     if "mean_gap_increment_error" not in response.variables:
-        told = "not known: no cell was solved with halved increments too"
-        return Term(told, np.full((3, gap.pressure.size), np.nan))
+        how = "not known: no cell was solved with halved increments too"
+        return Term(how, np.full((3, gap.pressure.size), np.nan))
     return _term_of_errors(response, "increment", "halved in one realisation")
 
 
 def slope_term(response: Dataset) -> Term:
-    """Half-widths from slopes that the cells take as small, which their expansion in them tells.
+    """Estimate the half-widths of the assumption of small slopes from the expansion in slopes.
 
-    Conforming cells take them as small where their one body stands for two.
+    Conforming cells assume small slopes where a single body stands for two.
     """
     if "mean_gap_slope_error" not in response.variables:
         return Term("not known: solve one flat cell with slope_order 1 and 2, or conforming cells")
@@ -400,7 +406,7 @@ def slope_term(response: Dataset) -> Term:
 
 
 def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
-    """Half-widths from relative errors of gap and area at the steps of a response."""
+    """Estimate the half-widths from relative errors of gap and area at the steps of a response."""
     gap = normal_observations(response)
     error, area = (
         response[f"{name}_{cause}_error"].to_numpy()[gap.order]
@@ -410,22 +416,22 @@ def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
     slope = np.gradient(mean, x) / np.gradient(mean * (1.0 + error), x)  # of pressure over gap
     term = SAFETY * np.abs([error, area, slope - 1.0])
     if np.any(term > 0.0):
-        worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
+        worst = ", ".join(f"{100.0 * error:.2g} %" for error in term.max(axis=1))
         how += f": up to {worst} of gap, area and stiffness"
     return Term(how, term)
 
 
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    r"""Half-widths from the few cells of the edge L that one interface of :math:`\ell` holds.
+    r"""Estimate the half-widths from the few cells of edge L in an interface of :math:`\ell`.
 
     They are :math:`1.96\, \mathrm{CoV}\, L/\ell` with the coefficients of variation of cells,
-    (3, steps); a scatter that is not finite, as the one of one realisation, counts as none.
+    (3, steps); a scatter that is not finite, as of a single realisation, counts as zero.
     """
     return np.asarray(NORMAL * np.nan_to_num(scatter, posinf=0.0) * scales.cell_ratio)
 
 
 def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    r"""Half-widths from pressure that is not even over the longest wave.
+    r"""Estimate the half-widths from a pressure that varies over the longest wavelength.
 
     They are :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of each quantity :math:`f`, with
     :math:`\varepsilon = \lambda_l/\ell`.
@@ -447,7 +453,7 @@ def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.
 
 
 def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
-    """Return a law, which carries its budget, with the scale separation of another structure.
+    """Return a law with its budget for the scale separation of another structure.
 
     A budget that lacks a term, as a budget of an earlier version may, is refused.
     """
@@ -460,11 +466,11 @@ def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
         FEW_CELLS: scatter_term(scatter[:3], scales),
     }
     for term, rows in terms.items():
-        follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
-        half.loc[{"error_term": term}] = np.vstack([rows, follow])
+        tangential = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))
+        half.loc[{"error_term": term}] = np.vstack([rows, tangential])
     given = half.notnull().any(("quantity", "step")).to_numpy()
     total = law["error_total"].copy(data=add_terms(half.to_numpy(), bias.to_numpy(), given))
-    unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
+    unknown = [term for term in str(law.attrs["unknown"]).split(", ") if term != "scale separation"]
     return law.assign(error_half_width=half, error_total=total).assign_attrs(
         {
             "cell_ratio": scales.cell_ratio,

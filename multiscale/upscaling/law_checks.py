@@ -1,4 +1,4 @@
-"""Check that a law is one: sign, shape, dissipation and objectivity, each with its worst value."""
+"""Admissibility of laws: sign, shape, dissipation and objectivity, each with its worst value."""
 
 from dataclasses import dataclass
 from functools import singledispatch
@@ -37,7 +37,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Admissibility:
-    """What was checked of a law, and over which pressures, Pa."""
+    """Checks of a law, and their range of pressures, Pa."""
 
     pressure_range: tuple[float, float]
     checks: tuple[Check, ...]
@@ -48,7 +48,7 @@ class Admissibility:
         return all(check.passed for check in self.checks)
 
     def __str__(self) -> str:
-        """Return the report as one line."""
+        """Return the report as a line."""
         low, high = (readable(f"{end:.3g} Pa") for end in self.pressure_range)
         checks = "; ".join(str(check) for check in self.checks)
         return f"{checks} (from {low} to {high})"
@@ -59,8 +59,8 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
 
     Parameters
     ----------
-    law : NormalLaw, HystereticLaw, FrictionLaw, StiffnessLaw, or one with a contact fraction
-        Built in or a user's own.
+    law : NormalLaw, HystereticLaw, FrictionLaw, StiffnessLaw, or a law with a contact fraction
+        Built in or defined by a user.
     pressure_range : tuple of float
         Smallest and largest pressure tested, Pa. A normal law is tested between the gaps of these
         and as far again to either side, a friction law also over :data:`SPEEDS` and at rest.
@@ -68,8 +68,8 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
     Returns
     -------
     Admissibility
-        A normal law is positive, decreasing, convex, takes no energy over a closed cycle of the
-        gap, and has no traction that depends on the frame of the tangent plane; a friction law has
+        A normal law is positive, decreasing, convex, supplies no energy over a closed cycle of the
+        gap, and its traction does not depend on the frame of the tangent plane; a friction law has
         a coefficient that is not negative, power that is not negative, and turns with the frame; a
         contact fraction starts at zero, never falls and stays below one; a stiffness is positive
         and never falls; unloading is stiffer than loading and no cycle supplies energy.
@@ -77,7 +77,7 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
     Raises
     ------
     CaseError
-        If the law is of none of these kinds.
+        If the law is of another kind.
     """
     return Admissibility(pressure_range, _checks(law, pressure_range))
 
@@ -102,7 +102,7 @@ def _checks(law: Any, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
 
 @_checks.register
 def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
-    """Pressure and stiffness at many gaps; the secant of a convex law lies between the tangents."""
+    """Check a normal law; the secant of a convex law lies between the tangents."""
     far, near = law.gap_at(np.array(pressure_range))
     gap = np.linspace(near - (far - near), far + (far - near), POINTS)
     p, k = law.pressure(gap), law.stiffness(gap)
@@ -121,11 +121,11 @@ def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> tuple[
 
 
 def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Work that a cycle of the gap gains from the law, and the work of its first half, J/m^2."""
+    """Return the energy that a cycle of the gap gains, and the work of its first half, J/m^2."""
     path = np.concatenate([gap[::-1], gap[1:]])
     jump = np.zeros((3, path.size))
     jump[0] = path - law.gap
-    if not law.n_state:  # no history: all points at once
+    if not law.n_state:  # without history: all points at once
         p = -law.respond(jump, np.zeros((0, path.size))).traction[0]
     else:
         state, pressures = np.zeros((law.n_state, 1)), []
@@ -140,7 +140,7 @@ def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @_checks.register
 def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
-    """Check the loading law, and what its unloading branches give back, eq. (2) of the law."""
+    """Check the loading law, and the energy of its unloading branches, eq. (2) of the law."""
     loading = _check_normal(law.loading, pressure_range)
     peak = np.geomspace(*pressure_range, POINTS)
     corner, length = law.loading.gap_at(peak), law.branch(peak).support
@@ -158,7 +158,7 @@ def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) ->
 
 @_checks.register
 def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
-    """Friction at many pressures, speeds and directions, in two frames."""
+    """Check friction at many pressures, speeds and directions, in two frames."""
     random = np.random.default_rng(seed=0)
     p, speed = (
         low * (high / low) ** random.random(POINTS) for low, high in (pressure_range, SPEEDS)
@@ -183,7 +183,7 @@ def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tu
 
 @_checks.register
 def _check_stiffness(law: StiffnessLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
-    """Values at many pressures: positive, never falling."""
+    """Check values at many pressures: positive, never falling."""
     values = law.stiffness_at(np.geomspace(*pressure_range, POINTS))
     return (
         Check("sign", _worst(-values, values)),
@@ -192,13 +192,13 @@ def _check_stiffness(law: StiffnessLaw, pressure_range: tuple[float, float]) -> 
 
 
 def _size(values: np.ndarray) -> float:
-    """Return the largest absolute value, 1 if all are zero, NaN if one is not finite."""
+    """Return the largest absolute value, 1 if all are zero, NaN if any is not finite."""
     largest = float(np.max(np.abs(values)))
     return largest if largest > 0.0 else 1.0
 
 
 def _worst(violation: np.ndarray, values: np.ndarray) -> float:
-    """Largest violation relative to the largest value; NaN if anything is not finite."""
+    """Return the largest violation over the largest value; NaN if anything is not finite."""
     if not (np.all(np.isfinite(violation)) and np.all(np.isfinite(values))):
         return float("nan")
     return float(np.max(violation)) / _size(values)

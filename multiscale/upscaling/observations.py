@@ -1,4 +1,4 @@
-"""What laws are fitted to: values of one quantity at known conditions, by realisation."""
+"""Observations that laws are fitted to: values of a quantity at conditions, by realisation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 ALLOWED = 0.1
-"""Distance of a law from an observation over its scale, beside the scatter, up to which it fits."""
+"""Largest distance of a fitting law from an observation, over its scale, besides the scatter."""
 
 TWO_SIDED = 1.96  # standard deviations to 95 %
 
@@ -31,10 +31,10 @@ _P = {"pressure": "Pa"}
 
 @dataclass(frozen=True)
 class Quantity:
-    """One kind of observation."""
+    """A kind of observation."""
 
     unit: str  # UDUNITS spelling
-    conditions: Mapping[str, str]  # what the values depend on, pressure first, and the units
+    conditions: Mapping[str, str]  # variables that the values depend on, pressure first, and units
     predict: Callable[..., np.ndarray]  # value of a law, from the law and the conditions
     variable: str  # name of the mean values in a dataset of the law
 
@@ -60,14 +60,14 @@ QUANTITIES: dict[str, Quantity] = {
         "m", _P | {"peak_pressure": "Pa"}, lambda law, *at: law.recovery(*at), "fit_recovery"
     ),
 }
-"""What can be observed, by name."""
+"""Quantities that can be observed, by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Distances of a law from what it was fitted to."""
+    """Distances of a law from its observations."""
 
-    what: str  # the law and what was observed, such as "the bed misses the shear"
+    text: str  # names the law and the observation, such as "the bed misses the shear"
     pressure: np.ndarray  # (points,), Pa
     distance: np.ndarray  # (points,), law less observation, over the scale of the observation
     scatter: np.ndarray | float = 0.0  # standard deviation of the mean observation over its scale
@@ -79,34 +79,34 @@ class Misfit:
         return np.asarray(~(np.abs(self.distance) <= allowed))
 
     def judge(self, advice: str) -> list[str]:
-        """Return a caution that names the pressures which the law misses; none if it fits."""
+        """Return a caution with the pressures that the law misses, empty if it fits."""
         if not self.missed.any():
             return []
         largest = 100.0 * float(np.max(np.abs(self.distance[self.missed])))
         at = list_pressures(self.pressure[self.missed])
-        return [f"{self.what} by up to {largest:.3g} % at {at}; {advice}"]
+        return [f"{self.text} by up to {largest:.3g} % at {at}; {advice}"]
 
 
 def list_pressures(pressure: np.ndarray) -> str:
-    """Write pressures, Pa, in rising order: all of up to five, else how many between which."""
-    told = [readable(f"{one:.4g} Pa") for one in np.unique(pressure)]
-    if len(told) > 5:
-        return f"{len(told)} pressures from {told[0]} to {told[-1]}"
-    return f"{', '.join(told[:-1])} and {told[-1]}" if len(told) > 1 else told[0]
+    """Write pressures, Pa, in rising order: all of up to five, else their number and range."""
+    texts = [readable(f"{value:.4g} Pa") for value in np.unique(pressure)]
+    if len(texts) > 5:
+        return f"{len(texts)} pressures from {texts[0]} to {texts[-1]}"
+    return f"{', '.join(texts[:-1])} and {texts[-1]}" if len(texts) > 1 else texts[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Values of one quantity."""
+    """Values of a quantity."""
 
     quantity: str  # a key of QUANTITIES
     conditions: tuple[np.ndarray, ...]  # each (points,), in the order of the quantity, SI
     values: np.ndarray  # (realisations, points), SI
     counted: np.ndarray  # (realisations, points), which values exist
-    scale: np.ndarray  # (points,), what an error of the mean is measured by, SI
+    scale: np.ndarray  # (points,), an error of the mean is relative to it, SI
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)  # for the law
     order: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))  # places in the data
-    independent: bool = False  # whether errors of the points of a realisation are
+    independent: bool = False  # whether errors at the points of a realisation are independent
     control: Control | None = None  # mean by many cheap values too
 
     @property
@@ -121,7 +121,7 @@ class Observations:
 
     @property
     def n_further(self) -> int:
-        """Number of cheap values of a control beside those of the realisations."""
+        """Number of cheap values of a control besides the paired values."""
         return 0 if self.control is None else len(self.control.cheap) - self.n_realisations
 
     @property
@@ -130,17 +130,17 @@ class Observations:
         return np.where(self.counted, self.values, np.nan)
 
     @property
-    def parts(self) -> "tuple[tuple[Observations, int], ...]":
-        """Ensembles whose means add up independently to the mean, and the freedom of each.
+    def ensembles(self) -> "tuple[tuple[Observations, int], ...]":
+        """Ensembles with independent means that add up to the mean, and the freedom of each.
 
-        One alone; with a control the residuals of the pairs, and the cheap values, each about the
-        mean.
+        A single ensemble; with a control the residuals of the pairs, and the cheap values, each
+        about the mean.
         """
         if self.control is None:
             return ((self, self.n_realisations - 1),)
         return tuple(
-            (replace(self, values=one, counted=np.isfinite(one), control=None), freedom)
-            for one, freedom in self.control.parts
+            (replace(self, values=values, counted=np.isfinite(values), control=None), freedom)
+            for values, freedom in self.control.ensembles
         )
 
     @property
@@ -158,27 +158,27 @@ class Observations:
     def scatter(self) -> np.ndarray:
         """Standard deviation of the mean over the scale, shape (points,); NaN if it is unknown."""
         square = np.zeros(self.pressure.size)
-        for one, freedom in self.parts:
-            n = one.counted.sum(axis=0)
-            known = (n > 1) & (freedom > 0)
-            away = np.where(one.counted, one.values - one.values.mean(0, where=one.counted), 0.0)
-            variance = np.sum(away**2, axis=0) / np.maximum(n * (n - 1), 1)
-            square += np.where(known, variance, np.nan)
+        for ensemble, freedom in self.ensembles:
+            values, counted = ensemble.values, ensemble.counted
+            n = counted.sum(axis=0)
+            spread = np.where(counted, values - values.mean(0, where=counted), 0.0)
+            variance = np.sum(spread**2, axis=0) / np.maximum(n * (n - 1), 1)
+            square += np.where((n > 1) & (freedom > 0), variance, np.nan)
         size = np.abs(self.scale)
         return np.asarray(np.divide(np.sqrt(square), size, out=0.0 * size, where=size > 0.0))
 
-    def misses(self, law: object, what: str) -> Misfit:
+    def misses(self, law: object, text: str) -> Misfit:
         """Return the distances of a law from the mean values."""
         predicted = QUANTITIES[self.quantity].predict(law, *self.conditions)
         distance = np.divide(
             predicted - self.mean, self.scale, out=0.0 * self.mean, where=self.scale != 0.0
         )
-        return Misfit(what, self.pressure, distance, self.scatter)
+        return Misfit(text, self.pressure, distance, self.scatter)
 
     def at(self, points: slice | np.ndarray) -> "Observations":
         """Return the observations at some of the points."""
         control = None if self.control is None else self.control.at(points)
-        conditions = tuple(one[points] for one in self.conditions)
+        conditions = tuple(condition[points] for condition in self.conditions)
         some = replace(
             self,
             conditions=conditions,
@@ -190,11 +190,11 @@ class Observations:
         return replace(some, scale=error_scale(self.quantity, conditions, some.mean))
 
     def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean values of samples, and their weights, (samples, points).
+        """Return mean values of samples, and their weights, (samples, points).
 
-        ``counts``, shape (samples, realisations), say how often each realisation, and then each
-        further cheap value of a control, counts. The weight is the share of the values that the
-        sample has, 1 on average; the mean is 0 where it has none.
+        ``counts``, shape (samples, realisations), are the multiplicities of each realisation, and
+        then of each further cheap value of a control. The weight is the share of the values in the
+        sample, 1 on average; the mean is 0 where there are none.
         """
         if self.control is not None:
             return self.control.means(counts)
@@ -210,7 +210,7 @@ def observe(
     values: np.ndarray,
     **attributes: str | float | int,
 ) -> Observations:
-    """Make observations from plain arrays.
+    """Build observations from plain arrays.
 
     Parameters
     ----------
@@ -237,22 +237,25 @@ def observe(
     x = tuple(np.asarray(condition, dtype=float) for condition in conditions)
     y = np.atleast_2d(np.asarray(values, dtype=float))
     names = list(QUANTITIES[quantity].conditions)
-    if len(x) != len(names) or any(part.shape != y.shape[1:] for part in x):
+    if len(x) != len(names) or any(condition.shape != y.shape[1:] for condition in x):
         raise CaseError(
-            f"{quantity} depends on {' and '.join(names)}, each with one entry per observed point "
-            f"({y.shape[1]}); got shapes {', '.join(str(part.shape) for part in x)}"
+            f"{quantity} depends on {' and '.join(names)}, each with an entry per observed point "
+            f"({y.shape[1]}); got shapes {', '.join(str(condition.shape) for condition in x)}"
         )
-    for name, part in zip(names, x, strict=True):
-        if not (np.all(np.isfinite(part)) and np.all(part >= 0.0 if name == "speed" else part > 0)):
+    for name, values in zip(names, x, strict=True):
+        allowed = values >= 0.0 if name == "speed" else values > 0.0
+        if not np.all(np.isfinite(values) & allowed):
             raise CaseError(
                 f"{name} must be positive and finite "
-                f"({QUANTITIES[quantity].conditions[name]}), got {float(np.min(part)):g}"
+                f"({QUANTITIES[quantity].conditions[name]}), got {float(np.min(values)):g}"
             )
+    # only realisations and points with values, in rising order of the conditions
     counted = np.isfinite(y)
     rows, columns = counted.any(axis=1), counted.any(axis=0)
     order = np.lexsort(x[::-1])
     order = order[columns[order]]
-    x, y, counted = tuple(part[order] for part in x), y[rows][:, order], counted[rows][:, order]
+    x = tuple(condition[order] for condition in x)
+    y, counted = y[rows][:, order], counted[rows][:, order]
     if not y.size:
         raise CaseError(f"no value of {quantity} was observed; all are missing")
     mean = np.where(counted, y, 0.0).sum(axis=0) / counted.sum(axis=0)
@@ -262,7 +265,7 @@ def observe(
 
 
 def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:
-    """Refuse values that no law of the quantity has."""
+    """Refuse values outside the range of the quantity."""
     unit = QUANTITIES[quantity].unit
     if quantity != "gap" and not np.all(mean > 0.0):
         at = int(np.argmin(mean))
@@ -287,7 +290,7 @@ def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:
 
 
 def error_scale(quantity: str, x: tuple[np.ndarray, ...], mean: np.ndarray) -> np.ndarray:
-    """Return what an error is measured by, see :class:`Observations`."""
+    """Return the scale of the errors, see :class:`Observations`."""
     if quantity == "recovery":  # recovery of the same branch at its lowest pressure
         return np.array([mean[x[1] == peak].max() for peak in x[1]])
     if quantity != "gap":

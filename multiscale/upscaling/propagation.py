@@ -1,7 +1,8 @@
 r"""From the sources of error of a computation to the error budget of its answers.
 
-With the relative change :math:`s_{k}` of an answer over the change of a parameter :math:`k`, whose
-half-width is :math:`w_{kt}` by the term :math:`t`, the half-width of the answer by that term is
+With the relative change :math:`s_{k}` of an answer over the change of a parameter :math:`k`, and
+the half-width :math:`w_{kt}` of the parameter by the term :math:`t`, the half-width of the answer
+by that term is
 
 .. math:: w_t^2 = \sum_k (s_k\, w_{kt})^2.    \tag{1}
 """
@@ -56,7 +57,7 @@ STRETCH = 0.02
 
 FEWEST_SAMPLES = 40  # for a percentile interval
 
-NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error has a part in it") | {
+NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
     STATED: NO_STATED.how,
     MACRO: "not known: nothing was solved on a coarser mesh",
 }
@@ -83,7 +84,7 @@ class Source(ABC):
 
     @abstractmethod
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
-        """Return the terms of the budget by this source, from the answers and the changed ones."""
+        """Return the terms of the budget by this source, from the answers and changed answers."""
 
     def sensitivity(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> np.ndarray | None:
         """Return the relative change of the answers by the half-width of a parameter."""
@@ -153,14 +154,14 @@ class Samples(Source):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Knob(Source):
-    """A setting whose coarser values are solved, one for each change.
+    """A setting of accuracy, with an answer at a coarser value for each change.
 
     Attributes
     ----------
-    ratios : sequence of float, spacings of the coarser values over that of the answers
+    ratios : sequence of float, spacings of the coarser values over the spacing of the answers
     term : str, term of the budget
     share : ndarray, shape (answers, steps), optional
-        Share of the change by the only coarser value that the answers err at most; without it the
+        Largest error of the answers over the change by the only coarser value; without it the
         error follows from the ratios, see :func:`estimate_grid_error`.
     how : str, how the share was estimated, if a text is needed
     """
@@ -182,7 +183,7 @@ class Knob(Source):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Correction(Source):
-    """A term with a known sign: its only change are the inputs without that error."""
+    """A term with a known sign; its only change is the inputs without that error."""
 
     term: str
 
@@ -194,7 +195,7 @@ class Correction(Source):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bound(Source):
-    """Errors of the answers that are computed; a term without half-width is an unknown one."""
+    """Computed errors of the answers; a term without half-width is unknown."""
 
     bounds: Mapping[str, Term]
 
@@ -221,9 +222,9 @@ def propagate(
     names : str or sequence of str, names of the answers, such as ``"joint_stiffness"``
     sources : sequence of Source
         See :func:`law_sources` for the sources of an interface law.
-    solve : callable, optional, from a change of a source to what ``read`` takes
+    solve : callable, optional, from a change of a source to the argument of ``read``
         Workers of an executor must be able to import it. Not needed where all answers are known.
-    value : ndarray, shape (answers, steps) or (steps,) of one answer, any units, optional
+    value : ndarray, shape (answers, steps) or (steps,) of a single answer, any units, optional
         Answers without a change; solved with ``base`` if not given.
     base : object, optional, inputs without a change
     read : callable, from a result of ``solve`` to the answers, shaped as ``value``
@@ -234,10 +235,11 @@ def propagate(
     -------
     Dataset
         Follows ``ERROR_BUDGET``, with a quantity for each answer. Half-widths add as squares and
-        biases with their signs. A term that a source does not know at a step makes the total NaN
-        there; a term that a source does not know at all does so if it is one of ``ALWAYS``. The
+        biases with their signs. A term that is unknown to a source at a step makes the total NaN
+        there; so does a term of ``ALWAYS`` that is unknown to a source at all steps. The
         ``sensitivity`` is by the parameters among the sources.
     """
+    # the computations that are needed
     names = (names,) if isinstance(names, str) else tuple(names)
     jobs: dict[tuple[int, int], Any] = {} if value is not None else {(-1, 0): base}
     for k, source in enumerate(sources):
@@ -256,7 +258,8 @@ def propagate(
         run_jobs(solve, ((key, (change,)) for key, change in jobs.items()), executor, finish)
     value = solved[-1, 0] if value is None else _rows(value, names)
 
-    parts: dict[str, list[tuple[str, Term]]] = {term: [] for term in ERROR_TERMS}
+    # the terms and the sensitivity by each source
+    contributions: dict[str, list[tuple[str, Term]]] = {term: [] for term in ERROR_TERMS}
     labels, sensitivities = list[str](), list[np.ndarray]()
     for k, source in enumerate(sources):
         if source.answers is None:
@@ -264,12 +267,12 @@ def propagate(
         else:
             changed = [_rows(answer, names) for answer in source.answers]
         for name, term in source.terms(value, changed).items():
-            parts[name].append((source.of, term))
+            contributions[name].append((source.of, term))
         sensitivity = source.sensitivity(value, changed)
         if sensitivity is not None:
             labels.append(": ".join(filter(None, (source.of, source.name))))
             sensitivities.append(sensitivity)
-    terms = {name: _add(name, listed, value.shape) for name, listed in parts.items()}
+    terms = {name: _add(name, listed, value.shape) for name, listed in contributions.items()}
     budget = assemble_budget(terms, names, None, steps=value.shape[1])
     if not sensitivities:
         return budget
@@ -278,26 +281,26 @@ def propagate(
 
 
 def _rows(answer: Any, names: Sequence[str]) -> np.ndarray:
-    """Return answers as rows over the steps, one for each name."""
+    """Return answers as rows over the steps, a row for each name."""
     return np.reshape(np.asarray(answer, dtype=float), (len(names), -1))
 
 
-def _add(name: str, parts: Sequence[tuple[str, Term]], shape: tuple[int, ...]) -> Term:
-    """Add what sources contribute to a term, by the objects that they belong to."""
-    how = _join(name, parts)
-    if name in ALWAYS and not parts:
+def _add(name: str, listed: Sequence[tuple[str, Term]], shape: tuple[int, ...]) -> Term:
+    """Add the contributions of sources to a term, with the objects that they belong to."""
+    how = _join(name, listed)
+    if name in ALWAYS and not listed:
         return Term(how, np.zeros(shape))
-    bias = sum(np.asarray(term.bias) for _, term in parts)
-    known = [term.half_width for _, term in parts if term.half_width is not None]
-    if not known or (name in ALWAYS and len(known) < len(parts)):
+    bias = sum(np.asarray(term.bias) for _, term in listed)
+    widths = [term.half_width for _, term in listed if term.half_width is not None]
+    if not widths or (name in ALWAYS and len(widths) < len(listed)):
         return Term(how, None, bias)
-    return Term(how, np.sqrt(sum(np.square(half) for half in known)) * np.ones(shape), bias)
+    return Term(how, np.sqrt(sum(np.square(half) for half in widths)) * np.ones(shape), bias)
 
 
-def _join(name: str, parts: Sequence[tuple[str, Term]]) -> str:
-    """Join the texts of a term; objects without the term have none beside those with it."""
+def _join(name: str, contributions: Sequence[tuple[str, Term]]) -> str:
+    """Join the texts of a term; objects without the term are named only if all lack it."""
     texts: dict[str, dict[str, None]] = {}
-    for of, term in parts:
+    for of, term in contributions:
         if term.how:
             texts.setdefault(of, {})[term.how] = None
     if not texts:
@@ -325,28 +328,28 @@ def law_sources(
 
     Parameters
     ----------
-    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`
+    law : Dataset, follows ``INTERFACE_LAW`` and has its budget; see :func:`with_budget`
     pressure : ndarray, shape (steps,), optional
-        Pressure of the interface at each step, Pa, at which the errors of the law count; their
-        root mean square over its data if not given.
+        Pressure of the interface at each step, Pa, where the errors of the law are evaluated; their
+        root mean square over the data if not given.
     of : str, optional, name of the interface
-    change : callable, optional, makes the change of a :class:`Source` from a changed normal law
+    change : callable, optional, from a changed normal law to the change of a :class:`Source`
     samples : int
-        Number of bootstrap samples of the law that are solved; with fewer than 40, sampling enters
-        as the other terms do.
-    drawn : sequence of ndarray, shape (answers, steps), optional, answers that samples have
+        Number of bootstrap samples of the law to solve; with fewer than 40, sampling enters as the
+        other terms do.
+    drawn : sequence of ndarray, shape (answers, steps), optional, known answers of samples
 
     Returns
     -------
     list of Source
-        The terms of the gap enter by the change of the answers where all gaps are larger, those of
+        The terms of the gap enter by the change of the answers where all gaps are larger, terms of
         the stiffness where the law is softer about the mean pressure, biases by a law of free form
         through the gaps without them.
 
     Raises
     ------
     CaseError
-        If the law carries no budget.
+        If the law has no budget.
     """
     if not has_budget(law):
         raise CaseError(
@@ -357,15 +360,16 @@ def law_sources(
     data, known = law["fit_pressure"].to_numpy(), known_terms(law)
     count = min(samples, int(law.sizes.get("sample", 0)))
     draws = fitted_laws(law, range(count if count >= FEWEST_SAMPLES else 0))
+    # sampling, by bootstrap samples of the law or as the other terms
     sampled: list[Source] = []
     if draws or (drawn is not None and len(drawn)):
         count = len(draws) if drawn is None else len(drawn)
-        told = f"{count} bootstrap samples of the law"
-        changes = [change(one) for one in draws] if drawn is None else ()
-        sampled.append(Samples(name="samples", of=of, changes=changes, answers=drawn, how=told))
+        how = f"{count} bootstrap samples of the law"
+        changes = [change(sample) for sample in draws] if drawn is None else ()
+        sampled.append(Samples(name="samples", of=of, changes=changes, answers=drawn, how=how))
 
     def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
-        """Half-widths of a quantity of the law at the pressures, by terms that it knows."""
+        """Return half-widths of a quantity of the law at the pressures, by known terms."""
         widths: dict[str, np.ndarray | float] = {}
         for term in known:
             half = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * unit
@@ -376,8 +380,9 @@ def law_sources(
             widths.pop("sampling", None)
         return widths
 
+    # unknown terms, larger gaps, a softer law, and gaps without the biases
     bounds = {}
-    for term in ERROR_TERMS[:-1]:  # the last one is not of a law
+    for term in ERROR_TERMS[:-1]:  # the last term is not of a law
         if not (sampled and term == "sampling"):
             how = str(law.attrs[how_attribute(term)])
             bounds[term] = Term(how, np.zeros(()) if term in known else None)
@@ -392,8 +397,10 @@ def law_sources(
         bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
         if np.any(bias):
             unbiased = observe("gap", data, gap * (1.0 - bias))
-            less = change(fit_each(unbiased, unbiased.values)[0])
-            corrections.append(Correction(name=f"bias by {term}", of=of, changes=[less], term=term))
+            corrected = change(fit_each(unbiased, unbiased.values)[0])
+            corrections.append(
+                Correction(name=f"bias by {term}", of=of, changes=[corrected], term=term)
+            )
     return [
         Bound(name="budget of the law", of=of, bounds=bounds),
         Uncertainty(

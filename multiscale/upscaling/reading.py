@@ -41,18 +41,18 @@ TABLE = "table"
 def law_from_dataset(
     dataset: Dataset, sample: int | None = None, *, family: Family | None = None
 ) -> NormalLaw:
-    """Make the normal law of a dataset.
+    """Build the normal law of a dataset.
 
     Parameters
     ----------
     dataset : Dataset, follows ``INTERFACE_LAW``
     sample : int, optional, which bootstrap sample; the mean law if not given
-    family : Family, optional, the user's own family, if the law is not of a built-in one
+    family : Family, optional, defined by the user, if the law is not of a built-in family
 
     Raises
     ------
     CaseError
-        If the dataset holds no normal law, an unknown family, or not this sample.
+        If the dataset has no normal law, an unknown family, or not this sample.
     """
     law = fitted_law(dataset, sample, family=family)
     if not isinstance(law, NormalLaw):
@@ -63,14 +63,14 @@ def law_from_dataset(
 
 
 def fitted_law(dataset: Dataset, sample: int | None = None, *, family: Family | None = None) -> Any:
-    """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`."""
+    """Build the law of a dataset, of any quantity; arguments as for :func:`law_from_dataset`."""
     return fitted_laws(dataset, [sample], family=family)[0]
 
 
 def fitted_laws(
     dataset: Dataset, samples: Sequence[int | None], *, family: Family | None = None
 ) -> list[Any]:
-    """Make several laws of a dataset, which is checked and read once; see :func:`fitted_law`."""
+    """Build several laws of a dataset, which is checked and read once; see :func:`fitted_law`."""
     INTERFACE_LAW.check(dataset)
     name = dataset.attrs.get("family", "convex_decreasing")
     ends = dataset.attrs
@@ -81,8 +81,8 @@ def fitted_laws(
         coefficients = pick(dataset, "coefficient", samples)
         limit = float(ends.get("pressure_limit", np.inf))
         return [
-            ConvexDecreasing(knot, one, pressure_range=data, pressure_limit=limit)
-            for one in coefficients
+            ConvexDecreasing(knot, coefficient, pressure_range=data, pressure_limit=limit)
+            for coefficient in coefficients
         ]
     if name == TABLE:
         require_law(dataset, "table_pressure", "table_gap")
@@ -109,19 +109,19 @@ def fitted_laws(
     except TypeError:
         raise CaseError(
             f"{type(laws[0]).__name__} has no place for the pressures of its data: make it a "
-            f"dataclass with the fields gap and pressure_range, as NormalLaw says"
+            f"dataclass with the fields gap and pressure_range, as NormalLaw documents"
         ) from None
 
 
 def friction_at(law: Dataset, temperature: float) -> BellFriction:
-    """Friction law at a temperature, K, from a fitted bell; other laws are refused."""
+    """Return the friction law at a temperature, K, from a fitted bell; other laws are refused."""
     return frictions_at(law, temperature, [None])[0]
 
 
 def frictions_at(
     law: Dataset, temperature: float, samples: Sequence[int | None]
 ) -> list[BellFriction]:
-    """Make the mean law (None) and samples of it; see :func:`friction_at`."""
+    """Build the mean law (None) and samples of it; see :func:`friction_at`."""
     bells = fitted_laws(law, samples)
     if not isinstance(bells[0], BellFriction):
         raise CaseError(
@@ -135,16 +135,16 @@ def frictions_at(
 
 
 def area_from_dataset(dataset: Dataset, sample: int | None = None) -> AreaLaw:
-    """Make the area law of a dataset; see :func:`law_from_dataset`."""
+    """Build the area law of a dataset; see :func:`law_from_dataset`."""
     return areas_from_dataset(dataset, [sample])[0]
 
 
 def areas_from_dataset(dataset: Dataset, samples: Sequence[int | None]) -> list[AreaLaw]:
-    """Make several area laws of a dataset, which is checked and read once."""
+    """Build several area laws of a dataset, which is checked and read once."""
     INTERFACE_LAW.check(dataset)
     require_law(dataset, "area_pressure", "area_fraction")
     p = dataset["area_pressure"].to_numpy()
-    return [AreaLaw(p, one) for one in pick(dataset, "area_fraction", samples)]
+    return [AreaLaw(p, fraction) for fraction in pick(dataset, "area_fraction", samples)]
 
 
 def law_band(
@@ -154,7 +154,7 @@ def law_band(
     confidence: float = 0.95,
     family: Family | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interval of an answer of a law, from its bootstrap samples.
+    """Return the interval of an answer of a law, from its bootstrap samples.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def law_band(
 
 
 def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
-    """Say why the samples of a law tell no band of a confidence; nothing if they do."""
+    """Return why the samples of a law are too few for a band; empty if they suffice."""
     require_law(dataset, "n_realisations", "uncertainty")
     n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
     by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
@@ -209,7 +209,7 @@ def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
 
 
 def require_law(dataset: Dataset, *names: str) -> None:
-    """Refuse a law that lacks variables or attributes, as one of an earlier version may."""
+    """Refuse a law that lacks variables or attributes, as laws of earlier versions may."""
     missing = [name for name in names if name not in {**dataset.variables, **dataset.attrs}]
     if missing:
         place = dataset.encoding.get("source", "the law")
@@ -223,7 +223,7 @@ def require_law(dataset: Dataset, *names: str) -> None:
 def pick(
     dataset: Dataset, name: str, samples: Sequence[int | None], *, of: str = "law"
 ) -> list[np.ndarray]:
-    """Values of the mean (None) and of samples, of the law or of its unloading."""
+    """Return values of the mean (None) and of samples, of the law or of its unloading."""
     n_samples = int(dataset.sizes.get("sample" if of == "law" else f"{of}_sample", 0))
     for sample in samples:
         if sample is not None and not 0 <= sample < n_samples:

@@ -27,7 +27,7 @@ DIFFERENCE = 1e-7  # of a coordinate, for the derivative
 SMALLEST = 1e-300
 SETTLED = 1e-8  # largest step, in the coordinates, of a problem that is settled
 FLAT = 1e-12  # fall of the squares by a step, over them, of a problem that is settled
-LEAST_DAMPING = 1e-12  # keeps (1) regular where the data do not tell parameters apart
+LEAST_DAMPING = 1e-12  # keeps (1) regular where the data do not distinguish parameters
 MAX_ITERATIONS = 100
 
 BY_REALISATION = "bootstrap over realisations"
@@ -39,7 +39,7 @@ NONE = "none: too few realisations or no samples asked for, so the scatter is no
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    r"""The fit of one family to one set of conditions; made by :func:`regression_of`.
+    r"""The fit of a family to a set of conditions; built by :func:`regression_of`.
 
     Notes
     -----
@@ -50,29 +50,29 @@ class Regression:
 
     by the method of Levenberg and Marquardt in MINPACK. A parameter with a lower end :math:`a` of
     its range is :math:`a + (\theta_0 - a) e^x`, so that :math:`x` is free and has no unit. A
-    measured stiffness leaves the datum of the gap open: one more term puts zero gap to the largest
-    pressure.
+    measured stiffness leaves the datum of the gap open: a further term sets a zero gap at the
+    largest pressure.
     """
 
     family: Family
     observations: Observations
     scale: np.ndarray  # (points,), s_j
     weights: np.ndarray  # (points,), w_j, not negative
-    held: Mapping[str, float]  # values that the data decide, SI
+    held: Mapping[str, float]  # values that follow from the data, SI
     free: tuple[str, ...]
-    start: Mapping[str, float]  # where the fit of the mean starts, SI
+    start: Mapping[str, float]  # initial parameters of the fit of the mean, SI
 
     def solve(
         self, mean: np.ndarray, weight: np.ndarray, start: Mapping[str, float] | None = None
     ) -> dict[str, float]:
-        """Fit the mean values of one sample, shape (points,), with its own weights."""
+        """Fit the mean values of a sample, shape (points,), with its weights."""
         from scipy.optimize import leastsq
 
         origin = self.start if start is None else start
         if not self.free:
             return dict(origin)
         share = np.sqrt(self.weights * weight)
-        # a restart shakes the iteration out of a flat start
+        # a second start, if the iteration does not leave a flat region
         for x0 in (np.zeros(len(self.free)), np.full(len(self.free), 0.3)):
             x, _, _, _, status = leastsq(
                 lambda x: self._residual(x, origin, mean, share),
@@ -83,7 +83,7 @@ class Regression:
                 full_output=True,
             )
             if status in (1, 2, 3, 4):
-                return {name: float(one) for name, one in self._parameters(x, origin).items()}
+                return {name: float(value) for name, value in self._parameters(x, origin).items()}
         raise ConvergenceError(
             f"the fit of the family {self.family.name!r} did not settle; fix a parameter that the "
             f"data do not decide ({', '.join(self.free)}), or choose another family"
@@ -92,10 +92,11 @@ class Regression:
     def solve_many(
         self, means: np.ndarray, weights: np.ndarray, start: Mapping[str, float]
     ) -> list[dict[str, float] | None]:
-        """Fit the mean values of many samples, shape (samples, points), from one start."""
+        """Fit the mean values of many samples, shape (samples, points), from the same start."""
         if not (self.free and len(means)):
             return [dict(start) for _ in means]
-        found: list[dict[str, float] | None] = [None] * len(means)
+        # all samples at once, then those that did not settle
+        fits: list[dict[str, float] | None] = [None] * len(means)
         if self.family.broadcasts:
             share = np.sqrt(self.weights * weights)
             x, settled = _solve_many(
@@ -106,32 +107,32 @@ class Regression:
                 for name, column in self._parameters(x, start).items()
             }
             for k in map(int, np.flatnonzero(settled)):
-                found[k] = {name: column[k] for name, column in columns.items()}
-        for k, one in enumerate(found):
-            if one is None:
+                fits[k] = {name: column[k] for name, column in columns.items()}
+        for k, fit in enumerate(fits):
+            if fit is None:
                 with suppress(CaseError, ConvergenceError):
-                    found[k] = self.solve(means[k], weights[k], start)
-        return found
+                    fits[k] = self.solve(means[k], weights[k], start)
+        return fits
 
     def law(self, parameters: Mapping[str, Any]) -> object:
         """Return the law with these parameters."""
         return self.family.make(**{**self.held, **parameters})
 
     def predict(self, parameters: Mapping[str, Any]) -> np.ndarray:
-        """Values at the conditions, SI."""
-        seen = self.observations
-        value = QUANTITIES[seen.quantity].predict(self.law(parameters), *seen.conditions)
+        """Evaluate the quantity at the conditions, SI."""
+        observed = self.observations
+        value = QUANTITIES[observed.quantity].predict(self.law(parameters), *observed.conditions)
         return np.asarray(value)
 
     def _residual(
         self, x: np.ndarray, origin: Mapping[str, float], mean: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
-        """Terms of (1) before they are squared; one row for each row of x and mean."""
+        """Evaluate the terms of (1) before they are squared, in rows as x and mean."""
         parameters = self._parameters(x, origin)
         open_datum = self.observations.quantity == "normal_stiffness"
         try:
             error = share * (self.predict(parameters) - mean) / self.scale
-        except CaseError:  # outside what the law accepts
+        except CaseError:  # outside the range of the law
             return np.full((*mean.shape[:-1], mean.shape[-1] + open_datum), REFUSED)
         if not np.all(np.isfinite(error)):
             error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
@@ -144,9 +145,9 @@ class Regression:
         return np.concatenate([error, gap / decay], axis=-1)
 
     def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Parameters at the free coordinates, shape (..., free), which are zero at the origin.
+        """Return the parameters at free coordinates, shape (..., free), zero at the origin.
 
-        One number each for one row of coordinates, else a column that broadcasts with the points.
+        Numbers for a single row of coordinates, else columns that broadcast with the points.
         """
         x = np.asarray(x)
         columns = x if x.ndim == 1 else np.moveaxis(x, -1, 0)[..., None]
@@ -194,7 +195,7 @@ def regression_of(
 
 
 def _move(parameter: Parameter, origin: float, step: np.ndarray) -> np.ndarray:
-    """Leave the origin by a step of a free coordinate, inside the range."""
+    """Move a parameter from the origin by a step of its free coordinate, inside the range."""
     low, step = parameter.lower, np.clip(step, -FARTHEST, FARTHEST)
     if isinf(low):
         return np.asarray(origin + step * (abs(origin) or 1.0))
@@ -204,7 +205,7 @@ def _move(parameter: Parameter, origin: float, step: np.ndarray) -> np.ndarray:
 def _solve_many(
     residual: Callable[[np.ndarray], np.ndarray], shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Minimise the squares of many residuals of one form by the method of Levenberg and Marquardt.
+    r"""Minimise the squares of many residuals at once by the method of Levenberg and Marquardt.
 
     Notes
     -----
@@ -212,13 +213,14 @@ def _solve_many(
 
     .. math:: (J^T J + \lambda\, \mathrm{diag}\, J^T J)\, s = -J^T r,    \tag{1}
 
-    and each problem has its own :math:`\lambda`, divided by ten after a step that lowers its
-    squares and multiplied by ten after one that does not and is taken back.
+    and each problem has a separate :math:`\lambda`, divided by ten after a step that lowers its
+    squares and multiplied by ten after a step that does not, which is rejected.
     """
     n, k = shape
     x, damping, settled = np.zeros(shape), np.full(n, 1e-4), np.zeros(n, dtype=bool)
     r = residual(x)
     for _ in range(MAX_ITERATIONS):
+        # derivative by differences, and the damped step (1)
         moved = [residual(x + DIFFERENCE * axis) for axis in np.eye(k)]
         jacobian = (np.stack(moved, axis=-1) - r[..., None]) / DIFFERENCE
         normal = np.einsum("spi,spj->sij", jacobian, jacobian)
@@ -227,9 +229,10 @@ def _solve_many(
         damped = normal + np.eye(k) * (damping[:, None] * np.maximum(diagonal, floor))[:, None]
         gradient = np.einsum("spi,sp->si", jacobian, r)
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]  # (1)
+        # accept the step where the squares fall
         trial = residual(x + step)
         small = np.max(np.abs(step), axis=1) <= SETTLED
-        squares, changed = (np.sum(one**2, axis=1) for one in (r, trial))
+        squares, changed = (np.sum(rows**2, axis=1) for rows in (r, trial))
         better = changed <= squares
         small |= better & (squares - changed <= FLAT * squares)
         x = np.where((better & ~settled)[:, None], x + step, x)
@@ -254,17 +257,18 @@ def fit_family(
     """Fit the parameters of a family and their samples; unsettled samples are only counted."""
     regression = regression_of(family, observations, fixed, weights)
     mean = observations.mean
-    ones = np.ones(mean.size)
-    best = regression.solve(mean, ones)
+    equal = np.ones(mean.size)  # weights
+    best = regression.solve(mean, equal)
     if observations.quantity not in ("gap", "recovery"):
-        # errors relative to a value that is itself too small would weigh more, and bias the law
+        # errors relative to a measured value that is too small would weigh more, and bias the law
         for _ in range(2):
             regression = replace(regression, scale=regression.predict(best))
-            best = regression.solve(mean, ones, best)
+            best = regression.solve(mean, equal, best)
 
+    # bootstrap samples
     drawn = _sample_means(observations, regression, best, counts, n_samples, seed)
-    found = regression.solve_many(*drawn, best)
-    samples = [sample for sample in found if sample is not None]
+    fits = regression.solve_many(*drawn, best)
+    samples = [fit for fit in fits if fit is not None]
     values: Values = {name: np.array(value) for name, value in best.items()}
     for name in best:
         values[f"{name}_sample"] = np.array([sample[name] for sample in samples])
@@ -274,7 +278,7 @@ def fit_family(
         "parameters": " ".join(family.parameters),
         "held": " ".join(regression.held),
         "fixed": " ".join(fixed),
-        "n_failed_samples": len(found) - len(samples),
+        "n_failed_samples": len(fits) - len(samples),
         "uncertainty": BY_REALISATION if len(counts) else (BY_POINT if samples else NONE),
     }
     return FitResult(values | errors.values, attributes)
@@ -288,13 +292,13 @@ def _sample_means(
     n_samples: int,
     seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean values of the samples and their weights, (samples, points)."""
+    """Draw the mean values of the samples and their weights, (samples, points)."""
     mean = observations.mean[None]
     if len(counts):
         sample, weight = observations.means(counts)
         return mean + observations.widening * np.where(weight > 0.0, sample - mean, 0.0), weight
     n, k = mean.size, len(regression.free)
-    # the points of several specimens are not independent: each is stiffer or softer at all
+    # the points of several specimens are not independent: each is stiffer or softer at all points
     if not (observations.independent and observations.n_realisations == 1):
         return np.empty((0, n)), np.empty((0, n))
     fitted = regression.predict(best)
@@ -307,18 +311,18 @@ def _sample_means(
 def _errors(
     observations: Observations, regression: Regression, best: Mapping[str, float], mean: np.ndarray
 ) -> FitResult:
-    r"""Errors of the fit at its data and of fits that lack one point each; Akaike's criterion.
+    r"""Evaluate the errors of the fit and of fits with a left out point; Akaike's criterion.
 
-    With its correction for few points, of the weighted residuals as independent errors, it is
+    With the correction for few points, of the weighted residuals as independent errors, it is
 
     .. math:: n \ln(R/n) + 2 (k+1) + \frac{2 (k+1)(k+2)}{n - k - 2}.    \tag{1}
     """
     n, k = mean.size, len(regression.free)
     normal = observations.quantity in ("gap", "normal_stiffness")
     judged = np.arange(1, n - 1) if normal else np.arange(n)
-    kept = 1.0 - np.eye(n)[judged]
-    found = regression.solve_many(np.tile(mean, (judged.size, 1)), kept, best)
-    blind = [dict(best) if one is None else one for one in found]
+    used = 1.0 - np.eye(n)[judged]
+    fits = regression.solve_many(np.tile(mean, (judged.size, 1)), used, best)
+    blind = [dict(best) if parameters is None else parameters for parameters in fits]
     fit = (regression.predict(best) - mean) / regression.scale
     total = max(float(np.sum(regression.weights * fit**2)), 1e-24 * n)
     criterion = float("nan")
@@ -328,10 +332,10 @@ def _errors(
     if normal:
         p, law = observations.pressure, regression.law(best)
         gap = mean if observations.quantity == "gap" else integrate_stiffness(p, mean)
-        laws = [regression.law(one) for one in blind]  # a misfit does not decay: share 1
+        laws = [regression.law(parameters) for parameters in blind]
         errors = normal_errors(law, laws, judged, p, gap)
         return FitResult(errors.values, attributes | errors.attributes)
-    error = np.array([regression.predict(one)[j] for j, one in enumerate(blind)])
+    error = np.array([regression.predict(parameters)[j] for j, parameters in enumerate(blind)])
     error = (error - mean) / regression.scale
     attributes |= {"maximum_fit_error": float(np.max(np.abs(fit))), **unseen_errors(error)}
     return FitResult({"fit_error": error}, attributes)

@@ -24,22 +24,22 @@ __all__ = [
 ]
 
 HIGHEST_GAP = 20.0
-"""Mean gap over the rms height above which units are wrong, or a single spike is all contact."""
+"""Mean gap over the rms height above which units are wrong, or a single spike is in contact."""
 
 LIGHT, DEEPEST = 0.05, 5.0
-"""Contact fraction up to which pressing leaves the heights as they are, and valleys, over the rms
-height, that no surface but a scratched one has."""
+"""Contact fraction up to which pressing does not change the heights, and depth of valleys, over the
+rms height, that only scratched surfaces exceed."""
 
-_OWN_ATTRIBUTES = frozenset(
+_FILE_ATTRIBUTES = frozenset(
     {"schema", "schema_version", "Conventions", "source", "history", "environment"}
 )
 
 ROUND_OFF = 1e-6
-"""Mean gap over the rms height that solvers leave where all of a surface touches."""
+"""Mean gap over the rms height, by the tolerance of solvers, where all of a surface touches."""
 
 
 def normal_observations(response: Dataset, control: Dataset | None = None) -> Observations:
-    """Mean gaps of a response at its rising pressures; what failed is left out.
+    """Return the mean gaps of a response at rising pressures, without failed steps.
 
     Parameters
     ----------
@@ -51,16 +51,16 @@ def normal_observations(response: Dataset, control: Dataset | None = None) -> Ob
     Raises
     ------
     CaseError
-        If fewer than three pressures are usable, one occurs twice, or the averaged traction
+        If fewer than three pressures are usable, a pressure occurs twice, or the averaged traction
         contradicts the pressure.
     """
-    found = _observe_response("gap", response, "mean_gap", control)
-    told = with_cautions(response, *_odd_gaps(response, found))
-    return replace(found, attributes=inherited(told))
+    gaps = _observe_response("gap", response, "mean_gap", control)
+    response = with_cautions(response, *_odd_gaps(response, gaps))
+    return replace(gaps, attributes=inherited(response))
 
 
 def area_observations(response: Dataset, control: Dataset | None = None) -> Observations:
-    """Contact fractions of a response; see :func:`normal_observations`.
+    """Return the contact fractions of a response; see :func:`normal_observations`.
 
     Raises
     ------
@@ -68,14 +68,15 @@ def area_observations(response: Dataset, control: Dataset | None = None) -> Obse
         As there, or if a fraction is not between 0 and 1, or falls with the pressure by more than
         chance explains.
     """
-    found = _observe_response("contact_fraction", response, "contact_fraction", control)
-    a, counted = found.values, found.counted
+    areas = _observe_response("contact_fraction", response, "contact_fraction", control)
+    a, counted = areas.values, areas.counted
     wrong = counted & ~((a >= 0.0) & (a <= 1.0))
     if np.any(wrong):
         raise CaseError(
             f"a contact fraction lies between 0 and 1, got {a[wrong][0]:.3g}; divide an area by "
             f"the nominal area, and a percentage by 100"
         )
+    # changes of the fraction that chance does not explain
     both = counted[:, 1:] & counted[:, :-1]
     n = both.sum(axis=0)
     change = np.where(both, np.diff(a, axis=1), 0.0)
@@ -84,13 +85,13 @@ def area_observations(response: Dataset, control: Dataset | None = None) -> Obse
     falls = (n >= 3) & (mean < -5.0 * spread / np.sqrt(np.maximum(n - 1, 1)) - 1e-3)
     if np.any(falls):
         j = int(np.argmax(falls))
-        p = found.pressure
+        p = areas.pressure
         raise CaseError(
             f"the contact fraction falls by {-mean[j]:.2g} from {p[j]:.3g} to {p[j + 1]:.3g} Pa in "
             f"all realisations alike, which no pressing does; check the order of the steps, or "
             f"select one loading branch"
         )
-    return found
+    return areas
 
 
 def _observe_response(
@@ -114,53 +115,53 @@ def _observe_response(
             "a nominal pressure occurs twice in the response; a law is fitted to one loading "
             "branch, so select its steps first"
         )
-    kept = counted[:, steps].any(axis=1)
-    y, mask = values[np.ix_(kept, steps)], counted[np.ix_(kept, steps)]
+    usable = counted[:, steps].any(axis=1)
+    y, mask = values[np.ix_(usable, steps)], counted[np.ix_(usable, steps)]
     both = None
     if control is not None:
-        numbers = response["realisation"].to_numpy()[kept]
+        numbers = response["realisation"].to_numpy()[usable]
         cheap = paired_first(control, numbers, variable, pressure)
         apart = bool(control.attrs.get("pairs_apart", 0))
         both = Control.of(np.where(mask, y, np.nan), cheap, apart=apart)
     mean = np.where(mask, y, 0.0).sum(axis=0) / mask.sum(axis=0)
     scale = error_scale(quantity, (pressure,), mean if both is None else both.mean)
-    told = inherited(response)
-    return Observations(quantity, (pressure,), y, mask, scale, told, steps, control=both)
+    attributes = inherited(response)
+    return Observations(quantity, (pressure,), y, mask, scale, attributes, steps, control=both)
 
 
 def paired_first(
     control: Dataset, numbers: np.ndarray, variable: str, pressure: np.ndarray
 ) -> np.ndarray:
-    """Values of cheap cells under rising pressures, those with the given numbers first; SI.
+    """Return values of cheap cells under rising pressures, SI, first of the given numbers.
 
-    Shape (cheap cells, pressures), NaN where a cell has none. A ``CaseError`` says which numbers or
-    pressures the cheap cells lack.
+    Shape (cheap cells, pressures), NaN where a cell has no value. A ``CaseError`` lists numbers or
+    pressures that the cheap cells lack.
     """
     loading = loading_branch(control)
-    own = loading["nominal_pressure"].to_numpy()
-    at = np.array([int(np.argmin(np.abs(own - p))) for p in pressure])
-    if far := [p for p, j in zip(pressure, at, strict=True) if abs(own[j] - p) > 1e-6 * p]:
+    solved = loading["nominal_pressure"].to_numpy()
+    at = np.array([int(np.argmin(np.abs(solved - p))) for p in pressure])
+    if far := [p for p, j in zip(pressure, at, strict=True) if abs(solved[j] - p) > 1e-6 * p]:
         raise CaseError(
             f"the control cells were not pressed under {far[0]:.4g} Pa, a pressure of the cells; "
             f"press both alike"
         )
-    have = loading["realisation"].to_numpy()
-    if missing := sorted({*numbers.tolist()} - {*have.tolist()}):
+    cheap_numbers = loading["realisation"].to_numpy()
+    if missing := sorted({*numbers.tolist()} - {*cheap_numbers.tolist()}):
         raise CaseError(
             f"the control has no cells of the realisations {missing}, so that they do not pair; "
             f"solve it on the same surfaces, with the same numbers"
         )
-    own_rows = [int(np.flatnonzero(have == k)[0]) for k in numbers]
-    rows = np.array([*own_rows, *np.flatnonzero(~np.isin(have, numbers))])
+    paired = [int(np.flatnonzero(cheap_numbers == k)[0]) for k in numbers]
+    rows = np.array([*paired, *np.flatnonzero(~np.isin(cheap_numbers, numbers))])
     values = np.where(loading["converged"] == 1, loading[variable].to_numpy(), np.nan)
     return np.asarray(values[np.ix_(rows, at)])
 
 
 def usable_steps(response: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Which steps of which realisations count, and the pressure of every step, Pa."""
-    own = -response["traction"].sel(component="n").to_numpy()
+    """Return the usable steps of each realisation, and the pressure of every step, Pa."""
+    normal = -response["traction"].sel(component="n").to_numpy()
     counted = response["converged"].to_numpy() == 1
-    values = {"mean_gap": response["mean_gap"].to_numpy(), "normal traction": own}
+    values = {"mean_gap": response["mean_gap"].to_numpy(), "normal traction": normal}
     values["contact_fraction"] = response["contact_fraction"].to_numpy()
     for name, value in values.items():
         wrong = np.argwhere(counted & ~np.isfinite(value))
@@ -172,7 +173,7 @@ def usable_steps(response: Dataset) -> tuple[np.ndarray, np.ndarray]:
             )
     _check_heights(response, values["mean_gap"], counted)
     total = counted.sum(axis=0)
-    mean = np.where(counted, own, 0.0).sum(axis=0) / np.maximum(total, 1)
+    mean = np.where(counted, normal, 0.0).sum(axis=0) / np.maximum(total, 1)
     if "nominal_pressure" not in response.variables:
         return counted, mean
     pressure = np.asarray(response["nominal_pressure"].to_numpy(), dtype=float)
@@ -196,12 +197,12 @@ def up_to_limit(response: Dataset, law: Dataset) -> Dataset:
 
 
 def loading_branch(response: Dataset) -> Dataset:
-    """Return the steps of a response whose pressure was never reached before."""
+    """Return the steps of a response with a pressure that was not reached before."""
     return response.isel(step=np.flatnonzero(response["branch"] == LOADING))
 
 
 def unloading_observations(response: Dataset, control: Dataset | None = None) -> Observations:
-    """Spring back of a response that was loaded and unloaded, relative to its largest pressures.
+    """Return the spring back of a loaded and unloaded response from its largest pressures.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def unloading_observations(response: Dataset, control: Dataset | None = None) ->
         before it.
     control : Dataset, optional
         As of :func:`normal_observations`, at the pressures of the unloading too. Cheap cells
-        without memory spring back as they were loaded.
+        without history spring back along their loading curve.
 
     Raises
     ------
@@ -226,30 +227,30 @@ def unloading_observations(response: Dataset, control: Dataset | None = None) ->
     if down.size == 0:
         raise CaseError(
             "no step of the response unloads, so that nothing is known of unloading; add "
-            "steps at lower pressures after the largest one"
+            "steps at lower pressures after the largest pressure"
         )
     recovery = gap[:, down] - gap[:, top[down]]
     conditions = (pressure[down], pressure[top[down]])
-    found = observe("recovery", conditions, recovery, **inherited(response))
+    observed = observe("recovery", conditions, recovery, **inherited(response))
     if control is None:
-        return found
+        return observed
     numbers = response["realisation"].to_numpy()[np.isfinite(recovery).any(axis=1)]
-    low, high = (paired_first(control, numbers, "mean_gap", one) for one in found.conditions)
-    return replace(found, control=Control.of(found.masked, low - high))
+    low, high = (paired_first(control, numbers, "mean_gap", p) for p in observed.conditions)
+    return replace(observed, control=Control.of(observed.masked, low - high))
 
 
 def inherited(response: Dataset) -> dict[str, Any]:
-    """Attributes of the response that tell about the surface, as netCDF takes them."""
+    """Return the attributes of the surface in a response, of types that netCDF accepts."""
     plain = {
         name: value.item() if isinstance(value, np.number) else value
         for name, value in response.attrs.items()
-        if name not in _OWN_ATTRIBUTES
+        if name not in _FILE_ATTRIBUTES
     }
     return {name: value for name, value in plain.items() if isinstance(value, str | int | float)}
 
 
 def _check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> None:
-    """Refuse mean gaps above ``HIGHEST_GAP`` rms heights, which no surface keeps open.
+    """Refuse mean gaps above ``HIGHEST_GAP`` rms heights, which no surface supports.
 
     Gaps, m, and which of them exist have the shape (realisations, steps).
     """
@@ -267,13 +268,13 @@ def _check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> N
         )
 
 
-def _odd_gaps(response: Dataset, found: Observations) -> Iterator[str]:
-    r"""Say which mean gaps do not fit heights and contact fractions, by (1).
+def _odd_gaps(response: Dataset, gaps: Observations) -> Iterator[str]:
+    r"""Write cautions on mean gaps that contradict heights and contact fractions, by (1).
 
     Notes
     -----
     Where heights of zero mean and root mean square h end at g, in a share A of the area, and at -v
-    below, the inequalities of Cantelli and of Bhatia and Davis say
+    below, the inequalities of Cantelli and of Bhatia and Davis are
 
     .. math:: g \le h \sqrt{1/A - 1}, \qquad g \ge h^2 / v.    \tag{1}
 
@@ -282,10 +283,10 @@ def _odd_gaps(response: Dataset, found: Observations) -> Iterator[str]:
     """
     if "rms_height" not in response.variables:
         return
-    kept = response.isel(step=found.order)
-    area = kept["contact_fraction"].where(kept["converged"] == 1).mean("realisation").to_numpy()
-    share = found.mean / float(response["rms_height"].mean())
-    p = [readable(f"{one:.3g} Pa") for one in found.pressure]
+    steps = response.isel(step=gaps.order)
+    area = steps["contact_fraction"].where(steps["converged"] == 1).mean("realisation").to_numpy()
+    share = gaps.mean / float(response["rms_height"].mean())
+    p = [readable(f"{pressure:.3g} Pa") for pressure in gaps.pressure]
     most = np.sqrt(1.0 / np.where(area > 0.0, area, np.nan) - 1.0)
     if np.any(share > most + ROUND_OFF):
         j = int(np.nanargmax(share / np.maximum(most, ROUND_OFF)))
@@ -300,18 +301,18 @@ def _odd_gaps(response: Dataset, found: Observations) -> Iterator[str]:
         yield (
             f"the mean gap of {share[j]:.3g} rms heights at {p[j]} needs valleys deeper than "
             f"{1.0 / max(share[j], 1e-9):.3g} of them, since little touches: if the surface has "
-            f"none, give gaps and rms heights in m"
+            f"no such valleys, give gaps and rms heights in m"
         )
 
 
 def friction_observations(response: Dataset) -> Observations:
-    r"""Friction coefficients of a response that slides steadily.
+    r"""Return the friction coefficients of a response that slides steadily.
 
     Parameters
     ----------
     response : Dataset
         Follows ``MICRO_RESPONSE``: a sheared layer of grains with ``sliding_speed`` along
-        ``step``, or cells with friction, whose steps count where all their contact slips.
+        ``step``, or cells with friction, at the steps where all their contact slips.
 
     Returns
     -------
@@ -355,7 +356,7 @@ def friction_observations(response: Dataset) -> Observations:
 
 
 def _speeds(response: Dataset, counted: np.ndarray) -> np.ndarray:
-    """Mean speed of the realisations that slide in a step, m/s; zero without times."""
+    """Return the mean speed of the realisations that slide in a step, m/s; zero without times."""
     if "time" not in response.variables:
         return np.zeros(counted.shape[1])
     moved = np.diff(response["displacement_jump"].to_numpy()[..., 1:], axis=1, prepend=0.0)

@@ -17,21 +17,21 @@ __all__ = [
 ]
 
 FEWEST_REALISATIONS = 3
-"""Below, the interval of a mean is too wide to be of use and there are no samples."""
+"""Least number of realisations for samples: with fewer, the interval of a mean is too wide."""
 
 CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
 
-FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
+FEWEST_PAIRS = 4  # below, Fisher's transformation has no finite deviation
 
 HIGHEST = 1.0 - 1e-12  # correlation, of which the transformation is finite
 
-SMALLEST = 1e-12  # of a sum of squares over the largest one, below which nothing scatters
+SMALLEST = 1e-12  # sum of squares about the mean over the sum of squares, without scatter below
 
 
 def draw_counts(
     n_realisations: int, n_samples: int, seed: int, *, n_further: int = 0
 ) -> np.ndarray:
-    """How often each realisation occurs in each sample, shape (samples, realisations + further).
+    """Draw the multiplicity of each realisation, shape (samples, realisations + further).
 
     The ``n_further`` members of a second ensemble are drawn independently of the realisations.
     """
@@ -46,12 +46,12 @@ def draw_counts(
 
 
 def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:
-    r"""Factor that gives a percentile interval of few data the width of Student's.
+    r"""Return the factor from the width of a percentile interval of few data to Student's.
 
     .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}    \tag{1}
 
     for :math:`\nu` degrees of freedom and the confidence c; the root only if n, the number N of
-    independent data whose variance the bootstrap takes with divisor N, is given.
+    independent data, is given: the variance of a bootstrap has the divisor N.
     """
     from scipy.special import ndtri, stdtrit  # of scipy.stats, which takes half a second to load
 
@@ -61,9 +61,9 @@ def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) ->
 
 
 def most_confident(n_realisations: int) -> float:
-    r"""Largest confidence of an interval between percentiles of resampled realisations.
+    r"""Return the largest confidence of an interval of percentiles of resampled realisations.
 
-    The rarest of the extreme samples draws one realisation N times, with probability
+    The rarest of the extreme samples draws the same realisation N times, with probability
     :math:`N^{-N}`; a tail of less than that has no percentile, so that
     :math:`(1-c)/2 \ge N^{-N}`.
     """
@@ -71,23 +71,23 @@ def most_confident(n_realisations: int) -> float:
 
 
 def half_range(samples: np.ndarray) -> np.ndarray:
-    """Half-width of the 95 % interval between percentiles of samples, along their first axis."""
+    """Return the half-width of the 95 % percentile interval of samples, along the first axis."""
     return np.asarray(0.5 * np.ptp(np.nanpercentile(samples, [2.5, 97.5], axis=0), axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    r"""A mean over few dear values and many cheap ones, in two parts that are independent.
+    r"""A mean over few dear and many cheap values, as a sum of two independent means.
 
-    With the values :math:`y_i` of R dear cells and :math:`f_i` of M cheap ones, of which the first
-    R have the surfaces of the dear ones, the mean is
+    With the values :math:`y_i` of R dear cells and :math:`f_i` of M cheap cells, where the first
+    R have the surfaces of the dear cells, the mean is
 
     .. math::
         \hat y = \bar y_R + \alpha\, (\bar f_M - \bar f_R), \qquad
         \alpha = \frac{\sum_i (f_i - \bar f_R)(y_i - \bar y_R)}{\sum_i (f_i - \bar f_R)^2},
         \tag{1}
 
-    and its error has two parts that are not correlated: the mean of the residuals
+    and its error is the sum of two uncorrelated errors: of the mean of the residuals
     :math:`r_i = y_i - \bar y_R - \alpha (f_i - \bar f_R)` of the pairs, and :math:`\alpha` times
     the mean of the cheap cells,
 
@@ -110,14 +110,14 @@ class Control:
     mean: np.ndarray  # (points,)
     weight: np.ndarray  # alpha
     correlation: np.ndarray  # observed
-    residuals: np.ndarray  # (R, points), scaled so that their variance gives the first part of (2)
-    cheap: np.ndarray  # (M, points), alpha times the distance from the mean; NaN where none counts
+    residuals: np.ndarray  # (R, points), scaled: their variance gives the first term of (2)
+    cheap: np.ndarray  # (M, points), alpha times the distance from the mean; NaN if not counted
 
     @classmethod
     def of(cls, dear: np.ndarray, cheap: np.ndarray, *, apart: bool = False) -> Self | None:
-        """Combine the values of both ensembles; nothing if they follow each other by chance alone.
+        """Combine the values of both ensembles; None if they follow each other by chance only.
 
-        Control is of use where the correlation, in the median over the points, is larger than none
+        Control is of use where the correlation, in the median over the points, is larger than zero
         with a confidence of 95 %, by Fisher's transformation, of at least four pairs. A rule that
         took the narrower interval would have intervals that are too narrow.
         """
@@ -125,50 +125,52 @@ class Control:
         n = paired.sum(axis=0)
         if n.min() < FEWEST_PAIRS:
             return None
-        y, f = (np.where(paired, one, np.nan) for one in (dear, cheap[: len(dear)]))
+        y, f = (np.where(paired, values, np.nan) for values in (dear, cheap[: len(dear)]))
         if apart:
             cheap = np.concatenate([np.full_like(f, np.nan), cheap[len(dear) :]])
-        own, mean = np.nanmean(f, axis=0), np.nanmean(cheap, axis=0)
-        dy, df = y - np.nanmean(y, axis=0), f - own
+        # weight of the control, and the distance of both means of the cheap values
+        f_pairs, f_all = np.nanmean(f, axis=0), np.nanmean(cheap, axis=0)
+        dy, df = y - np.nanmean(y, axis=0), f - f_pairs
         square = np.nansum(df**2, axis=0)
-        steady = square <= SMALLEST * np.nansum(f**2, axis=0)  # and tells nothing
+        steady = square <= SMALLEST * np.nansum(f**2, axis=0)  # without scatter, no control
         weight = np.where(steady, 0.0, np.nansum(df * dy, axis=0) / np.where(steady, 1.0, square))
-        far = np.where(steady, 0.0, (mean - own) ** 2 / np.where(steady, 1.0, square))
+        far = np.where(steady, 0.0, (f_all - f_pairs) ** 2 / np.where(steady, 1.0, square))
         scale = np.sqrt((1.0 + n * far) * (n - 1) / np.maximum(n - 2, 1))
         total = np.nansum(dy**2, axis=0)
         correlation = weight * np.sqrt(square / np.where(total > 0.0, total, 1.0))
-        known = np.clip(correlation, -HIGHEST, HIGHEST)
-        if np.median(np.arctanh(known) * np.sqrt(n - 3)) < CERTAIN:
+        # Fisher's test of the correlation
+        bounded = np.clip(correlation, -HIGHEST, HIGHEST)
+        if np.median(np.arctanh(bounded) * np.sqrt(n - 3)) < CERTAIN:
             return None
         return cls(
-            np.nanmean(y, axis=0) + weight * (mean - own),
+            np.nanmean(y, axis=0) + weight * (f_all - f_pairs),
             weight,
             correlation,
             scale * (dy - weight * df),
-            weight * (cheap - mean),
+            weight * (cheap - f_all),
         )
 
     def __str__(self) -> str:
-        """Say how many cheap cells there are, and how they follow the dear ones."""
+        """Return the number of cheap cells, and their correlation with the dear cells."""
         low, high = self.correlation.min(), self.correlation.max()
         counted = int(np.isfinite(self.cheap).any(axis=1).sum())
-        return f"{counted} control cells, whose correlation is {low:.5g} to {high:.5g}"
+        return f"{counted} control cells with a correlation of {low:.5g} to {high:.5g}"
 
     def at(self, points: slice | np.ndarray) -> Self:
         """Return the mean of some of the points."""
-        each = (self.mean, self.weight, self.correlation, self.residuals, self.cheap)
-        return type(self)(*(one[..., points] for one in each))
+        fields = (self.mean, self.weight, self.correlation, self.residuals, self.cheap)
+        return type(self)(*(values[..., points] for values in fields))
 
     @property
-    def parts(self) -> tuple[tuple[np.ndarray, int], ...]:
-        """Values about the mean whose means add up independently, and the freedom of each part."""
+    def ensembles(self) -> tuple[tuple[np.ndarray, int], ...]:
+        """Values about the mean, of both independent ensembles, and the freedom of each."""
         pairs, cheap = len(self.residuals), len(self.cheap)
         return (self.mean + self.residuals, pairs - 2), (self.mean + self.cheap, cheap - 1)
 
     def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Means of samples, spread as by Student, and their weights, (samples, points).
+        """Return means of samples, spread as Student's, and their weights, (samples, points).
 
-        ``counts`` say how often each pair, and then each further cheap cell, occurs in a sample.
+        ``counts`` are the multiplicities of each pair, and then of each further cheap cell.
         """
         pairs, n = len(self.residuals), len(self.cheap)
         ends = (counts[:, :pairs], self.residuals, pairs - 2), (counts, self.cheap, n - 1)
@@ -182,11 +184,11 @@ class Control:
 
 
 def best_ratio(correlation: float, cost_ratio: float) -> float:
-    r"""Return how many cheap cells to solve for each dear one.
+    r"""Return the number of cheap cells to solve for each dear cell.
 
     The variance for a given time is smallest at
     :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}` for the correlation :math:`\rho` and c times the
-    time of a cheap cell for a dear one; see [2]_ of :class:`Control`, (3.6).
+    time of a cheap cell for a dear cell; see [2]_ of :class:`Control`, (3.6).
 
     Examples
     --------

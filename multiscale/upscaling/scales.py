@@ -1,4 +1,4 @@
-"""Whether the scales are apart: what the two-scale scheme stands on."""
+"""Separation of the scales, the assumption of the two-scale scheme."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ class ScaleSeparation:
         return "; ".join([head, *self.cautions])
 
     def count_cells(self) -> str:
-        """Say how many cells the interface holds."""
+        """Write the number of cells of the interface."""
         return f"scatter of single cells, of which the interface holds {self.cell_ratio**-2.0:.3g}"
 
 
@@ -65,14 +65,14 @@ def compare_scales(
             raise CaseError(f"{name} must be positive and finite, got {value:g}")
     cautions = []
     if cell_size / macro_length > FARTHEST_CELL:
-        length, cell = (readable(f"{one:.3g} m") for one in (macro_length, cell_size))
+        length, cell = (readable(f"{size:.3g} m") for size in (macro_length, cell_size))
         cautions.append(
             f"the interface is {length} wide, less than the cell of {cell}: it has edges, which "
             f"periodic cells have not; take smaller cells, or a wider interface"
             if extent is None
             else f"the pressure varies over {length}, less than the cell of {cell}: no point of "
-            f"the structure is loaded as the cell was; resolve the longest waves in the "
-            f"structure, and let the cell begin where it ends"
+            f"the structure is loaded as the cell was; resolve the longest wavelengths in the "
+            f"structure, and the shorter wavelengths in the cell"
         )
     return ScaleSeparation(wavelength / macro_length, cell_size / whole, tuple(cautions))
 
@@ -83,8 +83,8 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
     Parameters
     ----------
     weight : ndarray, shape (..., points)
-        How much the answer depends on the law at a point, per area: pressure, or energy; any unit.
-    area : ndarray, shape (points,), what a point stands for, m²
+        Influence of the law at a point on the answer, per area: pressure, or energy; any unit.
+    area : ndarray, shape (points,), area of each point, m²
     cell_size : float, edge of a cell, m
 
     Returns
@@ -94,14 +94,14 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
 
     Notes
     -----
-    The law is a random field, whose mean over a cell of the area :math:`a` has the coefficient of
+    The law is a random field; its mean over a cell of the area :math:`a` has the coefficient of
     variation c. An answer that changes by :math:`w\, \delta\, \mathrm{d}A` where the law changes by
     the share :math:`\delta` has the relative scatter :math:`c / \sqrt n` with
 
     .. math:: n = \frac{(\int w\, \mathrm{d}A)^2}{a \int w^2\, \mathrm{d}A},    \tag{1}
 
-    the area over a under even weight. Waves of the weight shorter than a cell count too, which
-    makes n too small.
+    the area over a for an even weight. Variations of the weight shorter than a cell count too, and
+    make n too small.
     """
     square = np.sum(weight**2 * area, axis=-1)
     whole = np.sum(weight * area, axis=-1)
@@ -109,7 +109,7 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
 
 
 def cell_share(cell_size: float, extent: float) -> str:
-    """Say how large a cell is beside the interface; both edges in m."""
+    """Write the size of a cell relative to the interface; both edges in m."""
     return (
         f"A cell of {1e3 * cell_size:.4g} mm is {cell_size / extent:.2g} of the edge of the "
         f"interface, {1e3 * extent:.4g} mm."
@@ -119,24 +119,24 @@ def cell_share(cell_size: float, extent: float) -> str:
 def pressure_length_of_points(
     position: np.ndarray, pressure: np.ndarray, area: np.ndarray
 ) -> float:
-    r"""Length over which a pressure at scattered points of a plane varies.
+    r"""Return the length over which a pressure at scattered points of a plane varies.
 
     Parameters
     ----------
     position : ndarray, shape (points, 2), in the plane, m; five points at least
-    pressure, area : ndarray, shape (points,), Pa, and what a point stands for, m²
+    pressure, area : ndarray, shape (points,), Pa, and area of each point, m²
 
     Returns
     -------
     float
         :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, m, with the gradient of the
-        plane that fits a point and its eight nearest ones best; infinite for an even pressure.
+        plane that fits a point and its eight neighbours best; infinite for an even pressure.
     """
     from scipy.spatial import cKDTree
 
     count = min(9, len(position))
     if count < 5:
-        raise CaseError(f"a pressure needs at least 5 points to tell its length, got {count}")
+        raise CaseError(f"a pressure length needs at least 5 points, got {count}")
     _, near = cKDTree(position).query(position, k=count)
     offset = position[near] - position[:, None]
     scale = float(np.max(np.abs(offset)))

@@ -37,18 +37,18 @@ __all__ = [
 ]
 
 FULL_SLIP = 0.98  # share of the contact nodes that slip where friction is observed
-SLABS = 192  # of the beds that are fitted, whose ratio then errs by .03 %
-RATIOS = 0.1, 3.0  # of tangential to normal stiffness between which the bed is sought
+SLABS = 192  # of the fitted beds; the ratio then errs by .03 %
+RATIOS = 0.1, 3.0  # range of tangential over normal stiffness
 CANDIDATES = 33  # ratios that are compared at once
-STILL = 3e-3  # slip over the largest one up to which nothing is sheared
-SIDEWAYS = 0.05  # slip over the largest one that cells make across the direction of their shear
-FEWEST_BELOW = 3.0  # pressure of a shear over the lowest one of the normal data
+STILL = 3e-3  # slip over the largest slip up to which nothing is sheared
+SIDEWAYS = 0.05  # slip over the largest slip, of cells across the direction of their shear
+FEWEST_BELOW = 3.0  # pressure of a shear over the lowest pressure of the normal data
 SAME = 1e-6  # relative difference of pressures that are the same
-RELEASED = 1e-9  # pressure of a released cell over the largest one
+RELEASED = 1e-9  # pressure of a released cell over the largest pressure
 
 CLOSED = 0.1  # distance from the first turn, over the amplitude, at which a cycle counts as closed
 
-WHOLE = 0.95  # of full slip, from which on the traction does not tell the slip
+WHOLE = 0.95  # of full slip, above which the slip does not follow from the traction
 
 NODES = np.polynomial.legendre.leggauss(48)  # of an integral over the amplitude
 
@@ -65,21 +65,21 @@ def with_shear(
     shear : Dataset
         Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
         realisations, with the same numbers, that are pressed, sheared until they slip and
-        released, such as along :func:`multiscale.micro.shear_path`. If they are pressed over the
-        pressures of the law before, these steps give the normal laws of the realisations: in
-        shear and in pressing a coarser grid errs alike.
+        released, such as along :func:`multiscale.micro.shear_path`. If they are first pressed over
+        the pressures of the law, these steps give the normal laws of the realisations: a coarser
+        grid errs alike in shear and in pressing.
     apart : bool, optional
         Whether the stiffness ratios along x and y are two numbers, as for surfaces with a lay
-        along either, or their mean, since x and y of one cell differ by chance; if not given, two
+        along either, or their mean, since x and y of a cell differ by chance; if not given, two
         numbers where they differ by more than chance.
 
     Returns
     -------
     Dataset
         Follows ``INTERFACE_LAW``, with ``shear_stiffness_ratio`` (along x and y) and
-        ``shear_friction``, their samples, and the mean path beside the path of the bed; and, if
-        the cells went through closed cycles, with ``shear_loss_ratio``: what they lose in these
-        over what the bed loses that slips, or carries, as much, with its samples.
+        ``shear_friction``, their samples, and the mean path with the path of the bed; and, if
+        the cells went through closed cycles, with ``shear_loss_ratio``: their loss over the loss
+        of the bed at equal slip, and at equal traction, with its samples.
         :func:`sliders_from_dataset` makes the law of it.
 
     Raises
@@ -89,16 +89,17 @@ def with_shear(
 
     Notes
     -----
-    Of each realisation :math:`\mu` is the mean of :math:`|t| / p` over the steps at which all of it
-    slips, and :math:`\kappa` minimises the squares of the distance from (1), over the pressure, on
-    its own normal law: a realisation that is too stiff in shear is too stiff in pressing, so that
-    :math:`\kappa` scatters little. Steps count up to :math:`t = \mu (p - p_\min)`; beyond, the
-    springs that still stick lie outside the pressures of the law, and those of closed cycles, by
-    which one amplitude would weigh more than others, do not count. The law has the means. The
-    bootstrap draws whole realisations, those that the normal law draws if all of them are sheared,
-    so that sample k belongs to sample k of the normal law. The path of the bed is the mean over the
-    realisations with the mean :math:`\kappa` and :math:`\mu`.
+    For each realisation :math:`\mu` is the mean of :math:`|t| / p` over the steps at which all of
+    it slips, and :math:`\kappa` minimises the squares of the distance from (1), over the pressure,
+    on the normal law of the realisation: a realisation that is too stiff in shear is too stiff in
+    pressing, so that :math:`\kappa` scatters little. Steps count up to :math:`t = \mu (p -
+    p_\min)`; beyond, the springs that still stick lie outside the pressures of the law. Steps of
+    closed cycles do not count, since a single amplitude would weigh more than others. The law has
+    the means. The bootstrap draws whole realisations, the draws of the normal law if all
+    realisations are sheared, so that sample k belongs to sample k of the normal law. The path of
+    the bed is the mean over the realisations with the mean :math:`\kappa` and :math:`\mu`.
     """
+    # the sheared realisations and their normal laws
     MICRO_RESPONSE.check(shear)
     require_law(law, "pressure_min", "pressure_max", "seed")
     low, high = float(law.attrs["pressure_min"]), float(law.attrs["pressure_max"])
@@ -113,41 +114,44 @@ def with_shear(
     laws = _normal_laws(law, pressed)
     slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
 
-    held, size = pressure > 0.0, np.linalg.norm(traction, axis=-1)
-    full = held & (shear["slip_fraction"].to_numpy() >= FULL_SLIP)
-    friction = np.sum(full * size / np.where(held, pressure, np.inf), axis=1) / full.sum(axis=1)
-    inside = held & (size < friction[:, None] * (pressure - low))
+    # friction where all contact slips, and the weights of the steps below
+    loaded, size = pressure > 0.0, np.linalg.norm(traction, axis=-1)
+    full = loaded & (shear["slip_fraction"].to_numpy() >= FULL_SLIP)
+    friction = np.sum(full * size / np.where(loaded, pressure, np.inf), axis=1) / full.sum(axis=1)
+    inside = loaded & (size < friction[:, None] * (pressure - low))
     for _, (first, _, last) in closed_cycles(slip.mean(axis=0), pressure):
         inside[:, first + 1 : last + 1] = False
-    weight = inside / np.where(held, pressure, np.inf)
+    weight = inside / np.where(loaded, pressure, np.inf)
+    # stiffness ratios of the nearest beds
     smallest = RELEASED * pressure.max()
-    openings = [one.gap_at(np.maximum(pressure, smallest)) - one.gap for one in laws]
-    beds = [Sliders(one, 1.0, 1.0, pressures=(low, high), slabs=SLABS) for one in laws]
+    openings = [normal.gap_at(np.maximum(pressure, smallest)) - normal.gap for normal in laws]
+    beds = [Sliders(normal, 1.0, 1.0, pressures=(low, high), slabs=SLABS) for normal in laws]
     ratio = np.array(
         [
-            _nearest_ratio(*one)
-            for one in zip(beds, openings, slip, traction, friction, weight, strict=True)
+            _nearest_ratio(*arguments)
+            for arguments in zip(beds, openings, slip, traction, friction, weight, strict=True)
         ]
     )
     lay = _lay(ratio)
     if not (bool(lay) if apart is None else apart):
         cautions += lay
         ratio[:] = np.nanmean(ratio, axis=1, keepdims=True)
+    # means and samples of both numbers, and the mean path
     each, n = np.column_stack([ratio, friction]), len(ratio)
     counts = draw_counts(n, int(law.sizes.get("sample", 0)), int(law.attrs["seed"]))
 
     def sampled(values: np.ndarray) -> np.ndarray:
-        """Means of the samples of values of the realisations."""
+        """Return the means of bootstrap samples of values of the realisations."""
         mean = values.mean(axis=0)
         return np.asarray(mean + widening(n - 1, n=n) * (counts @ values / n - mean))
 
     mean, drawn = each.mean(axis=0), sampled(each)
     kappa, mu = mean[:2], mean[2]
     path = [
-        mu * bed_traction(bed, opening, one * np.nan_to_num(kappa) / mu)
-        for bed, opening, one in zip(beds, openings, slip, strict=True)
+        mu * bed_traction(bed, opening, u * np.nan_to_num(kappa) / mu)
+        for bed, opening, u in zip(beds, openings, slip, strict=True)
     ]
-    sheared = held & np.any(np.abs(slip).max(axis=0) > STILL * np.abs(slip).max(), axis=-1)
+    sheared = loaded & np.any(np.abs(slip).max(axis=0) > STILL * np.abs(slip).max(), axis=-1)
     values = {
         "shear_stiffness_ratio": kappa,
         "shear_stiffness_ratio_sample": drawn[:, :2],
@@ -158,31 +162,32 @@ def with_shear(
         "shear_traction": traction.mean(axis=0)[sheared],
         "shear_bed_traction": np.mean(path, axis=0)[sheared],
     }
-    apart = np.linalg.norm(traction.mean(axis=0) - np.mean(path, axis=0), axis=-1)
+    # distance of the path from the cells, and the loss in closed cycles
+    distance = np.linalg.norm(traction.mean(axis=0) - np.mean(path, axis=0), axis=-1)
     scale = np.where(sheared, mu * pressure, np.inf)
     spread = np.linalg.norm(traction.std(axis=0), axis=-1) / np.sqrt(max(n - 1, 1))
     misfit = Misfit(
         "the bed of sliders misses the sheared cells",
         pressure[sheared],
-        (apart / scale)[sheared],
+        (distance / scale)[sheared],
         (spread / scale)[sheared],
     )
     cautions += misfit.judge("shear by smaller steps, or on a finer grid")
     if lost := measure_loss(shear, pressure, laws, kappa, float(mu)):
-        own = lost.ratio.mean(axis=1)
+        loss = lost.ratio.mean(axis=1)
         values |= {
-            "shear_loss_ratio": own.mean(axis=0),
-            "shear_loss_ratio_sample": sampled(own),
+            "shear_loss_ratio": loss.mean(axis=0),
+            "shear_loss_ratio_sample": sampled(loss),
             "shear_cycle_pressure": lost.pressure,
             "shear_cycle_amplitude": lost.amplitude,
             "shear_cycle_loss_ratio": lost.ratio.mean(axis=0),
         }
-    known = with_branch(law, "shear", "measured", values).assign_attrs(n_sheared=n)
-    return with_cautions(known, *cautions)
+    law = with_branch(law, "shear", "measured", values).assign_attrs(n_sheared=n)
+    return with_cautions(law, *cautions)
 
 
 def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    """Tangential traction of a bed along paths from rest, Pa, shaped as the slip."""
+    """Evaluate the tangential traction of a bed along paths from rest, Pa, shaped as the slip."""
     paths = slip.reshape(*slip.shape[:2], -1)
     state, traction = np.zeros((bed.n_state, paths.shape[2])), np.empty(paths.shape)
     for k, moved in enumerate(paths):
@@ -200,9 +205,9 @@ def _nearest_ratio(
     friction: float,
     weight: np.ndarray,
 ) -> np.ndarray:
-    """Stiffness ratios along x and y whose path (1) is nearest; NaN where nothing shears.
+    """Fit the stiffness ratios along x and y of the nearest path (1); NaN where nothing shears.
 
-    Candidates are compared, then finer ones about the best; a parabola through the last three.
+    Candidates are compared, then a finer set about the best; a parabola through the last three.
     """
     sheared = np.abs(slip).max(axis=0) > SIDEWAYS * np.abs(slip).max()
     low, high = np.log(RATIOS)
@@ -212,6 +217,7 @@ def _nearest_ratio(
         path = friction * bed_traction(bed, opening, slip[..., None] * np.exp(x) / friction)
         error = weight[:, None, None] * (path - traction[..., None])
         square = np.sum(error**2, axis=0)  # (2, candidates)
+        # vertex of the parabola through the best and its neighbours
         at = np.clip(np.argmin(square, axis=1), 1, CANDIDATES - 2)
         before, least, after = (square[(0, 1), at + k] for k in (-1, 0, 1))
         bend, fall = before - 2.0 * least + after, 0.5 * (before - after)
@@ -229,7 +235,7 @@ def _nearest_ratio(
 
 
 def _whole_paths(shear: Dataset) -> tuple[Dataset, list[str]]:
-    """Return the realisations that converged along the whole path, and how many did not."""
+    """Return the realisations that converged along the whole path, and the number of the others."""
     needed = ("nominal_pressure", "slip_fraction")
     missing = [name for name in needed if name not in shear.variables]
     if missing:
@@ -242,16 +248,19 @@ def _whole_paths(shear: Dataset) -> tuple[Dataset, list[str]]:
         raise CaseError("no sheared realisation converged along its whole path; take more steps")
     if np.all(whole):
         return shear, []
-    lost = f"{np.sum(~whole)} of {whole.size} sheared realisations did not reach the end of"
-    return shear.isel(realisation=np.flatnonzero(whole)), [f"{lost} the path and are left out"]
+    caution = (
+        f"{np.sum(~whole)} of {whole.size} sheared realisations did not reach the end of the path "
+        f"and are left out"
+    )
+    return shear.isel(realisation=np.flatnonzero(whole)), [caution]
 
 
 def _check_pairs(response: Dataset, shear: Dataset) -> None:
-    """Refuse sheared realisations without pressed ones of the same number."""
-    pressed, sheared = ({*one["realisation"].to_numpy().tolist()} for one in (response, shear))
+    """Refuse sheared realisations without pressed realisations of the same number."""
+    pressed, sheared = ({*data["realisation"].to_numpy().tolist()} for data in (response, shear))
     if missing := sorted(sheared - pressed):
         raise CaseError(
-            f"the sheared realisations {missing} are not among the pressed ones, so that they have "
+            f"the sheared realisations {missing} are not among the pressed, so that they have "
             f"no normal law; shear cells on the same surfaces, with the same numbers"
         )
 
@@ -262,26 +271,26 @@ def _normal_laws(law: Dataset, pressed: Dataset) -> list[NormalLaw]:
     if len(laws) != pressed.sizes["realisation"] or None in laws:
         raise CaseError(
             "a sheared realisation has no normal law, since it did not converge where it was "
-            "pressed; leave it out of the sheared ones"
+            "pressed; leave it out of the sheared realisations"
         )
     return laws
 
 
 def _pressures(shear: Dataset, low: float, high: float) -> np.ndarray:
-    """Return the pressures of the steps, Pa, and refuse a path that does not tell the bed."""
+    """Return the pressures of the steps, Pa, and refuse a path that does not determine the bed."""
     slipping = shear["slip_fraction"].max("step").to_numpy()
     if slipping.min() < FULL_SLIP:
         raise CaseError(
             f"at most {100.0 * slipping.min():.3g} % of the contact slips in a sheared "
-            f"realisation, which tells no friction; slide farther"
+            f"realisation, too little to measure friction; slide farther"
         )
     pressure = np.asarray(shear["nominal_pressure"].to_numpy(), dtype=float)
     moved = np.abs(shear["displacement_jump"].to_numpy()[..., 1:]).max((0, 2))
-    held = pressure[(pressure > 0.0) & (moved > STILL * moved.max())]
-    if held.min() < FEWEST_BELOW * low * (1.0 - SAME) or held.max() > high * (1.0 + SAME):
+    sheared = pressure[(pressure > 0.0) & (moved > STILL * moved.max())]
+    if sheared.min() < FEWEST_BELOW * low * (1.0 - SAME) or sheared.max() > high * (1.0 + SAME):
         raise CaseError(
-            f"the cells are sheared from {held.min():.3g} to {held.max():.3g} Pa and the normal "
-            f"law rests on data from {low:.3g} to {high:.3g} Pa; shear between "
+            f"the cells are sheared from {sheared.min():.3g} to {sheared.max():.3g} Pa and the "
+            f"normal law rests on data from {low:.3g} to {high:.3g} Pa; shear between "
             f"{FEWEST_BELOW:g} times the lowest and the highest, since springs that slip last "
             f"belong to lower pressures"
         )
@@ -289,7 +298,7 @@ def _pressures(shear: Dataset, low: float, high: float) -> np.ndarray:
 
 
 def _lay(ratio: np.ndarray) -> list[str]:
-    """Say if the stiffness along x and y differs by more than chance."""
+    """Return a caution if the stiffness along x and y differs by more than chance."""
     from scipy.special import stdtrit
 
     n, change = len(ratio), ratio[:, 0] - ratio[:, 1]
@@ -325,32 +334,33 @@ def measure_loss(
         return None
     slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
     lost = shear["friction_work"].to_numpy()
-    found = [(axis, *turns) for axis, turns in closed_cycles(slip.mean(axis=0), pressure)]
-    if not found:
+    cycles = [(axis, *turns) for axis, turns in closed_cycles(slip.mean(axis=0), pressure)]
+    if not cycles:
         return None
-    ratio = np.empty((len(laws), len(found), 2))
+    ratio = np.empty((len(laws), len(cycles), 2))
     amplitude = np.empty(ratio.shape[:2])
-    for c, (axis, first, back, last) in enumerate(found):
+    for c, (axis, first, back, last) in enumerate(cycles):
+        # amplitudes of slip and of traction between the turns
         turns, kappa, p = [first, back, last], stiffness_ratio[axis], pressure[first]
         swing = np.array([0.25, -0.5, 0.25])
         reached = np.abs(slip[:, turns, axis] @ swing)
         carried = np.abs(traction[:, turns, axis] @ swing)
         amplitude[:, c] = carried / (friction * p)
         for r, law in enumerate(laws):
-            far = reached[r]
+            alike = reached[r]  # slip of the bed at the traction of the cell
             if amplitude[r, c] < WHOLE:
-                far = law.gap_at(p * (1.0 - amplitude[r, c])) - law.gap_at(p)
-                far *= friction / kappa
-            bed = [bed_loss(law, float(p), a, kappa, friction) for a in (reached[r], far)]
+                alike = law.gap_at(p * (1.0 - amplitude[r, c])) - law.gap_at(p)
+                alike *= friction / kappa
+            bed = [bed_loss(law, float(p), a, kappa, friction) for a in (reached[r], alike)]
             ratio[r, c] = (lost[r, last] - lost[r, first]) / np.array(bed)
-    at = np.array([pressure[first] for _, first, *_ in found])
+    at = np.array([pressure[first] for _, first, *_ in cycles])
     return LossRatio(at, amplitude.mean(axis=0), ratio)
 
 
 def bed_loss(
     law: NormalLaw, pressure: float, amplitude: float, stiffness_ratio: float, friction: float
 ) -> float:
-    r"""Loss of a bed of sliders in a closed cycle at a constant pressure, J/m2.
+    r"""Integrate the loss of a bed of sliders in a closed cycle at a constant pressure, J/m2.
 
     The first loading :math:`t(u) = \mu [p(g) - p(g + \kappa u / \mu)]` and Masing's rule give
 
@@ -363,21 +373,21 @@ def bed_loss(
 
 
 def closed_cycles(slip: np.ndarray, pressure: np.ndarray) -> list[tuple[int, list[int]]]:
-    """Find the closed cycles of a path, slips (steps, 2), m, at held pressures, Pa.
+    """Return the closed cycles of a path, slips (steps, 2), m, at constant pressures, Pa.
 
-    Of each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
+    For each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
     """
     ends = np.flatnonzero(np.diff(pressure)) + 1
-    found = []
-    for held in np.split(np.arange(len(pressure)), ends):
+    cycles = []
+    for steps in np.split(np.arange(len(pressure)), ends):  # of constant pressure
         for axis in (0, 1):
-            u = slip[held, axis]
-            if pressure[held[0]] <= 0.0 or np.ptp(u) <= SIDEWAYS * np.ptp(slip[held]):
+            u = slip[steps, axis]
+            if pressure[steps[0]] <= 0.0 or np.ptp(u) <= SIDEWAYS * np.ptp(slip[steps]):
                 continue
             turns = 1 + np.flatnonzero(np.diff(u)[1:] * np.diff(u)[:-1] < 0.0)
             for first, back in pairwise(turns):
                 near = np.abs(u[back + 1 :] - u[first]) < CLOSED * 0.5 * abs(u[first] - u[back])
                 if np.any(near):
                     last = back + 1 + int(np.argmax(near))
-                    found.append((axis, held[[first, back, last]].tolist()))
-    return found
+                    cycles.append((axis, steps[[first, back, last]].tolist()))
+    return cycles

@@ -1,4 +1,4 @@
-"""CSV tables whose heads carry units: observations of tests, and interface laws of a user."""
+"""CSV tables with units in their heads: observations of tests, and interface laws of a user."""
 
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -45,32 +45,33 @@ _EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "1": "1
 _HEAD = re.compile(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>[^)\]]*?)\s*[)\]])?")
 
 LOWEST = 1e-3
-"""Lowest pressure of the data of a table over its first one above zero: its first chord is data."""
+"""Lowest pressure of the data of a table over its first positive one: the first chord is data."""
 
 ROUNDED = 0.01
-"""Distance of a row from the convex law of the others, over its pressure, that is rounding."""
+"""Distance of a row from the convex law of the others, over its pressure, allowed as rounding."""
 
 COLUMNS = {"pressure": "Pa", "overclosure": "m"}
 """Columns of a table and their units."""
 
 
 def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
-    """Read observations of one quantity from a CSV file.
+    """Read observations of a quantity from a CSV file.
 
     Parameters
     ----------
     path : path
-        A table as of :func:`multiscale.io.read_table`, whose columns have units, such as
+        A table as of :func:`multiscale.io.read_table`, with units of its columns, such as
         ``pressure (MPa), stiffness (MPa/um), specimen``: the columns of the quantity, in any order,
         and optionally ``specimen`` (any text); further columns are ignored. Without specimens the
-        k-th value at a pressure belongs to the k-th of them. Each is a realisation.
+        k-th value at a pressure belongs to the k-th specimen. Each specimen is a realisation.
     quantity : str, see :func:`observe`; for instance ``"normal_stiffness"``
 
     Raises
     ------
     CaseError
-        If a column or its unit is missing or of another dimension, an entry is no number, infinite
-        or, of all but gaps and speeds, zero or negative, or a specimen has two values at one point.
+        If a column or its unit is missing or of another dimension, an entry is not a number,
+        infinite or, except for gaps and speeds, not positive, or a specimen has two values at a
+        point.
 
     Examples
     --------
@@ -100,8 +101,8 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         if np.isfinite(table[r, c]):
             raise CaseError(
                 f"{path}: specimen {names[r]} has two values at {points[c, 0]:.3g} Pa, "
-                f"{table[r, c]:.3g} and {value:.3g} {QUANTITIES[quantity].unit}; keep one, or give "
-                f"the second another specimen"
+                f"{table[r, c]:.3g} and {value:.3g} {QUANTITIES[quantity].unit}; remove one of "
+                f"them, or give the second another specimen"
             )
         table[r, c] = value
     try:
@@ -111,46 +112,46 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
 
 
 def quantity_of(path: str | PathLike[str]) -> str:
-    """Find which quantity over pressures alone a table has: stiffness or gap.
+    """Return the quantity of a table over pressures: stiffness or gap.
 
     Raises
     ------
     CaseError
-        If the file is missing, or has not one of these columns.
+        If the file is missing, or does not have exactly one of these columns.
     """
-    names = [_named(head)[0] for head in read_table(Path(path), lambda head: str)]
-    read = {_COLUMN[one]: one for one in ("normal_stiffness", "gap")}
-    found = [quantity for column, quantity in read.items() if column in names]
-    if len(found) != 1:
+    names = [_name_and_unit(head)[0] for head in read_table(Path(path), lambda head: str)]
+    columns = {_COLUMN[quantity]: quantity for quantity in ("normal_stiffness", "gap")}
+    present = [quantity for column, quantity in columns.items() if column in names]
+    if len(present) != 1:
         raise CaseError(
-            f"{path}: the first line should name pressure and {' or '.join(read)}, with "
+            f"{path}: the first line should name pressure and {' or '.join(columns)}, with "
             f"units, found {', '.join(names)}"
         )
-    return found[0]
+    return present[0]
 
 
 def read_columns(
     path: Path, wanted: Mapping[str, str], *, signed: Collection[str], bare: bool = False
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
-    """Read columns of a table, in SI, and the column of specimens if there is one."""
-    table = read_table(path, lambda head: _kind(_named(head)[0], wanted, signed))
-    found = {name: (head, unit) for head in table for name, unit in [_named(head)]}
-    if missing := [name for name in wanted if name not in found]:
+    """Read columns of a table, in SI, the column of specimens, and the columns without units."""
+    table = read_table(path, lambda head: _kind(_name_and_unit(head)[0], wanted, signed))
+    present = {name: (head, unit) for head in table for name, unit in [_name_and_unit(head)]}
+    if missing := [name for name in wanted if name not in present]:
         example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
         raise CaseError(
             f"{path}: no column {' and no column '.join(missing)}; the first line should name "
             f"{example}, found {', '.join(table)}"
         )
     for head in table:
-        name, _ = _named(head)
-        if name in wanted and found[name][0] != head:
+        name, _ = _name_and_unit(head)
+        if name in wanted and present[name][0] != head:
             raise CaseError(
-                f"{path}: the columns {head!r} and {found[name][0]!r} have one name; leave one of "
-                f"them out"
+                f"{path}: the columns {head!r} and {present[name][0]!r} have the same name; leave "
+                f"one of them out"
             )
     columns, without = {}, []
     for name, unit in wanted.items():
-        head, given = found[name]
+        head, given = present[name]
         if not given and bare:
             without.append(name)
             given = unit
@@ -164,7 +165,7 @@ def read_columns(
         except CaseError as error:
             raise CaseError(f"{path}: the column {head!r}: {error}") from error
         columns[name] = factor * np.array(table[head])
-    specimen = np.array(table[found["specimen"][0]]) if "specimen" in found else None
+    specimen = np.array(table[present["specimen"][0]]) if "specimen" in present else None
     return columns, specimen, without
 
 
@@ -174,15 +175,15 @@ def _kind(name: str, wanted: Collection[str], signed: Collection[str]) -> Callab
     return finite if name in signed else positive
 
 
-def _named(head: str) -> tuple[str, str | None]:
-    """Name and unit of a column."""
+def _name_and_unit(head: str) -> tuple[str, str | None]:
+    """Split the head of a column into name and unit."""
     match = _HEAD.fullmatch(head)
     name, unit = (match["name"], match["unit"]) if match else (head, None)
     return name.lower().replace("_", " "), unit
 
 
 def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
-    """How often the conditions of each row have come before."""
+    """Count the earlier rows with the conditions of each row."""
     seen: dict[tuple[float, ...], int] = {}
     counts = []
     for row in zip(*conditions, strict=True):
@@ -192,16 +193,16 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
 
 
 def read_law(path: str | PathLike[str]) -> Dataset:
-    """Read an interface law: a dataset, or a table whose name ends in ``.csv``.
+    """Read an interface law: a dataset, or a table with a name that ends in ``.csv``.
 
     Parameters
     ----------
     path : path
         A dataset as of :func:`multiscale.io.open_law`; or a table with the columns ``pressure``
         and ``overclosure``, such as ``pressure (MPa), overclosure (um)``, in Pa and m where the
-        head has no units. Its first row is the pressure zero; both rise from row to row, and the
-        law is linear between them. Rows at which it would soften are left out, if they are within
-        1 % of the pressure of the others, as in rounded tables.
+        head has no units. Its first row has zero pressure; both rise from row to row, and the law
+        is linear between rows. Rows where it would soften are left out, if they are within 1 % of
+        the pressure of the others, as in rounded tables.
 
     Returns
     -------
@@ -265,23 +266,23 @@ def _refuse_rows(path: Path, pressure: np.ndarray, overclosure: np.ndarray) -> N
 
 
 def _convex(path: Path, p: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows between which no chord is softer than the chord before it."""
-    some_p, some = p, closed
-    while (falls := np.diff(np.diff(some_p) / np.diff(some)) < 0.0).any():
-        kept = np.arange(some.size) != 1 + int(np.argmax(falls))
-        some_p, some = some_p[kept], some[kept]
-    for k in np.flatnonzero(np.abs(np.interp(closed, some, some_p) - p) > ROUNDED * p):
+    """Return the rows with chords that are not softer than the chord before."""
+    convex_p, convex = p, closed
+    while (falls := np.diff(np.diff(convex_p) / np.diff(convex)) < 0.0).any():
+        rest = np.arange(convex.size) != 1 + int(np.argmax(falls))
+        convex_p, convex = convex_p[rest], convex[rest]
+    for k in np.flatnonzero(np.abs(np.interp(closed, convex, convex_p) - p) > ROUNDED * p):
         below, above = (np.diff(p) / np.diff(closed))[k - 1 : k + 1]
         raise CaseError(
             f"{path}, row {k + 2}: the stiffness falls from {below:.4g} to {above:.4g} Pa/m, and "
             f"no rough interface softens under pressure; smooth the table, or fit a law to its "
             f"points by multiscale fit"
         )
-    return some_p, some
+    return convex_p, convex
 
 
 def with_stated_error(law: Dataset, error: float) -> Dataset:
-    """Return the law of a table with an error budget that is stated.
+    """Return the law of a table with a stated error budget.
 
     Parameters
     ----------
@@ -293,7 +294,7 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
     Raises
     ------
     CaseError
-        If the law is no table.
+        If the law is not a table.
     """
     if law.attrs.get("family") != TABLE:
         raise CaseError(
@@ -302,8 +303,8 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
         )
     p = law["fit_pressure"].to_numpy()
     half = np.array([[error], [np.nan], [error]]) * np.ones(p.size)  # a table has no contact area
-    none = Term("nothing: the error of the table is stated", np.zeros((3, p.size)))
-    terms = {term: Term("not in a law whose error is stated") for term in ERROR_TERMS}
-    terms |= dict.fromkeys(ALWAYS, none)
+    zero = Term("nothing: the error of the table is stated", np.zeros((3, p.size)))
+    terms = {term: Term("not in a law with a stated error") for term in ERROR_TERMS}
+    terms |= dict.fromkeys(ALWAYS, zero)
     terms[STATED] = Term(f"law_error = {100.0 * error:.3g} %", half)
     return with_budget(law, assemble_budget(terms, LAW_QUANTITIES, p))

@@ -1,4 +1,4 @@
-"""What a rough interface conducts and lets through: conductances, and apertures with bands."""
+"""Conductances and hydraulic apertures of rough interfaces, with bands."""
 
 from collections.abc import Mapping
 
@@ -27,13 +27,13 @@ __all__ = [
 ]
 
 CONDUCTANCES = {"thermal_conductance": "W m-2 K-1", "electrical_conductance": "S m-2"}
-"""What an interface conducts, and the units."""
+"""Conductances of an interface, and their units."""
 
 DIRECTIONS = ("x", "y", "both")
-"""Of the flow; the last one takes the flows along x and y as two realisations."""
+"""Directions of the flow; the last takes the flows along x and y as two realisations."""
 
 FEWEST_WAVES = 4.0
-"""Longest waves along a cell below which it lets something through, or nothing, by chance."""
+"""Longest wavelengths along a cell below which it percolates, or does not, by chance."""
 
 SAMPLES = 400  # of the cells, for the intervals
 
@@ -43,11 +43,11 @@ SCATTER = (
 )
 
 SCATTER_AND_GRID = (
-    "The intervals count the scatter of the surfaces, and the grid of the cells by one with half "
-    "of the points."
+    "The intervals count the scatter of the surfaces, and the grid of the cells by a grid with "
+    "half of the points."
 )
 
-HALVINGS = 60  # of the decades that hold a permeability
+HALVINGS = 60  # of the range of a permeability, in its logarithm
 
 
 def with_conductance(
@@ -78,7 +78,7 @@ def with_conductance(
 
     .. math:: h(p) = \frac{2\, \beta K(p)}{E^* (1/k_1 + 1/k_2)}.    \tag{1}
 
-    Currents through the open gap, by radiation or through a fluid, come on top; films on the spots
+    Currents through the open gap, by radiation or through a fluid, add to these; films on the spots
     hinder an electrical current further.
 
     References
@@ -90,8 +90,8 @@ def with_conductance(
     unloads = flows and "unloading_stiffness_ratio" in law
     beta = float(law["unloading_stiffness_ratio"]) if unloads else 1.0
     ratios = {
-        f"{name}_ratio": 2.0 * beta / (contact_modulus * (1.0 / one + 1.0 / two))  # (1)
-        for name, (one, two) in conductivities.items()
+        f"{name}_ratio": 2.0 * beta / (contact_modulus * (1.0 / k1 + 1.0 / k2))  # (1)
+        for name, (k1, k2) in conductivities.items()
     }
     law = INTERFACE_LAW.assign(law, ratios).assign_attrs(
         conductance_branch="unloading" if unloads else "loading"
@@ -99,7 +99,7 @@ def with_conductance(
     branch = branch_origins(law).get("unloading", "")
     if not flows or unloads or branch == ALONG_LOADING:
         return law
-    advice = "the cells tell no such branch" if branch == REFUSED else "ask for unload in [micro]"
+    advice = "the cells give no such branch" if branch == REFUSED else "ask for unload in [micro]"
     return with_cautions(
         law,
         f"the conductance rests on the stiffness of loading, and metal that flows is stiffer at "
@@ -108,7 +108,7 @@ def with_conductance(
 
 
 def conductances(law: Dataset, pressure: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the conductances of a law at pressures of the interface, Pa, as far as it has them.
+    """Return the conductances that a law has, at pressures of the interface, Pa.
 
     By names of :data:`CONDUCTANCES`, of the shape of the pressures, W m-2 K-1 and S m-2.
     """
@@ -139,28 +139,28 @@ def elastic_source(law: Dataset, answers: np.ndarray) -> Uncertainty:
 
 
 def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    r"""Permeability of an interface that is a patchwork of cells, by Bruggeman's theory.
+    r"""Return the permeability of an interface as a patchwork of cells, by Bruggeman's theory.
 
     Parameters
     ----------
     permeability : ndarray, shape (cells, steps)
         :math:`k_i` of each cell, m3, not negative.
-    weight : ndarray, shape (samples, cells, steps), how often a cell counts, :math:`w_i`
+    weight : ndarray, shape (samples, cells, steps), multiplicity of each cell, :math:`w_i`
 
     Returns
     -------
     ndarray, shape (samples, steps)
-        Zero where half of the cells or more let nothing through, NaN where no cell counts; m3.
+        Zero where half of the cells or more are tight, NaN where no cell counts; m3.
 
     Notes
     -----
-    A round patch in what all others make together changes the flow by nothing on the mean,
+    A round patch in the effective medium of all others does not change the mean flow,
 
     .. math:: \sum_i w_i \frac{k_i - k}{k_i + k} = 0,    \tag{1}
 
     which in two dimensions is exact to the second order in the scatter [1]_, and exact for a
-    lognormal one: :math:`k` is then the geometric mean. Half of the cells of random surfaces are
-    tight where about .42 of the area touches [2]_.
+    lognormal scatter: :math:`k` is then the geometric mean. Half of the cells of random surfaces
+    are tight where about .42 of the area touches [2]_.
 
     References
     ----------
@@ -171,10 +171,10 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     opened = permeability > 0.0
     total = weight.sum(axis=1)
     share = np.sum(weight * opened, axis=1) / np.where(total > 0.0, total, np.nan)
-    found = permeability[opened] if opened.any() else np.ones(1)
+    values = permeability[opened] if opened.any() else np.ones(1)
     # with the least permeability in the open share f of the cells, k is (2 f - 1) times as large
-    low = np.log(found.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0))
-    high = np.full(share.shape, np.log(found.max()))
+    low = np.log(values.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0))
+    high = np.full(share.shape, np.log(values.max()))
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         k = np.exp(middle)[:, None]
@@ -190,10 +190,10 @@ def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None
     ----------
     law : Dataset, follows ``INTERFACE_LAW``
     response : Dataset
-        Follows ``MICRO_RESPONSE``: the cells of the law, with what their gaps let through.
+        Follows ``MICRO_RESPONSE``: the cells of the law, with their hydraulic apertures.
     coarser : Dataset, optional
-        Follows ``COARSER_RESPONSE``: the first of these cells on half of their points, by which
-        the intervals count the error of the grid, see :func:`estimate_grid_error`.
+        Follows ``COARSER_RESPONSE``: the first of these cells on half of their points, so that the
+        intervals contain the error of the grid, see :func:`estimate_grid_error`.
 
     Notes
     -----
@@ -202,37 +202,40 @@ def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None
     the law has no samples.
     """
     loading = loading_branch(response)
-    own = loading["nominal_pressure"].to_numpy()
-    at = [int(np.argmin(np.abs(own - p))) for p in law["fit_pressure"].to_numpy()]
+    solved = loading["nominal_pressure"].to_numpy()
+    at = [int(np.argmin(np.abs(solved - p))) for p in law["fit_pressure"].to_numpy()]
     aperture = loading["hydraulic_aperture"].to_numpy()[:, at]
     n, sampled = len(aperture), law.sizes.get("sample", 0) > 0
     counts = draw_counts(n, SAMPLES if sampled else 0, int(law.attrs["seed"]))
     weights = np.vstack([np.ones(n), counts])
-    mean, band, cells = [], [], []
+    mean, band, percolating = [], [], []
     for axes in ([0], [1], [0, 1]):  # in the order of DIRECTIONS
         h = np.concatenate([aperture[..., k] for k in axes])
         first, *drawn = _spread(_patchwork(h, np.tile(weights, len(axes))), n)
         ends = np.percentile(drawn or [first + np.nan], [2.5, 97.5], axis=0)
+        # the error of the grid adds to either side
         if coarser is not None:
             coarse = coarser["hydraulic_aperture"].to_numpy()[:, at]
             fine = aperture[: len(coarse)]
             alike = [
-                _patchwork(np.concatenate([one[..., k] for k in axes]))[0] for one in (fine, coarse)
+                _patchwork(np.concatenate([cells[..., k] for k in axes]))[0]
+                for cells in (fine, coarse)
             ]
             grid = estimate_grid_error(alike[0], {2.0: alike[1]}).half_width
             sides = np.array([-1.0, 1.0])[:, None] * np.hypot(ends - first, grid)
             ends = np.maximum(first + sides, 0.0)
         mean.append(first)
         band.append(ends)
-        cells.append(np.sum(h > 0.0, axis=0) / np.maximum(np.isfinite(h).sum(axis=0), 1))
+        percolating.append(np.sum(h > 0.0, axis=0) / np.maximum(np.isfinite(h).sum(axis=0), 1))
     law = INTERFACE_LAW.assign(
         law.assign_coords(direction=list(DIRECTIONS)),
         {
             "hydraulic_aperture": np.array(mean),
             "hydraulic_aperture_mean_law": np.stack(band, axis=1),
-            "percolating_cells": np.array(cells),
+            "percolating_cells": np.array(percolating),
         },
     ).assign_attrs(leakage_intervals=SCATTER if coarser is None else SCATTER_AND_GRID)
+    # a caution where the aperture rises with the pressure by more than chance
     both = np.asarray(mean)[-1]
     low, high = np.array(band)[-1]
     least = np.minimum.accumulate(both)
@@ -250,14 +253,14 @@ def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None
         return law
     return with_cautions(
         law,
-        f"a cell has {waves:.2g} of the longest waves along its edge, too few to tell by which "
-        f"pressure the last path through the gap closes: single waves decide; make it "
-        f"{FEWEST_WAVES:g} waves wide or more",
+        f"a cell has {waves:.2g} of the longest wavelengths along its edge, too few for the "
+        f"pressure that closes the last path through the gap: single summits decide; make it "
+        f"{FEWEST_WAVES:g} wavelengths wide or more",
     )
 
 
 def _patchwork(aperture: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Hydraulic aperture of an interface of cells, some of them unknown, m, (samples, steps)."""
+    """Return the hydraulic aperture of an interface of cells, NaN if unknown, (samples, steps)."""
     known = np.isfinite(aperture)
     counted = known[None] if weight is None else weight[..., None] * known
     cube = effective_permeability(np.where(known, aperture, 0.0) ** 3, counted)
@@ -265,7 +268,7 @@ def _patchwork(aperture: np.ndarray, weight: np.ndarray | None = None) -> np.nda
 
 
 def _spread(aperture: np.ndarray, n: int) -> np.ndarray:
-    """Spread samples about the mean, the first row, as Student's; what is closed stays closed."""
+    """Spread samples about the mean, the first row, as Student's; closed gaps stay closed."""
     mean = aperture[0]
     opened = (aperture > 0.0) & (mean > 0.0)
     ratio = np.divide(aperture, mean, out=np.ones_like(aperture), where=opened)
@@ -273,7 +276,7 @@ def _spread(aperture: np.ndarray, n: int) -> np.ndarray:
 
 
 def sealing_pressures(law: Dataset, direction: str = "both") -> np.ndarray:
-    """Pressures between which the last path through an interface closes.
+    """Return the pressures between which the last path through an interface closes.
 
     Parameters
     ----------
@@ -283,7 +286,7 @@ def sealing_pressures(law: Dataset, direction: str = "both") -> np.ndarray:
     Returns
     -------
     ndarray, shape (2,)
-        The last pressure at which something comes through and the next one, Pa; NaN where the data
+        The last pressure with a path through the gap and the next pressure, Pa; NaN where the data
         begin later, or end earlier.
     """
     require_law(law, "hydraulic_aperture")
@@ -294,19 +297,19 @@ def sealing_pressures(law: Dataset, direction: str = "both") -> np.ndarray:
 
 
 def say_sealing(law: Dataset, direction: str = "both") -> str:
-    """Say between which pressures an interface becomes tight, and how sure its cells are of it."""
+    """Write the pressures between which an interface becomes tight, and the scatter of cells."""
     pressure = law["fit_pressure"].to_numpy()
     last, first = sealing_pressures(law, direction)
     if np.isnan(first):
         return f"Paths lead through the gap up to the highest pressure, {1e-6 * last:.4g} MPa."
     touching = 100.0 * float(area_from_dataset(law).contact_fraction(first))
     before = f"leaks at {1e-6 * last:.4g} MPa and " if np.isfinite(last) else ""
-    told = (
+    sentence = (
         f"The interface {before}is tight from {1e-6 * first:.4g} MPa on, where {touching:.3g} % of "
         f"it touches and half of the cells or more have no path."
     )
     cells = law["percolating_cells"].sel(direction=direction).to_numpy()
     mixed = [f"{1e-6 * p:.4g}" for p in pressure[(cells > 0.0) & (cells < 1.0)]]
     if not mixed:
-        return told
-    return f"{told} Some cells are tight and others open at {', '.join(mixed)} MPa."
+        return sentence
+    return f"{sentence} Some cells are tight and others open at {', '.join(mixed)} MPa."

@@ -48,7 +48,7 @@ def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
     low, high = seal["leak_rate_mean_law"].to_numpy()
     assert np.all((low <= seal["leak_rate"]) & (seal["leak_rate"] <= high))
     assert np.all(seal["hydraulic_aperture"] < seal["mean_gap"])
-    assert "2 of the longest waves along its edge" in found["interface_law"].attrs["cautions"]
+    assert "2 of the longest wavelengths along its edge" in found["interface_law"].attrs["cautions"]
     assert "mean pressure of the liquid on the faces" in seal.attrs["cautions"]
     finished = open_finished(out)
     drawn = {name for section in finished.sections() for name in section.figures}

@@ -623,7 +623,9 @@ def test_what_does_not_belong_together_is_refused():
     law = fit_law(response, n_samples=0)
     with pytest.raises(CaseError, match="not the 7 of the response; fit it to this response"):
         error_budget(response.isel(step=slice(1, None)), law)
-    with pytest.raises(CaseError, match=r"ratio 2 has 5 realisations, not 6; solve the same ones"):
+    with pytest.raises(
+        CaseError, match=r"ratio 2 has 5 realisations, not 6; solve the same realisations"
+    ):
         error_budget(response, law, resolutions={2.0: ensemble(5)})
     with pytest.raises(CaseError, match="has other pressures; press it as the first"):
         error_budget(response, law, sizes={0.5: ensemble(6).isel(step=slice(1, None))})

@@ -168,7 +168,7 @@ def test_friction_is_refused_without_a_branch_of_shear_and_outside_the_data(tmp_
     known = assume_shear(law, friction=0.3, stiffness_ratio=0.8)
     with pytest.raises(CaseError, match="written for abaqus or calculix, got 'ansys'"):
         write_pressure_overclosure(known, tmp_path / "a.inp", friction_for="ansys")
-    with pytest.raises(CaseError, match="got a stick_pressure of 1 Pa; give one between"):
+    with pytest.raises(CaseError, match="got a stick_pressure of 1 Pa; give a pressure between"):
         write_pressure_overclosure(
             known, tmp_path / "a.inp", friction_for="abaqus", stick_pressure=1.0
         )

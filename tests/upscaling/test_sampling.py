@@ -60,7 +60,7 @@ def test_the_interval_covers(n):
     for _ in range(1000):
         y, f = pairs(random, n, 40 * n)
         found = Control.of(y, f)
-        parts = ((y, n - 1),) if found is None else found.parts
+        parts = ((y, n - 1),) if found is None else found.ensembles
         mean = y.mean() if found is None else found.mean[0]
         errors = [rows.std(ddof=1) / np.sqrt(len(rows)) for rows, _ in parts]
         half = np.linalg.norm(t.ppf(0.975, [freedom for _, freedom in parts]) * errors)
@@ -201,5 +201,5 @@ def test_a_budget_says_where_cells_do_not_follow():
     law = fit_law(dear, control=other, n_samples=0)
     assert law.attrs["control"].startswith("mean gap: none, since they follow each other by chance")
     told = error_budget(dear, law, control=other).attrs["how_sampling"]
-    assert "8 realisations alone, since they and the control cells" in told
+    assert "8 realisations only, since they and the control cells" in told
     np.testing.assert_allclose(law["fit_mean_gap"], fit_law(dear, n_samples=0)["fit_mean_gap"])

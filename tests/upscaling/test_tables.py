@@ -105,7 +105,7 @@ def test_specimens_give_bands_by_specimen():
         ("pressure (1),stiffness (MPa/um)\n1,2\n", r"the column 'pressure \(1\)': "),
         (
             "pressure (MPa),stiffness (MPa/um),stiffness (MPa/mm)\n1,2,2000\n",
-            r"'stiffness \(MPa/um\)' and 'stiffness \(MPa/mm\)' have one name; leave one",
+            r"'stiffness \(MPa/um\)' and 'stiffness \(MPa/mm\)' have the same name; leave one",
         ),
         ("pressure (mm),stiffness (MPa/um)\n1,2\n", r"'pressure \(mm\)': .* cannot be converted"),
         ("pressure (MPa),stiffness (MPa)\n1,2\n", r"'1 MPa' cannot be converted to Pa/m"),
@@ -125,7 +125,7 @@ def test_specimens_give_bands_by_specimen():
         ("pressure (MPa),stiffness (MPa/um)\n1,3\n2,nan\n", "line 3: stiffness .* got 'nan'"),
         (
             "pressure (MPa),stiffness (MPa/um),specimen\n1,5,a\n1,50,a\n",
-            r"specimen a has two values at 1e\+06 Pa, 5e\+12 and 5e\+13 Pa m-1; keep one",
+            r"specimen a has two values at 1e\+06 Pa, 5e\+12 and 5e\+13 Pa m-1; remove one",
         ),
         (
             "pressure (MPa),stiffness (MPa/um)\n1,9\n2,8\n3,6\n4,5\n5,4\n",

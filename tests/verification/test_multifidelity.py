@@ -104,7 +104,7 @@ def pools():
 def interval(dear, cheap):
     """Mean and half-width by both ensembles, or by the dear cells alone."""
     found = Control.of(dear, cheap)
-    parts = ((dear, len(dear) - 1),) if found is None else found.parts
+    parts = ((dear, len(dear) - 1),) if found is None else found.ensembles
     mean = dear.mean(axis=0) if found is None else found.mean
     halves = [
         t.ppf(0.975, free) * rows.std(axis=0, ddof=1) / len(rows) ** 0.5 for rows, free in parts
