@@ -1,4 +1,4 @@
-"""Scenes with references, on which this package and others are measured side by side."""
+"""Scenes with references, to measure this package and others side by side."""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ FAMILIES: Mapping[str, str] = {
     "substructures": "substructures",
     "volumes": "answers",
 }
-"""Families of scenes, with the module of each, in which it has its name in capitals."""
+"""Families of scenes and their modules; a module has its family under its name in capitals."""
 
 STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 """Families of stiff and extreme cases, in the order of their table."""
@@ -37,14 +37,14 @@ def bench(
     *,
     quick: bool = False,
     report: Callable[[str], None] = lambda line: None,
-    keep: "Callable[[Dataset], object]" = lambda found: None,
+    keep: "Callable[[Dataset], object]" = lambda dataset: None,
 ) -> "Dataset":
     """Measure a family of scenes.
 
     Parameters
     ----------
-    family : str, one of ``FAMILIES``
-    quick : bool, fewer scenes and grids, one run of each
+    family : str, a name of ``FAMILIES``
+    quick : bool, fewer scenes and grids, and a single run of each
     report : callable, gets a line after each measurement
     keep : callable, gets the dataset of all scenes so far after each scene
 

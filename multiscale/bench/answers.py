@@ -22,10 +22,10 @@ __all__ = ["CHAIN", "DAMAGE", "DAMAGE_SCENES", "LAWS", "VOLUMES", "life"]
 # chain: stiffness of an interface of a shipped case, from surface to answer
 
 CASE, PRELOAD = "ground_steel", 2
-"""The shipped case, and which of its preloads is looked at."""
+"""The shipped case, and the number of its preload that is measured."""
 SAMPLES, APART = 4, 1000
 """Number of independent answers, over which an error is averaged; distance of the seeds of chains,
-more than any of them takes, with the flat cells beside."""
+larger than the number of cells of any chain."""
 
 
 def interface_stiffness(points: int, realisations: int, sample: int) -> tuple[float, float]:
@@ -47,16 +47,16 @@ def interface_stiffness(points: int, realisations: int, sample: int) -> tuple[fl
 
 
 def interface_stiffnesses(points: int, realisations: int, samples: int = SAMPLES) -> np.ndarray:
-    """Stiffness of several runs, Pa/m."""
+    """Return the stiffness of several runs, Pa/m."""
     return np.array([interface_stiffness(points, realisations, k)[0] for k in range(samples)])
 
 
 def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Run the case on several grids with several numbers of realisations.
 
-    Errors of the stiffness of the interface, which the bodies beside it would hide in the stiffness
-    of the joint, are relative to four times as many other realisations on the finest grid, whose
-    stated 95 % interval is the uncertainty.
+    Errors are of the stiffness of the interface, since the bodies would hide them in the stiffness
+    of the joint, relative to four times as many other realisations on the finest grid; the stated
+    95 % interval of these is the uncertainty.
     """
     grids, counts = ((34, 48), (3,)) if quick else ((48, 64, 96, 128), (3, 6, 12))
     rows = [
@@ -81,14 +81,14 @@ CHAIN = BenchFamily("whole chain: stiffness of an interface", chain, ("scipy", "
 
 YOUNG, POISSON, SLOPE = 210e9, 0.3, 0.1  # Pa, 1, 1
 SIZE, LONGEST, SHORTEST = 80e-6, 20e-6, 10e-6
-"""Edge of the cells, longest and shortest wave, m."""
+"""Edge of the cells, longest and shortest wavelength, m."""
 POINTS = 64
 LOWEST, ASKED, HIGHEST = 0.2e9, 1e9, 4e9
-"""Pressures between which cells are pressed, and where the stiffness is asked for, Pa."""
+"""Range of the pressures of the cells, and the pressure of the measured stiffness, Pa."""
 MOST = 32
 """Largest number of realisations of a law."""
-PARTS = 8
-"""Number of equal shares of the realisations of the truth, whose scatter is the uncertainty."""
+SHARES = 8
+"""Number of equal shares of the realisations of the truth; their scatter is the uncertainty."""
 
 
 def fitted_stiffness(family: str, seeds: Iterable[int]) -> float:
@@ -108,14 +108,14 @@ def fitted_stiffness(family: str, seeds: Iterable[int]) -> float:
         )
         for seed in seeds
     ]
-    cells = [Cell(one, SIZE, 8, YOUNG, POISSON, geometry="flat") for one in surfaces]
+    cells = [Cell(surface, SIZE, 8, YOUNG, POISSON, geometry="flat") for surface in surfaces]
     response = run_ensemble(cells, Path(pressure=tuple(np.geomspace(LOWEST, HIGHEST, 8))))
     law = law_from_dataset(fit_law(response, family=family, n_samples=0))
     return float(law.stiffness(law.gap_at(np.array([ASKED])))[0])
 
 
 def fitted_stiffnesses(family: str, count: int, samples: int = SAMPLES) -> np.ndarray:
-    """Stiffness of several ensembles, Pa/m."""
+    """Return the stiffness of several ensembles, Pa/m."""
     ensembles = np.arange(samples * count).reshape(samples, count)
     return np.array([fitted_stiffness(family, seeds) for seeds in ensembles])
 
@@ -139,10 +139,10 @@ def laws(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         for count in ((2, 4) if quick else (2, 4, 8, 16, MOST))
     ]
     first = SAMPLES * MOST  # after the seeds of the ensembles
-    shares = np.arange(first, first + (16 if quick else 1024)).reshape(PARTS, -1)
-    parts = np.array([fitted_stiffness("convex_decreasing", share) for share in shares])
-    spread = 2.0 * parts.std(ddof=1) / np.sqrt(PARTS) / parts.mean()
-    yield judge(rows, float(parts.mean()), float(spread))
+    shares = np.arange(first, first + (16 if quick else 1024)).reshape(SHARES, -1)
+    truth = np.array([fitted_stiffness("convex_decreasing", seeds) for seeds in shares])
+    spread = 2.0 * truth.std(ddof=1) / np.sqrt(SHARES) / truth.mean()
+    yield judge(rows, float(truth.mean()), float(spread))
 
 
 LAWS = BenchFamily("interface laws: stiffness at 1 GPa", laws, ("scipy",))
@@ -158,11 +158,11 @@ WAYS = {
     "more volumes": tuple((0.5e-3, count, 24) for count in (1, 4, 16)),
     "smaller voxels": tuple((1e-3, 4, voxels) for voxels in (8, 16, 32)),
 }
-"""Edge of the volumes, m, their number, and voxels along 1 mm, by what is refined."""
+"""Edge of the volumes, m, their number, and voxels along 1 mm, by the kind of refinement."""
 
 
 def mean_moduli(size: float, count: int, voxels: int, seeds: Sequence[int]) -> list[float]:
-    """Mean Young's modulus of volumes over all directions of their edges, Pa, for each seed."""
+    """Return the mean Young's modulus of volumes along their edges, Pa, for each seed."""
 
     def modulus(seed: int) -> float:
         image = voxelise(CASTING.draw((size,) * 3, seed), round(voxels * size / 1e-3))
@@ -173,10 +173,10 @@ def mean_moduli(size: float, count: int, voxels: int, seeds: Sequence[int]) -> l
 
 
 def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Find the stiffness of a porous solid by larger, more and finer volumes.
+    """Compute the stiffness of a porous solid by larger, more and finer volumes.
 
     Errors are the root mean square over independent answers, against the mean of larger and finer
-    volumes, whose change by coarser voxels is the uncertainty.
+    volumes; the change of this mean by coarser voxels is the uncertainty.
     """
     seeds = range(1000, 3000 if quick else 7000, 1000)
     rows = [
@@ -215,7 +215,7 @@ SUBSTEPS = 16
 
 
 def stress_history(scene: str) -> np.ndarray:
-    """Corners of a cycle of stress, or of a program of cycles, of a scene, Pa."""
+    """Return the corners of a cycle of stress, or of a program of cycles, of a scene, Pa."""
     limit = MATERIAL.fatigue_limit
     reversed_tension = limit * np.array([1.0, -1.0])
     if scene == DAMAGE_SCENES[0]:
@@ -230,15 +230,15 @@ def stress_history(scene: str) -> np.ndarray:
 
 
 def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple[float, float]:
-    """Cycles to rupture, and cycles that were followed to find them."""
-    found = two_scale_fatigue(
+    """Return the cycles to rupture, and the number of cycles that were computed."""
+    history = two_scale_fatigue(
         stress_history(scene), MATERIAL, jump_tolerance=tolerance, substeps=substeps
     )
-    return float(found["cycles_to_rupture"]), float(found["computed_cycles"])
+    return float(history["cycles_to_rupture"]), float(history["computed_cycles"])
 
 
 def damage(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Find lives by following every cycle, and by jumps of several tolerances.
+    """Compute lives cycle by cycle, and by jumps of several tolerances.
 
     Errors of the cycles to rupture are relative to the run that follows every cycle in the same
     substeps; its change by four times the substeps is the uncertainty, and the error of that run:

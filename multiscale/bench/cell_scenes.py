@@ -1,4 +1,4 @@
-"""Cells on their own: elements and large strain against their limits, kernels against memory."""
+"""Single cells: elements and large strain against their limits, kernels against memory."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -15,7 +15,7 @@ YOUNG, POISSON = 1e9, 0.3  # Pa, 1
 
 
 def _waves(amplitude: float, points: int) -> np.ndarray:
-    """Heights of waves in both directions on a grid, over their length."""
+    """Return the heights of waves in both directions on a grid, over their wavelength."""
     wave = np.cos(2.0 * np.pi * np.arange(points) / points)
     return amplitude * wave[:, None] * wave
 
@@ -74,7 +74,7 @@ STRAIN_SCENES = {
 
 
 def gap_at_large_strain(scene: str, points: int) -> float:
-    """Press waves on a grid of so many points along an edge: mean gap over wavelength."""
+    """Press waves on a grid of ``points`` along an edge: mean gap over wavelength."""
     from multiscale.micro import Cell, Path, Surface, solve_cell
 
     law, pressure = STRAIN_SCENES[scene]
@@ -114,7 +114,7 @@ Kernel = tuple[Callable[[], object], float, float]
 
 
 def _stiffness(dtype: type[np.floating], points: int) -> Kernel:
-    """Stiffness of the conforming cell: 2 x 2 x 2 Gauss points in each hexahedron."""
+    """Prepare the stiffness of the conforming cell: 2 x 2 x 2 Gauss points in each hexahedron."""
     from multiscale.bench.rough_contact import scene_surface
     from multiscale.micro.elastic.stiffness import stiffness_operator
     from multiscale.micro.layer import GraphMesh, graded_planes
@@ -128,7 +128,7 @@ def _stiffness(dtype: type[np.floating], points: int) -> Kernel:
 
 
 def _inverse(points: int) -> Kernel:
-    """Preconditioner of the conforming cell: transforms and eliminations in single precision."""
+    """Prepare the preconditioner of the conforming cell, in single precision."""
     from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
 
     planes = np.linspace(0.0, 1.0, LAYERS + 1)
@@ -142,7 +142,7 @@ def _inverse(points: int) -> Kernel:
 
 
 def _convolution(points: int) -> Kernel:
-    """Compliance of the flat cell: a transform there and back."""
+    """Prepare the compliance of the flat cell: a transform and its inverse."""
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
     values = np.random.default_rng(seed=1).standard_normal((points, points))
@@ -157,11 +157,11 @@ LIMIT_SCENES: dict[str, Callable[[int], Kernel]] = {
     "inverse of a flat cell": _inverse,
     "compliance of a flat cell": _convolution,
 }
-"""How each kernel is made, by the number of points along an edge."""
+"""From the number of points along an edge to the prepared kernel."""
 
 
 def fastest(application: Callable[[], object]) -> float:
-    """Time of the fastest of repeated applications, s, after one that is not timed."""
+    """Return the time of the fastest of repeated applications, s, after an untimed application."""
     application()
     least, begin = np.inf, perf_counter()
     while perf_counter() - begin < LEAST:
@@ -172,7 +172,7 @@ def fastest(application: Callable[[], object]) -> float:
 
 
 def measure_kernel(scene: str, points: int) -> dict[str, float]:
-    """Measure an application of a kernel beside a copy, on one thread, of the bytes it moves."""
+    """Measure an application of a kernel, and a copy of its bytes on one thread."""
     application, moved, flops = LIMIT_SCENES[scene](points)
     source = np.ones(int(moved) // 16)  # a copy reads as much as it writes
     time = fastest(application)
@@ -183,7 +183,7 @@ def measure_kernel(scene: str, points: int) -> dict[str, float]:
 def limit(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Time one application of each kernel on all grids.
 
-    There is no error: ``over_copy`` is the distance of a kernel from the memory's limit, beside
+    There is no error: ``over_copy`` is the distance of a kernel from the memory's limit, with
     ``bytes_moved``, which counts arrays that must be read or written once, and ``operations``,
     counted on paper within a few tenths.
     """

@@ -31,20 +31,12 @@ Touch = tuple[ArrayLike, ArrayLike, int, int]
 
 @dataclass(frozen=True)
 class RigidBodies:
-    r"""Rigid bodies with contacts, :math:`M v = f + H r` and :math:`u = H^T v`.
+    r"""Rigid bodies with contacts, :math:`M v = f + H r` and :math:`u = H^T v`."""
 
-    Attributes
-    ----------
-    mass : csr_array, :math:`M`, diagonal, kg and kg m²
-    transfer : csr_array, :math:`H` from impulses to bodies, 1 and m; normal first at every contact
-    momentum : ndarray, :math:`f`, without contact impulses, N s and N m s
-    friction : ndarray, shape (contacts,), friction coefficient, 1
-    """
-
-    mass: csr_array
-    transfer: csr_array
-    momentum: np.ndarray
-    friction: np.ndarray
+    mass: csr_array  # M, diagonal, kg and kg m²
+    transfer: csr_array  # H, from impulses to bodies, 1 and m; normal first at every contact
+    momentum: np.ndarray  # f, without contact impulses, N s and N m s
+    friction: np.ndarray  # (contacts,), friction coefficient, 1
 
     def condensed(self) -> tuple[csr_array, np.ndarray, np.ndarray]:
         """Return W = H^T M^-1 H, 1/kg, q = H^T M^-1 f, m/s, and the friction coefficients."""
@@ -82,7 +74,7 @@ def rigid_bodies(
 
 
 def _frame(normal: ArrayLike) -> np.ndarray:
-    """Rows: normal and two tangents."""
+    """Return the normal and two tangents as rows."""
     n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
     other = np.eye(3)[np.argmin(np.abs(n))]
     t = np.cross(n, other)
@@ -105,7 +97,7 @@ def box_stack(
     friction: float = 0.5,
     push: Callable[[np.ndarray, np.random.Generator], np.ndarray] = _push_each,
 ) -> RigidBodies:
-    """Make a stack of boxes with four corner contacts each, pushed sideways; hyperstatic."""
+    """Build a stack of boxes with four corner contacts each, pushed sideways; hyperstatic."""
     masses = mass_ratio ** rng.uniform(0.0, 1.0, boxes)
     sides = rng.uniform(0.6, 1.4, (boxes, 3))
     base = np.concatenate([[0.0], np.cumsum(sides[:-1, 2])])
@@ -123,20 +115,20 @@ def box_stack(
 
 
 def _weights(masses: np.ndarray) -> np.ndarray:
-    """Gravity as forces and moments, N and N m, shape (bodies, 6)."""
+    """Return gravity as forces and moments, N and N m, shape (bodies, 6)."""
     forces = np.zeros((masses.size, 6))
     forces[:, 2] = -GRAVITY * masses
     return forces
 
 
 def _cuboid(masses: np.ndarray, sides: np.ndarray) -> np.ndarray:
-    """Moments of inertia of cuboids, kg m², shape (bodies, 3)."""
+    """Return the moments of inertia of cuboids, kg m², shape (bodies, 3)."""
     squares = sides**2
     return np.asarray(masses[:, None] / 12.0 * (squares.sum(axis=1)[:, None] - squares))
 
 
 def sphere_pile(spheres: int, rng: np.random.Generator) -> RigidBodies:
-    """Make a regular packing of equal spheres above the ground, pushed in all directions."""
+    """Build a regular packing of equal spheres above the ground, pushed in all directions."""
     layers = int(np.ceil(spheres ** (1.0 / 3.0)))
     lattice = [
         [i + 0.5 * (k % 2), j + 0.5 * (k % 2), 0.5 + k * np.sqrt(0.5)]
@@ -161,7 +153,7 @@ def sphere_pile(spheres: int, rng: np.random.Generator) -> RigidBodies:
 
 
 def wedged_block(friction: float) -> RigidBodies:
-    """Make a block between two slanted walls, pressed down: it jams where friction is high."""
+    """Build a block between two slanted walls, pressed down: it jams where friction is high."""
     contacts: list[Touch] = [
         ([side * (0.5 + 0.1 * z), y, z], [-side, 0.0, 0.1], 0, -1)
         for side in (-1.0, 1.0)
@@ -177,7 +169,7 @@ PLANK = np.array([0.9, 0.3, 0.2])  # m
 
 
 def block_tower(levels: int, rng: np.random.Generator) -> RigidBodies:
-    """Make a tower of three planks a level, crosswise: many redundant contacts."""
+    """Build a tower of three planks a level, crosswise: many redundant contacts."""
     n = 3 * levels
     level = np.arange(n) // 3
     turned = level % 2 == 1

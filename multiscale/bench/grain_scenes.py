@@ -10,14 +10,14 @@ __all__ = ["BOUNCE", "COMPLIANCES", "DEPOSIT", "EXACT", "ROLL", "STEPS", "answer
 
 GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
 HEIGHTS = 1.0 + 0.05 * (np.arange(16) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0)
-"""Heights of the falls of bouncing grains, m: their impacts lie anywhere in a step, as the error of
-one grain depends on where."""
+"""Heights of the falls of bouncing grains, m: their impacts are spread over a step, as the error of
+a single grain depends on the place of its impact."""
 RESTITUTION, DURATION = 0.8, 1.0
 """Restitution of the bouncing grains; time of the answer, s, after their first impact."""
 FRICTION, SPEED, ROLLED = 0.3, 1.0, 0.3
 """Friction coefficient of the sliding grain; its speed at the start, m/s; time of the answer, s."""
 DEPOSITS, TRUTH = range(4), range(4, 12)
-"""Seeds of the deposits of an answer, and of the others that are its reference."""
+"""Seeds of the deposits of an answer, and of the deposits that are its reference."""
 
 BOUNCE, ROLL, DEPOSIT = (
     "mean height of bouncing grains",
@@ -29,14 +29,14 @@ COMPLIANCES = {"rigid": 0.0, "compliant": 0.02}
 
 
 def _bounced() -> float:
-    """Mean height at the end, between the first impacts and the second ones, m."""
+    """Return the mean height at the end, between first and second impacts, m."""
     first = np.sqrt(2.0 * HEIGHTS / GRAVITY)
     since = DURATION - first
     return float(np.mean(RESTITUTION * GRAVITY * first * since - 0.5 * GRAVITY * since**2))
 
 
 def _rolled() -> float:
-    """Way of a sphere that slides until 5/7 of its speed is left, and then rolls, m."""
+    """Return the way of a sphere that slides down to 5/7 of its speed, and then rolls, m."""
     slides = 2.0 * SPEED / (7.0 * FRICTION * GRAVITY)
     way = SPEED * slides - 0.5 * FRICTION * GRAVITY * slides**2
     return way + 5.0 / 7.0 * SPEED * (ROLLED - slides)
@@ -69,7 +69,7 @@ def answer(scene: str, compliance: float, step: float, grains: int = 20) -> floa
 def deposit_heights(
     grains: int, compliance: float, step: float, seeds: Iterable[int]
 ) -> list[float]:
-    """Let spheres fall into a box of 10 cm for a second: twice their mean height for each seed."""
+    """Drop spheres into a box of 10 cm for a second: twice their mean height for each seed."""
     from multiscale.macro.granulate import ContactLaw, deposit, simulate_grains
 
     radii, law = np.full(grains, RADIUS), ContactLaw(compliance=compliance)

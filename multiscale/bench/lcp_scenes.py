@@ -11,7 +11,7 @@ __all__ = ["condensed", "granular", "loaded_column", "membrane", "p_matrix", "te
 def granular(
     grains: int, *, mass_ratio: float = 1.0, contacts_per_grain: float = 3.3, seed: int = 0
 ) -> tuple[csr_array, csr_array, np.ndarray]:
-    """Make frictionless contacts between near neighbours in space that move together."""
+    """Build frictionless contacts between near neighbours in space that approach each other."""
     rng = np.random.default_rng(seed)
     position = rng.random((grains, 3)) * grains ** (1 / 3)
     near = cKDTree(position).query(position, k=8)[1][:, 1:]
@@ -29,9 +29,9 @@ def granular(
 
 
 def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_array:
-    """Minus the direction of each link at its first end, plus at its second; forces that pull.
+    """Assemble minus the direction of each link at its first end, plus at its second.
 
-    Shape (d * nodes, links).
+    Forces that pull are positive; shape (d * nodes, links).
     """
     links, dim = direction.shape
     link = np.repeat(np.arange(links), dim)
@@ -48,9 +48,9 @@ def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_arr
 def loaded_column(
     bodies: int, *, mass_ratio: float = 1.0
 ) -> tuple[csr_array, csr_array, np.ndarray]:
-    """Make a column of light bodies under one ``mass_ratio`` as heavy, pulled down for one step.
+    """Build a column of light bodies under a body of ``mass_ratio``, pulled down for one step.
 
-    Mass, directions and velocity are as in :func:`granular`, one row for each body.
+    Mass, directions and velocity are as in :func:`granular`, with a row for each body.
     """
     mass = np.ones(bodies)
     mass[-1] = mass_ratio
@@ -67,7 +67,7 @@ def condensed(mass: csr_array, directions: csr_array) -> csr_array:
 
 
 def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarray]:
-    """Make a membrane on a wavy obstacle, with so many nodes along an edge, under a uniform load.
+    """Build a membrane on a wavy obstacle, of ``nodes`` along an edge, under a uniform load.
 
     Half of its cells, chosen at random, are ``contrast`` times as stiff as the others.
     """
@@ -93,10 +93,10 @@ def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarra
 
 
 def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Make the slacks of the cables in a braced lattice, A = k - k B K^-1 B^T k, k = 1 N/m.
+    """Build the problem of the slacks of cables in a lattice, A = k - k B K^-1 B^T k, k = 1 N/m.
 
-    It has so many nodes along an edge; a quarter of its links, the bars, is ``contrast`` times as
-    stiff.
+    The lattice has ``nodes`` along an edge; a quarter of its links, the bars, is ``contrast`` times
+    as stiff.
     """
     n, rng = nodes, np.random.default_rng(seed=0)
     node = np.arange(n * n).reshape(n, n)
@@ -110,7 +110,7 @@ def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.nda
     ends = np.concatenate([np.column_stack([a.ravel(), b.ravel()]) for a, b in neighbours])
     direction = position[ends[:, 1]] - position[ends[:, 0]]
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    # two opposite edges are held
+    # two opposite edges are fixed
     lengthening = csr_array(_lengthening(ends, direction, n * n).T)[:, 2 * n : -2 * n]
     cable = rng.random(len(ends)) < 0.75
     stiffness = np.where(cable, 1.0, contrast)
@@ -123,7 +123,7 @@ def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.nda
 
 
 def p_matrix(size: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Make a nonsymmetric P-matrix, a positive definite part and a skew one, and a vector."""
+    """Build a nonsymmetric P-matrix, positive definite plus skew-symmetric, and a vector."""
     rng = np.random.default_rng(seed)
     root, skew = rng.standard_normal((2, size, size))
     matrix = root @ root.T / size + skew - skew.T + 0.1 * np.eye(size)

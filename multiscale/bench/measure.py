@@ -1,4 +1,4 @@
-"""Tasks measured in processes of their own: answer, time, memory, and the dataset of all."""
+"""Tasks measured in separate processes: answer, time, memory, and the dataset of all."""
 
 import os
 import sys
@@ -43,18 +43,18 @@ THREADS = 2
 """Number of threads that a measured code may use by default."""
 
 Row = dict[str, Any]
-"""Variables of ``WORK_PRECISION`` in one row of the table; ``value``, the answer, which is not
+"""Variables of ``WORK_PRECISION`` in a row of the table; ``value``, the answer, which is not
 stored; and ``history``, seconds and errors, shape (samples, 2)."""
 
 
 class Measurement(NamedTuple):
     """Answer of the run of median time, with its times, s, and the memory of its process, byte.
 
-    Without an answer, ``None``, if a process died, for instance for lack of memory. Memory is the
-    largest resident one with interpreter and libraries; NaN without processes of their own.
+    Memory is the largest resident memory, with interpreter and libraries; NaN without separate
+    processes.
     """
 
-    value: Any
+    value: Any  # None if a process died, for instance for lack of memory
     wall_time: float = nan
     cpu_time: float = nan
     peak_memory: float = nan
@@ -77,7 +77,7 @@ def measure(
         if not process:
             runs.append(_run(task, warm_up, threads)._replace(peak_memory=nan))
             continue
-        # spawn: a forked process would start with the memory of this one
+        # spawn: a forked process would start with the memory of this process
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
             try:
                 runs.append(executor.submit(_run, task, warm_up, threads).result())
@@ -93,7 +93,7 @@ def _run(task: Callable[[], Any], warm_up: Callable[[], object], threads: int) -
 
     warm_up()
     with threadpool_limits(threads), ExitStack() as stack:
-        if "numba" in sys.modules:  # not imported for codes without it, whose memory is measured
+        if "numba" in sys.modules:  # else not imported, as it would add to the measured memory
             stack.enter_context(kernel_threads(min(threads, thread_count())))
         begin, cpu = perf_counter(), process_time()
         value = task()
@@ -102,11 +102,11 @@ def _run(task: Callable[[], Any], warm_up: Callable[[], object], threads: int) -
 
 
 def peak_memory() -> float:
-    """Largest resident memory of this process so far, byte."""
+    """Return the largest resident memory of this process so far, byte."""
     from multiscale.io import read_text
 
     status = Path("/proc/self/status")
-    if status.exists():  # Linux, where getrusage also counts what the parent had
+    if status.exists():  # Linux, where getrusage also counts the memory of the parent
         line = next(line for line in read_text(status).splitlines() if line.startswith("VmHWM"))
         return 1024.0 * float(line.split()[1])
     try:
@@ -118,33 +118,20 @@ def peak_memory() -> float:
 
 @dataclass(frozen=True, eq=False)
 class BenchFamily:
-    """Questions of one kind.
-
-    Parameters
-    ----------
-    title : str, question of the family
-    scenes : callable
-        From a :class:`Runner`, by which it measures, and whether it is quick, to the rows of each
-        scene, judged.
-    packages : tuple of str, packages whose versions are recorded where they are installed
-    threads : int, number of threads that a run may use
-    process : bool, whether each run has a process of its own; otherwise memory is not measured
-    error : str, long name of ``error``, if it differs from the name in ``WORK_PRECISION``
-    attributes : mapping of str to (str or float), further attributes of the dataset
-    """
+    """A family of scenes; ``scenes`` goes from a :class:`Runner` and ``quick`` to judged rows."""
 
     title: str
     scenes: "Callable[[Runner, bool], Iterator[Sequence[Row]]]"
-    packages: tuple[str, ...] = ()
-    threads: int = THREADS
-    process: bool = True
-    error: str = ""
-    attributes: Mapping[str, str | float] = field(default_factory=dict)
+    packages: tuple[str, ...] = ()  # with recorded versions, where they are installed
+    threads: int = THREADS  # number that a run may use
+    process: bool = True  # whether runs have separate processes; else memory is not measured
+    error: str = ""  # long name of ``error``, if it differs from ``WORK_PRECISION``
+    attributes: Mapping[str, str | float] = field(default_factory=dict)  # of the dataset
 
 
 @dataclass(eq=False)
 class Runner:
-    """Measures answers to the questions of a family; ``report`` gets a line after each."""
+    """Measures the answers of a family; ``report`` gets a line after each."""
 
     family: BenchFamily
     report: Callable[[str], None]
@@ -162,7 +149,7 @@ class Runner:
         repeats: int = 1,
         **settings: float,
     ) -> Row:
-        """Measure a task with arguments, after the same task with ``warm`` ones.
+        """Measure a task with arguments, after the same task with ``warm`` arguments.
 
         Settings of the accuracy are variables of ``WORK_PRECISION``, such as ``points``.
         """
@@ -174,8 +161,8 @@ class Runner:
             threads=self.family.threads,
             process=self.family.process,
         )
-        said = "".join(f", {name} {value:g}" for name, value in settings.items())
-        self.report(f"{scene}, {method}{said}: a run of {run.wall_time:.3g} s")
+        accuracy = "".join(f", {name} {value:g}" for name, value in settings.items())
+        self.report(f"{scene}, {method}{accuracy}: a run of {run.wall_time:.3g} s")
         row = {"scene": scene, "method": method, "error": nan, "converged": 0, **settings}
         row |= run._asdict()
         if not self.family.process:
@@ -183,7 +170,7 @@ class Runner:
         return row
 
     def leave_out(self, method: str, reason: str) -> None:
-        """Note why a method is not measured."""
+        """Record why a method is not measured."""
         if (caution := f"{method} is left out {reason}") not in self.cautions:
             self.cautions.append(caution)
 
@@ -211,10 +198,10 @@ class Runner:
             f"the process, imports and compilation",
             "cautions": "\n".join(self.cautions),
         }
-        found = WORK_PRECISION.build(variables, **(attributes | dict(self.family.attributes)))
+        dataset = WORK_PRECISION.build(variables, **(attributes | dict(self.family.attributes)))
         if self.family.error:
-            found["error"].attrs["long_name"] = self.family.error
-        return found
+            dataset["error"].attrs["long_name"] = self.family.error
+        return dataset
 
 
 def measure_family(
@@ -222,9 +209,9 @@ def measure_family(
     *,
     quick: bool,
     report: Callable[[str], None] = lambda line: None,
-    keep: Callable[[Dataset], object] = lambda found: None,
+    keep: Callable[[Dataset], object] = lambda dataset: None,
 ) -> Dataset:
-    """Measure and judge the answers to all questions; arguments as of :func:`~.bench`."""
+    """Measure and judge the answers to all scenes; arguments as of :func:`~.bench`."""
     runner, rows = Runner(family, report), list[Row]()
     for scene in family.scenes(runner, quick):
         rows += scene
@@ -233,7 +220,7 @@ def measure_family(
 
 
 def versions(*packages: str) -> str:
-    """Name the versions of this package and of the other packages that are installed."""
+    """List the versions of this package and of the installed other packages."""
     others = dict.fromkeys(name for name in packages if name != "multiscale" and find_spec(name))
     return ", ".join([f"multiscale {__version__}", *(f"{name} {version(name)}" for name in others)])
 
@@ -241,7 +228,7 @@ def versions(*packages: str) -> str:
 def judge(rows: Sequence[Row], exact: float, uncertainty: float = nan) -> Sequence[Row]:
     """Judge answers that are numbers, or samples of a number, by the truth; return the rows.
 
-    The error of samples is their root mean square error, and their time is the time of one.
+    The error of samples is their root mean square error, their time the time of a single sample.
     """
     for row in rows:
         samples = np.atleast_1d(nan if row["value"] is None else row["value"])
@@ -254,7 +241,7 @@ def judge(rows: Sequence[Row], exact: float, uncertainty: float = nan) -> Sequen
 
 
 def extrapolate(values: np.ndarray, order: float | None = None) -> float:
-    r"""Extrapolate a result, on grids each twice as fine as the one before, from its last three.
+    r"""Extrapolate a result from its last three grids, each twice as fine as the grid before.
 
     Examples
     --------
@@ -273,7 +260,7 @@ def extrapolate(values: np.ndarray, order: float | None = None) -> float:
 
 
 def limit_of(rows: Sequence[Row]) -> tuple[float, float]:
-    """Limit of answers, from coarse to fine, and its relative distance from the last one."""
+    """Extrapolate answers, from coarse to fine; return the limit and the distance of the last."""
     answers = np.array([row["value"] for row in rows], dtype=float)
     limit = extrapolate(answers)
     return limit, abs(answers[-1] / limit - 1.0)

@@ -31,7 +31,7 @@ from multiscale.nonsmooth.lcp import LCP_METHODS
 __all__ = ["FRICTION_SCENES", "LCP_SCENES", "NONSMOOTH", "Problem", "problem_of"]
 
 LCP = Callable[[int], tuple[csr_array | np.ndarray, np.ndarray]]
-"""Makes a matrix and a vector of a size."""
+"""From a size to the matrix and the vector of a problem."""
 
 
 def _grains(size: int, mass_ratio: float = 1.0) -> tuple[csr_array, np.ndarray]:
@@ -71,21 +71,18 @@ FRICTION_SCENES: Mapping[str, tuple[Callable[[int], RigidBodies], int, int]] = {
 
 
 class Problem(NamedTuple):
-    """A scene with its size, tolerance relative to the data, methods, solver and verifier.
-
-    The verifier goes from an answer to its residual by the data alone.
-    """
+    """A scene with its solver and its verifier."""
 
     scene: str
     unknowns: int
-    tolerance: float
+    tolerance: float  # relative to the data
     methods: tuple[str, ...]
     solve: Callable[..., Solution]
-    verify: Callable[[np.ndarray], float]
+    verify: Callable[[np.ndarray], float]  # from an answer to its residual, by the data only
 
-    def answer(self, method: str, most: int | None = None) -> Solution:
-        """Solve by a method, in at most a number of iterations."""
-        options = {} if most is None else {"max_iterations": most}
+    def answer(self, method: str, limit: int | None = None) -> Solution:
+        """Solve by a method, with a limit on the iterations."""
+        options = {} if limit is None else {"max_iterations": limit}
         return self.solve(method=method, tolerance=self.tolerance, **options)
 
 
@@ -118,9 +115,9 @@ def solve_problems(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Solve every scene by every method.
 
     Errors are measured by the verifier, and ``converged`` is 1 if they are within the ``tolerance``
-    of the scene; a failed run stays in the table with its error. The histories hold every residual
-    in its order, also where it rose; the answer is the best. A residual counts as an iteration: a
-    step of a Newton or interior-point method, twenty sweeps, n / 20 pivots.
+    of the scene; a failed run stays in the table with its error. The histories contain all
+    residuals in their order, also where they rose; the answer is the best. A residual counts as an
+    iteration: a step of a Newton or interior-point method, twenty sweeps, n / 20 pivots.
 
     Times are measured on one thread in this process, with scaling and verification, after two
     iterations of every method on the same scene that take the compilation. A hundred processes

@@ -1,7 +1,8 @@
 r"""Rough contact: this package and boundary-element codes on the same heights and pressures.
 
-The surface is self-affine with waves 4 to 16 of a square cell, so that 32 points along an edge do
-not carry it and 64 are the coarsest grid. All grids sample the same band-limited surface.
+The surface is self-affine with the wavelengths 1/4 to 1/16 of a square cell, so that 32 points
+along an edge do not resolve it and 64 are the coarsest grid. All grids sample the same
+band-limited surface.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,23 +29,19 @@ __all__ = [
 
 LENGTH, CONTACT_MODULUS, RMS_SLOPE = 1e-3, 1e9, 0.1  # m, Pa, 1
 TOLERANCE = 1e-6
-"""Overlap in the contact relative to the range of the heights, where a code lets us say so."""
+"""Overlap in the contact relative to the range of the heights, where a code has this option."""
 MAX_ITERATIONS = 5000
 POISSONS_RATIO = 0.3
 
 
 class ContactAnswer(NamedTuple):
-    """Mean gap, m, real over nominal contact area, steps, unknowns, and whether it has converged.
+    """Averages and cost of the answer of a code."""
 
-    The edges of the area are determined in the same way for all codes; steps are those of conjugate
-    gradients, and a code has converged by its account.
-    """
-
-    mean_gap: float
-    contact_fraction: float
-    iterations: int
+    mean_gap: float  # m
+    contact_fraction: float  # real over nominal area, with edges determined alike for all codes
+    iterations: int  # of conjugate gradients
     unknowns: int
-    converged: bool
+    converged: bool  # by the report of the code
 
 
 def press_cell(
@@ -53,7 +50,7 @@ def press_cell(
     pressure: float,
     contact_modulus: float,
 ) -> ContactAnswer:
-    """Press a flat cell, which is exact in depth, or a conforming one.
+    """Press a flat cell, which is exact in depth, or a conforming cell.
 
     The cell is as deep as its period, so that its base is not felt: it lowers the compliance of
     the longest wave by less than 0.1 %. A conforming cell of n points is n/8 but at most 20 layers
@@ -80,7 +77,7 @@ def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float)
     import tamaas
 
     class Counter(tamaas.Functional):  # type: ignore[misc]
-        """A functional that is zero and counts its gradients: Tamaas keeps no such count."""
+        """A functional that is zero and counts its gradients, since Tamaas does not count them."""
 
         calls = 0
 
@@ -97,7 +94,7 @@ def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float)
         tamaas.model_type.basic_2d, list(surface.size), list(heights.shape)
     )
     model.E, model.nu = contact_modulus, 0.0
-    # its tolerance is an overlap relative to the standard deviation of the heights
+    # the tolerance of Tamaas is an overlap relative to the standard deviation of the heights
     tolerance = TOLERANCE * float(np.ptp(heights) / heights.std())
     solver = tamaas.PolonskyKeerRey(model, heights, tolerance)
     solver.max_iter = MAX_ITERATIONS
@@ -132,7 +129,7 @@ def press_with_contact_mechanics(
 def _averaged(
     surface: Surface, displacement: np.ndarray, pressure: np.ndarray, steps: int, converged: bool
 ) -> ContactAnswer:
-    """Average the fields of a boundary-element code, whose half-space has no mean displacement."""
+    """Average the fields of a boundary-element code, for a half-space without mean displacement."""
     from multiscale.micro.contact_area import contact_fraction
 
     gap, active = displacement - surface.heights, pressure > 0.0
@@ -142,15 +139,11 @@ def _averaged(
 
 
 class Code(NamedTuple):
-    """A code, from surface, mean pressure and contact modulus, Pa, to its answer.
+    """A code to compare."""
 
-    With the name by which it is imported, and whether it solves the half-space problem, with the
-    roughness as a gap.
-    """
-
-    solve: Callable[[Surface, float, float], ContactAnswer]
-    module: str
-    small_slope: bool = True
+    solve: Callable[[Surface, float, float], ContactAnswer]  # mean pressure, contact modulus, Pa
+    module: str  # to import
+    small_slope: bool = True  # whether it solves the half-space problem, with roughness as a gap
 
 
 CODES: Mapping[str, Code] = {
@@ -163,7 +156,7 @@ CODES: Mapping[str, Code] = {
 
 
 def scene_surface(points: int) -> Surface:
-    """Sample the surface of the scene on a grid of so many points along an edge, at least 33."""
+    """Sample the surface of the scene on a grid of ``points`` along an edge, at least 33."""
     from multiscale.micro import self_affine
 
     return self_affine(
@@ -182,12 +175,12 @@ def micro(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
 
     Errors of the mean gap are relative to the root mean square height, errors of the contact
     fraction to the fraction. ``error`` and ``contact_error`` are distances from a common reference,
-    the half-space problem for small slopes: the limit that was extrapolated least among the limits
-    of the codes that solve this problem. Its uncertainty is the distance to the other limits.
-    ``own_error`` and ``own_contact_error`` are distances from the limit of the code itself. The
-    mesh of the conforming cell follows the surface, so that its distance from the common reference
-    tends to the difference of the two models, which is of first order in the slope: contact is on
-    the summits, softer than a half-space.
+    the half-space problem for small slopes: the limit with the smallest extrapolation among the
+    limits of the codes that solve this problem. Its uncertainty is the distance to the other
+    limits. ``own_error`` and ``own_contact_error`` are distances from the limit of the code itself.
+    The mesh of the conforming cell follows the surface, so that its distance from the common
+    reference tends to the difference of the two models, which is of first order in the slope:
+    contact is on the summits, softer than a half-space.
 
     Limits are Richardson's, with the observed order for the mean gap and order 1 for the contact
     fraction, whose error sits at the edges of the spots and is too irregular for more. Times count
@@ -199,8 +192,8 @@ def micro(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         ladders = dict[str, list[Row]]()
         for name, code in CODES.items():
             if not find_spec(code.module):
-                how = "because it is not installed; pip install 'multiscale-contact[bench]'"
-                run.leave_out(name, how)
+                reason = "because it is not installed; pip install 'multiscale-contact[bench]'"
+                run.leave_out(name, reason)
                 continue
             ladders[name] = [
                 run(
@@ -218,7 +211,7 @@ def micro(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
 
 
 def _compared(ladders: Mapping[str, Sequence[Row]]) -> list[Row]:
-    """Compare the codes with their common limit, and each with its own, NaN without an answer."""
+    """Compare each code with the common limit and with its limit, NaN without an answer."""
     rows = [row for ladder in ladders.values() for row in ladder]
     for row in rows:
         answer = row["value"]
@@ -227,7 +220,7 @@ def _compared(ladders: Mapping[str, Sequence[Row]]) -> list[Row]:
         )
     small_slope = [CODES[name].small_slope for name in ladders]
     scales = {"mean_gap": ("", float(scene_surface(64).heights.std()))}
-    scales |= {"contact_fraction": ("contact_", np.nan)}  # which is relative to itself
+    scales |= {"contact_fraction": ("contact_", np.nan)}  # relative to its limit
     for name, (label, scale) in scales.items():
         values = np.array(
             [
@@ -250,17 +243,17 @@ def _compared(ladders: Mapping[str, Sequence[Row]]) -> list[Row]:
 
 
 def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, float]:
-    """Choose among the limits of several codes, and say how far they are apart.
+    """Return the limit with the smallest extrapolation, and the largest distance of the others.
 
     Examples
     --------
     >>> common_reference(np.array([1.0, 1.25]), np.array([1.5, 1.125]))
     (1.25, 0.25)
     """
-    known = np.isfinite(limits)
-    if not known.any():
+    finite = np.isfinite(limits)
+    if not finite.any():
         return np.nan, np.nan
-    limits, finest = limits[known], finest[known]
+    limits, finest = limits[finite], finest[finite]
     reference = float(limits[np.argmin(np.abs(limits - finest))])
     distance = float(np.max(np.abs(limits - reference)))
     return reference, distance if limits.size > 1 else np.nan

@@ -36,7 +36,7 @@ LONGEST = 1800
 
 @dataclass(frozen=True)
 class StabilityCase:
-    """A function of ``stability_cases`` with its arguments, and the residual that it may have."""
+    """A function of ``stability_cases`` with its arguments, and the largest allowed residual."""
 
     family: str
     parameters: tuple[tuple[str, float | str], ...]
@@ -51,7 +51,7 @@ class StabilityCase:
 
 
 class Outcome(NamedTuple):
-    """Flag of the outcome, verified residual, seconds, and why there is no answer."""
+    """Flag of the outcome, verified residual, seconds, and the reason if there is no answer."""
 
     outcome: int
     residual: float = np.nan
@@ -74,29 +74,29 @@ def check_stability(
     *,
     jobs: int = 1,
     report: Callable[[str], None] = lambda line: None,
-    keep: Callable[[Dataset], None] = lambda found: None,
+    keep: Callable[[Dataset], None] = lambda dataset: None,
 ) -> Dataset:
-    """Run cases in processes of their own, with one thread for kernels.
+    """Run cases in separate processes, with one thread for kernels.
 
     Notes
     -----
     A case has *converged* if the residual that is verified in its answer is within its tolerance.
-    It was *refused* if the package said in a sentence why it gives no answer. Everything else has
-    *failed*: another exception, a residual above the tolerance, a process that died or hangs.
+    It was *refused* if the package explains in a sentence why there is no answer. Everything else
+    has *failed*: another exception, a residual above the tolerance, a process that died or hangs.
     """
-    found: list[Outcome] = []
+    outcomes: list[Outcome] = []
     for case, row in zip(cases, _run_all(cases, jobs), strict=True):
-        found.append(row)
+        outcomes.append(row)
         answer = row.sentence or f"({row.residual:.1e})"
         report(f"{case.family}: {case}: {OUTCOMES[row.outcome]} {answer}")
-        keep(_join(cases, found))
-    return _join(cases, found)
+        keep(_join(cases, outcomes))
+    return _join(cases, outcomes)
 
 
-def _join(cases: list[StabilityCase], found: list[Outcome]) -> Dataset:
-    """Arrange the outcomes of the first cases."""
-    done = cases[: len(found)]
-    outcome, residual, seconds, sentence = zip(*found, strict=True)
+def _join(cases: list[StabilityCase], outcomes: list[Outcome]) -> Dataset:
+    """Assemble the outcomes of the first cases."""
+    done = cases[: len(outcomes)]
+    outcome, residual, seconds, sentence = zip(*outcomes, strict=True)
     return STABILITY.build(
         {
             "family": [case.family for case in done],
@@ -114,23 +114,23 @@ def _join(cases: list[StabilityCase], found: list[Outcome]) -> Dataset:
 
 
 def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[Outcome]:
-    """Run the cases in order; a case that takes its process along does not stop the others."""
-    left = list(cases)
-    while left:
+    """Run the cases in order; a case that kills its process does not stop the others."""
+    remaining = list(cases)
+    while remaining:
         with process_pool(jobs) as executor:
-            futures = [executor.submit(call_on_one_thread, solve_case, case) for case in left]
+            futures = [executor.submit(call_on_one_thread, solve_case, case) for case in remaining]
             try:
                 for future in futures:
                     yield future.result()
-                    left.pop(0)
+                    remaining.pop(0)
             except BrokenProcessPool:
                 pass
-        if left:
-            yield _run_alone(left.pop(0))  # only this shows which of them dies
+        if remaining:  # run the next case in a separate process, to see whether it died
+            yield _run_separately(remaining.pop(0))
 
 
-def _run_alone(case: StabilityCase) -> Outcome:
-    """Solve a case in a process that nothing else depends on."""
+def _run_separately(case: StabilityCase) -> Outcome:
+    """Solve a case in a separate process."""
     with process_pool(1) as executor:
         try:
             return executor.submit(call_on_one_thread, solve_case, case).result()
@@ -143,8 +143,8 @@ def _give_up(*_: object) -> None:
 
 
 def solve_case(case: StabilityCase) -> Outcome:
-    """Solve a case in this process, within the time that it may take."""
-    alarm = getattr(signal, "alarm", lambda seconds: None)  # Windows has none, and no limit
+    """Solve a case in this process, within the time limit."""
+    alarm = getattr(signal, "alarm", lambda seconds: None)  # without a limit on Windows
     if hasattr(signal, "SIGALRM"):
         signal.signal(signal.SIGALRM, _give_up)
     alarm(LONGEST)
@@ -153,9 +153,9 @@ def solve_case(case: StabilityCase) -> Outcome:
         residual = float(getattr(stability_cases, case.family)(**dict(case.parameters)))
     except MultiscaleError as error:
         return Outcome(1, seconds=perf_counter() - begin, sentence=str(error))
-    except Exception as error:  # whatever it is, it is the finding
-        said = f"{type(error).__name__}: {error}"
-        return Outcome(0, seconds=perf_counter() - begin, sentence=said)
+    except Exception as error:  # any other exception is a failure
+        sentence = f"{type(error).__name__}: {error}"
+        return Outcome(0, seconds=perf_counter() - begin, sentence=sentence)
     finally:
         alarm(0)
     seconds = perf_counter() - begin
@@ -170,9 +170,9 @@ def tabulate_stability(stability: Dataset) -> tuple[tuple[str, ...], list[tuple[
     groups = {str(family): families == family for family in dict.fromkeys(families)}
     groups["all"] = np.ones(families.size, dtype=bool)
     rows = []
-    for name, mine in groups.items():
-        counts = np.bincount(stability["outcome"].values[mine], minlength=3)
-        residual = stability["residual"].values[mine & (stability["outcome"].values == 2)]
+    for name, member in groups.items():
+        counts = np.bincount(stability["outcome"].values[member], minlength=3)
+        residual = stability["residual"].values[member & (stability["outcome"].values == 2)]
         worst = f"{residual.max():.1e}" if residual.size else ""
-        rows.append((name, str(mine.sum()), *(str(n) for n in counts[::-1]), worst))
+        rows.append((name, str(member.sum()), *(str(n) for n in counts[::-1]), worst))
     return ("family", "cases", *OUTCOMES[::-1], "largest residual"), rows

@@ -1,4 +1,4 @@
-"""Stiff and extreme cases, each with a residual that is verified in the answer alone."""
+"""Stiff and extreme cases, each with a residual that is verified in the answer only."""
 
 from typing import TYPE_CHECKING, cast
 
@@ -43,8 +43,8 @@ REFERENCE_PRESTRESS, CABLE_RIGIDITY = 600.0, 4e6
 YOUNG, POISSON = 210e9, 0.3  # Pa, 1
 EDGE, PRESSURE = 0.02, 20e6  # of blocks, m, and on them, Pa
 SHORT = 4.0 * np.finfo(float).eps / 1e-9
-"""Stretch, relative to the largest displacement, of which 1e-9, the tolerance of ``motion``, is the
-rounding of displacements: where links are that stiff, stretches are judged instead of forces."""
+"""Stretch over the largest displacement, with a rounding of 1e-9 by the displacements, which is the
+tolerance of ``motion``: where links are that stiff, stretches are judged instead of forces."""
 POINTS, LAYERS = 16, 6
 """Points along an edge and layers of the cells."""
 
@@ -59,7 +59,7 @@ def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":
 
 
 def structure(bar_over_cable: float, prestress: float, load_factor: float) -> float:
-    """Tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
+    """Solve a tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
     from multiscale.bench.structures import GridMethod, solve_grid, verify
 
     grid, method = _grid(bar_over_cable, prestress), GridMethod("auto", MODULES, pardiso=True)
@@ -67,7 +67,7 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
 
 
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:
-    """Grid that is let go from under its load: worst of momentum, motion, link laws and energy.
+    """Release a grid from its load: worst of momentum, motion, link laws and energy.
 
     Forces are relative to the largest force, and to the force of a stretch of ``SHORT``.
     """
@@ -90,11 +90,11 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
     force = (B.T @ tension.T).T
     momentum = mass * np.diff(v, axis=0) / step + force[1:]  # (7) with inertia
     lawful = np.clip(grid.prestress + grid.stiffness * (B @ u.T).T, *grid.bounds)  # (14), (15)
-    # a stretch is the difference of displacements, which rounds
+    # a stretch is the difference of displacements, with their rounding
     short = SHORT * grid.stiffness * np.abs(u).max()
     moved = np.diff(u, axis=0) - step * v[1:]  # the scheme with theta = 1
-    parts = ("kinetic_energy", "elastic_energy", "numerical_dissipation", "link_dissipation")
-    account = sum(result[name].values for name in parts) - result["work"].values
+    terms = ("kinetic_energy", "elastic_energy", "numerical_dissipation", "link_dissipation")
+    balance = sum(result[name].values for name in terms) - result["work"].values
     kinetic = 0.5 * mass * np.sum(v**2, axis=1) - result["kinetic_energy"].values
     energy = np.abs(result["elastic_energy"].values).max()
     return float(
@@ -103,13 +103,13 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
             np.abs(moved).max() / np.abs(u).max(),
             np.max(np.abs(tension - lawful) / (np.abs(tension).max() + short)),
             np.abs(kinetic).max() / energy,
-            np.ptp(account) / energy,
+            np.ptp(balance) / energy,
         )
     )
 
 
 def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> float:
-    """Grid cut into substructures, by LATIN: distance of its tensions from the uncut grid."""
+    """Solve a cut grid by LATIN: distance of its tensions from the uncut grid."""
     from multiscale.bench.structures import distance
     from multiscale.macro import cut_links, solve_latin, solve_static
     from multiscale.macro.substructures import split_grid
@@ -122,7 +122,7 @@ def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> floa
 
 
 def joint(law_over_block: float, friction: float, parts: int, method: str = "LATIN") -> float:
-    """Two blocks with a rough joint in a cycle: distance of all steps from bodies and law."""
+    """Cycle two blocks with a rough joint: distance of all steps from bodies and law."""
     from multiscale.laws.bulk import Elastic
     from multiscale.macro.bodies import stacked_blocks
     from multiscale.macro.substructures import JointLoading, load_joint
@@ -137,7 +137,7 @@ def joint(law_over_block: float, friction: float, parts: int, method: str = "LAT
 
 
 def joint_path(scene: str, law_over_block: float, friction: float, method: str) -> float:
-    """Blocks whose faces match or not and open, slip or slide away: distance as of ``joint``."""
+    """Load blocks that match or not, and open, slip or slide away: distance as of ``joint``."""
     from multiscale.fe.boxes import box_mesh
     from multiscale.laws.bulk import Elastic
     from multiscale.macro import Assembly, Body, Interface, solve_assembly
@@ -167,22 +167,22 @@ def joint_path(scene: str, law_over_block: float, friction: float, method: str) 
 
 
 def bolts(pull: float, law_over_block: float, method: str) -> float:
-    """Bolted blocks under a pull and without it again: forces in balance, and back as they were.
+    """Pull bolted blocks and release them: errors of the balance, and of the initial state again.
 
     Forces are relative to the preload. Without the shank of the bolt the pull would open the joint
-    at the preload; a pull below zero presses the blocks until the bolt is loose.
+    at the preload; a pull below zero presses the blocks until the bolt is slack.
     """
     from multiscale.fe.boxes import box_mesh
     from multiscale.laws.bulk import Elastic
     from multiscale.macro import Assembly, Body, Bolt, Interface, solve_assembly
 
-    steel, held = Elastic(YOUNG, 0.0), {"left": (0.0, None, None), "front": (None, 0.0, None)}
+    steel, supports = Elastic(YOUNG, 0.0), {"left": (0.0, None, None), "front": (None, 0.0, None)}
     corners = [(0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0)]
     lower, upper = (
         Body(
             box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, bottom)),
             steel,
-            supports=held,
+            supports=supports,
             tractions={face: (0.0, 0.0, sign * PRESSURE)},
             pins={} if bottom else dict.fromkeys(corners, (None, None, 0.0)),
         )
@@ -194,16 +194,16 @@ def bolts(pull: float, law_over_block: float, method: str) -> float:
     blocks = Assembly((lower, upper), (face,), bolts=(bolt,))
     pulls = pull * np.array([0.0, 0.5, 1.0, 0.5, 0.0])
     path = np.stack([np.ones(5), pulls], axis=1)
-    found = solve_assembly(blocks, path, method=_method(method, 1))
-    _refuse_failure(found)
-    carried = found["bolt_force"].values[:, 0] / preload
-    clamp = -found["traction"].values[..., 0] @ found["point_area"].values / preload
+    result = solve_assembly(blocks, path, method=_method(method, 1))
+    _refuse_failure(result)
+    carried = result["bolt_force"].values[:, 0] / preload
+    clamp = -result["traction"].values[..., 0] @ result["point_area"].values / preload
     faults = [carried - clamp - pulls, carried - carried[::-1]]
     return float(np.abs(faults).max())
 
 
 def _bed(law_over_block: float, friction: float) -> "Sliders":
-    """Return a law whose stiffness at the pressure is a multiple of the stiffness of a block."""
+    """Return a law with a multiple of the stiffness of a block at the pressure."""
     from multiscale.laws import Exponential, Sliders
 
     decay = PRESSURE * EDGE / (law_over_block * YOUNG)  # K = p / decay
@@ -212,7 +212,7 @@ def _bed(law_over_block: float, friction: float) -> "Sliders":
 
 
 def _method(name: str, parts: int) -> "Method":
-    """Make a solver of assemblies from its name, with parts along either edge of a body."""
+    """Build a solver of assemblies by name, with ``parts`` substructures along a body's edge."""
     from multiscale.macro import AssembledNewton, LatinMethod, NewtonSchur
 
     cut = (parts, parts)
@@ -225,14 +225,14 @@ def _method(name: str, parts: int) -> "Method":
 
 
 def _fault_of_path(
-    blocks: "Assembly", factors: np.ndarray, found: Dataset, law_over_block: float, parts: int
+    blocks: "Assembly", factors: np.ndarray, result: Dataset, law_over_block: float, parts: int
 ) -> float:
-    """Largest fault of the steps of a path that has not failed, over the pressure."""
+    """Return the largest fault of the steps of a path, over the pressure; refuse a failed path."""
     from multiscale.macro.substructures import assemble, cut_assembly
 
-    _refuse_failure(found)
-    cut = (parts, parts) if found.attrs["substructures"] > len(blocks.bodies) else (1, 1)
-    steps = (factors, found["jump"].values, found["traction"].values)
+    _refuse_failure(result)
+    cut = (parts, parts) if result.attrs["substructures"] > len(blocks.bodies) else (1, 1)
+    steps = (factors, result["jump"].values, result["traction"].values)
     series = YOUNG / EDGE / (1.0 / law_over_block + 1.0)  # of law and bodies, Pa/m
     whole = assemble(cut_assembly(blocks, cut))
     law = cast("Sliders", blocks.interfaces[0].law)
@@ -240,7 +240,7 @@ def _fault_of_path(
 
 
 def friction(mass_ratio: float, coefficient: float, boxes: int) -> float:
-    """Stack of boxes that is pushed: natural-map error of its impulses."""
+    """Push a stack of boxes: natural-map error of its impulses."""
     from multiscale.bench.friction_scenes import box_stack
 
     rng = np.random.default_rng(seed=1)
@@ -248,7 +248,7 @@ def friction(mass_ratio: float, coefficient: float, boxes: int) -> float:
 
 
 def wedge(coefficient: float) -> float:
-    """Block between two slanted walls: natural-map error of its impulses."""
+    """Press a block between two slanted walls: natural-map error of its impulses."""
     from multiscale.bench.friction_scenes import wedged_block
 
     return _impulses(wedged_block(coefficient).condensed())
@@ -261,7 +261,7 @@ def _impulses(problem: tuple[np.ndarray, np.ndarray, np.ndarray]) -> float:
 
 
 def complementarity(contrast: float, points: int) -> float:
-    """Membrane with an obstacle, of two stiffnesses: natural-map error."""
+    """Solve a membrane of two stiffnesses with an obstacle: natural-map error."""
     from multiscale.bench.lcp_scenes import membrane
     from multiscale.nonsmooth import solve_lcp, verify_lcp
 
@@ -270,7 +270,7 @@ def complementarity(contrast: float, points: int) -> float:
 
 
 def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) -> float:
-    """Elastic cell: worst of balance, load and the conditions of contact."""
+    """Press an elastic cell: worst of balance, load and the conditions of contact."""
     from multiscale.laws.bulk import Elastic
     from multiscale.micro import GraphCell
     from multiscale.micro.elastic.graph_cell import assemble_graph_cell
@@ -299,7 +299,7 @@ def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) ->
 
 
 def large_strain(material: str, slope: float, friction: float) -> float:
-    """Cell pressed, sheared and sheared back: worst of balance, contact and Coulomb's law."""
+    """Press a cell, shear it and back: worst of balance, contact and Coulomb's law."""
     from multiscale.laws.bulk import J2, NeoHookean
     from multiscale.micro import FiniteCell
     from multiscale.micro.finite.cell_newton import walk_step
@@ -361,7 +361,7 @@ def _surface(slope: float) -> "Surface":
 
 
 def grains(friction: float, step: float, density_ratio: float) -> float:
-    """Heap of spheres that falls: worst of contact, momentum, Coulomb's cone and overlap."""
+    """Drop a heap of spheres: worst of contact, momentum, Coulomb's cone and overlap."""
     from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box, simulate_grains
 
     places = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -386,7 +386,7 @@ def grains(friction: float, step: float, density_ratio: float) -> float:
 
 
 def voids(modulus: float, porosity: float) -> float:
-    """Volume with voids, filled or not: distance of its stiffness from assembled bricks."""
+    """Solve a volume with voids, filled or not: distance of its stiffness from a mesh of bricks."""
     from scipy.sparse import csr_array, diags_array, kron
     from scipy.sparse.linalg import cg
     from skfem import Basis, ElementHex1, MeshHex
@@ -397,13 +397,13 @@ def voids(modulus: float, porosity: float) -> float:
 
     n = 12
     image = voxelise(random_spheres((1.0, 1.0, 1.0), 0.13, porosity=porosity, seed=1), n)
-    found = effective_stiffness(image, YOUNG, POISSON, void_modulus=modulus * YOUNG).unwrap()
+    voxels = effective_stiffness(image, YOUNG, POISSON, void_modulus=modulus * YOUNG).unwrap()
     mesh = MeshHex.init_tensor(*[np.arange(n + 1) / n] * 3)
     place = np.floor(n * mesh.p[:, mesh.t].mean(axis=1)).astype(int)
     share = np.where(image.void[tuple(place)], modulus, 1.0)
     basis = Basis(mesh, ElementHex1())
     stiffness = assemble_elasticity(basis, *(v * share for v in lame_parameters(1.0, POISSON)))
-    # periodic unknowns: nodes on opposite sides are one
+    # periodic unknowns: nodes on opposite sides share a number
     number = np.ravel_multi_index(tuple(np.rint(n * basis.doflocs).astype(int) % n), (n, n, n))
     expand = csr_array(kron(csr_array((np.ones(basis.N), (np.arange(basis.N), number))), np.eye(3)))
     unit = np.zeros((6, 3, 3))  # mean strains; shear strains are angles
@@ -416,11 +416,11 @@ def voids(modulus: float, porosity: float) -> float:
     for k, load in enumerate((expand.T @ (stiffness @ linear)).T):
         linear[:, k] -= expand @ cg(matrix, load, rtol=1e-13, maxiter=10_000, M=precondition)[0]
     exact = YOUNG * linear.T @ (stiffness @ linear)  # of 1 m3
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
+    return float(np.abs(voxels - exact).max() / np.abs(exact).max())
 
 
 def _refuse_failure(result: Dataset) -> None:
-    """Raise the failure of a result whose path ended early."""
+    """Raise the failure of a result if its path ended early."""
     if not result["converged"].values.all():
         raise ConvergenceError(result.attrs.get("failure") or "a step did not converge")
 
@@ -439,16 +439,16 @@ def joint_faults(
 
     Notes
     -----
-    Errors are backward ones, as the jumps of a law that is much stiffer than the bodies do not tell
-    its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
+    Errors are backward errors, as the jumps of a law that is much stiffer than the bodies do not
+    determine its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
     :math:`t + k (B u - y)` for
 
     .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
 
     so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
     tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
-    the jumps before, with :math:`|\hat t - t|` wrong. It is asked for them by ``respond`` alone;
-    the resolvent just says where in the rounding to look.
+    the jumps before, with the error :math:`|\hat t - t|`. They are evaluated by ``respond`` only;
+    the resolvent just gives the nearest jumps within the rounding.
     """
     from scipy.sparse import csr_array, diags_array
 
@@ -460,10 +460,12 @@ def joint_faults(
     before, faults = np.zeros((3, whole.weight.size)), []
     for factor, jump, traction in steps:
         y, t = jump.T, traction.T
+        # the jumps of the bodies under the tractions
         u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
         faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
 
-        moved = y - before  # a bed feels no more of the tangential jumps, which may be long
+        # the tractions of the law at jumps within the rounding
+        moved = y - before  # a bed depends on the change of the tangential jumps only
         moved[0] = y[0]
         rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(y), np.abs(before))
         nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
@@ -474,14 +476,14 @@ def joint_faults(
 
 
 def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
-    """Largest overlap of equal grains (frames, grains, 3) over their radius, m, in all frames."""
+    """Return the largest overlap over the radius, m, of equal grains (frames, grains, 3)."""
     away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
     return float(2.0 - away.min() / radius[0])
 
 
 def unbalanced_share(result: Dataset, friction: float) -> float:
-    """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force.
+    """Return the largest fault in momentum and in Coulomb's cone, over the largest force.
 
     The result follows ``GRANULATE``, with every step as a frame.
     """

@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 MODULES, QUICK_MODULES = (8, 16, 32, 64, 128, 256), (8, 16, 32)
-"""Along an edge of the grid."""
+"""Modules along an edge of the grid."""
 REPEATED = 64
 """Modules along an edge above which each method runs once."""
 TOLERANCE = 1e-8
@@ -35,10 +35,10 @@ TOLERANCE = 1e-8
 
 
 class GridMethod(NamedTuple):
-    """Method of `solve_static`, modules along an edge of its largest grid, whether with PARDISO."""
+    """A method of `solve_static`."""
 
     method: str
-    largest: int
+    largest: int  # modules along an edge of the largest grid
     pardiso: bool = False
 
 
@@ -50,27 +50,23 @@ GRID_METHODS: Mapping[str, GridMethod] = {
 
 
 class GridAnswer(NamedTuple):
-    """Tensions (links,), N, displacements (nodes, 3), m, number of slack cables, and iterations.
+    """The statics of a grid, by a method."""
 
-    Other methods than Newton's do not count their iterations: NaN.
-    """
-
-    tension: np.ndarray
-    displacement: np.ndarray
-    slack: int
-    iterations: float
+    tension: np.ndarray  # (links,), N
+    displacement: np.ndarray  # (nodes, 3), m
+    slack: int  # number of slack cables
+    iterations: float  # of Newton's method; NaN for other methods
 
 
 def scene_grid(n: int) -> LinkSystem:
-    """Make the grid of n x n modules."""
+    """Build the grid of n x n modules."""
     return tensegrity_grid(n, prestress=2550.0 * (n / 16) ** 2)
 
 
 def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> GridAnswer:
     """Solve by a method.
 
-    Without ``pardiso`` the process cannot import pypardiso any more, so that it should be used for
-    nothing else.
+    Without ``pardiso`` the process cannot import pypardiso afterwards, so that it should end.
     """
     if not method.pardiso:
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
@@ -84,18 +80,18 @@ def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> Gr
 
 
 def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
-    r"""Measure from the data alone how far an answer is from equilibrium and from the link laws."""
+    r"""Return the distance of an answer from equilibrium and the link laws, by the data only."""
     B, free = compatibility(system), ~system.fixed
     lower, upper = system.bounds
     load, u, tension = load_factor * system.load[free], answer.displacement[free], answer.tension
     balance = np.abs(load - B.T @ tension).max() / np.abs(load).max()  # (7)
     lawful = np.clip(system.prestress + system.stiffness * (B @ u), lower, upper)  # (14), (15)
     misfit = np.abs(tension - lawful).max() / np.abs(tension).max()
-    return float(np.maximum(balance, misfit))  # lets a NaN through
+    return float(np.maximum(balance, misfit))  # NaN if either is
 
 
 def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> float:
-    r"""Distance of tensions (links,), N, from others in the norm of their energy, relative.
+    r"""Return the relative distance of tensions (links,), N, in the norm of their energy.
 
     :math:`\sqrt{\sum (\tau - \hat\tau)^2 / k}` over :math:`\sqrt{\sum \hat\tau^2 / k}` of the
     reference.
@@ -107,12 +103,12 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
 def solve_grids(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     r"""Solve grids of all sizes at two load factors by every method.
 
-    Residuals are those of :func:`verify`, and alone decide on ``converged``. Errors are distances,
-    by :func:`distance`, of the tensions, which are unique, from the tensions by Newton's method.
+    Residuals are by :func:`verify`, and decide on ``converged``. Errors are distances, by
+    :func:`distance`, of the tensions, which are unique, from the tensions by Newton's method.
     For the interior-point method, which shares only the operators, the distance is a check of both.
     For Newton's method it is the distance between both factorisations, which is the effect of
-    rounding. It is NaN where the other factorisation is missing, as on the largest grids; there the
-    residual stands alone.
+    rounding. It is NaN where the other factorisation is missing, as on the largest grids, which
+    have a residual only.
 
     Times hold for :func:`multiscale.macro.solve_static`, with the checks of the structure and all
     preparations. Memory counts the whole process.
@@ -151,7 +147,7 @@ def judged(rows: Sequence[Row], grid: LinkSystem, load_factor: float) -> Sequenc
             row |= {"converged": 1, "slack_fraction": answer.slack / row["cables"]}
     newton = [row for row in rows if row["converged"] and row["method"].startswith("Newton")]
     for row in rows:
-        if row["value"] is not None and (others := [one for one in newton if one is not row]):
+        if row["value"] is not None and (others := [other for other in newton if other is not row]):
             row["error"] = distance(grid, row["value"].tension, others[0]["value"].tension)
     return rows
 

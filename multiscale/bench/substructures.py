@@ -34,7 +34,7 @@ from multiscale.schema import Dataset
 __all__ = ["CUT_METHODS", "RIGHT", "SUBSTRUCTURES", "CutAnswer", "CutScene", "make_scenes"]
 
 CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
-"""Methods: the first one is the reference of the others, and the second one of the first one."""
+"""Methods: the first is the reference of the others, and the second of the first."""
 
 MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
 """Modules along an edge of the grid."""
@@ -45,39 +45,31 @@ TOLERANCE = 1e-8
 RIGHT = 1e-7
 """Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
 ONCE = 64
-"""Modules along an edge from which on each method runs once."""
+"""Modules along an edge from which each method runs once."""
 
 
 class CutAnswer(NamedTuple):
-    """Tensions of the links, N, or displacement of the unknowns of the bodies, m, and its way.
+    """The answer to a scene, by a method."""
 
-    The history has seconds and errors after each iteration, shape (samples, 2); it is empty without
-    a reference.
-    """
-
-    value: np.ndarray
+    value: np.ndarray  # tensions of the links, N, or displacement of the unknowns of bodies, m
     converged: bool
     iterations: float
     unknowns: int
-    history: np.ndarray
+    history: np.ndarray  # (samples, 2), seconds and errors; empty without a reference
 
 
 @dataclass(frozen=True, eq=False)
 class CutScene:
-    """A structure under one load: links, still to be cut, or bodies that are assembled and cut.
-
-    With factors of its load cases, shape (1, cases), and numbers of substructures of links along x
-    and y.
-    """
+    """A structure under a load: links, still to be cut, or bodies that are assembled and cut."""
 
     name: str
     structure: LinkSystem | CutProblem
-    factor: np.ndarray
-    parts: tuple[int, int] = (1, 1)
+    factor: np.ndarray  # (1, cases), of the load cases
+    parts: tuple[int, int] = (1, 1)  # substructures of links along x and y
     repeats: int = 3
 
     def error(self, value: np.ndarray, reference: np.ndarray) -> float:
-        """Relative distance of tensions, or of displacements, in the norm of the energy."""
+        """Return the relative distance of tensions, or displacements, in the norm of the energy."""
         if isinstance(self.structure, LinkSystem):
             return distance(self.structure, value, reference)
         K = assemble(self.structure).stiffness
@@ -85,14 +77,14 @@ class CutScene:
         return float(np.sqrt(max(change, 0.0) / size))
 
     def solve(self, method: str, reference: CutAnswer | None = None) -> CutAnswer:
-        """Solve by one of ``CUT_METHODS``; with a reference, note the errors on the way."""
-        begin, history = perf_counter(), []
+        """Solve by a method of ``CUT_METHODS``; record errors of iterations from a reference."""
+        begin, samples = perf_counter(), []
         whole = self.structure
         if method == CUT_METHODS[0] and isinstance(whole, LinkSystem):
             result = solve_static(whole, float(self.factor[0, 0]))
             unknowns, steps = int(np.count_nonzero(~whole.fixed)), int(result["iterations"]) - 1
-            tension, none = result["tension"].values, np.zeros((0, 2))
-            return CutAnswer(tension, bool(result["converged"]), steps, unknowns, none)
+            tension, history = result["tension"].values, np.zeros((0, 2))
+            return CutAnswer(tension, bool(result["converged"]), steps, unknowns, history)
         problem = (
             cut_links(whole, split_grid(whole, self.parts))
             if isinstance(whole, LinkSystem)
@@ -101,9 +93,9 @@ class CutScene:
         if method == CUT_METHODS[0]:
             return _answer(problem, solve_whole(problem, self.factor), [])
         latin = method == CUT_METHODS[2]
-        numbers = [part.links.number for part in problem.substructures if part.links]
+        numbers = [body.links.number for body in problem.substructures if body.links]
 
-        def note(_: int, __: float, state: Any) -> None:
+        def record(_: int, __: float, state: Any) -> None:
             if reference is None:
                 return
             if numbers:
@@ -112,17 +104,17 @@ class CutScene:
                 value[order] = state.tension if latin else state.tension()
             else:
                 value = problem.average(state.u) if latin else state.displacement()
-            history.append((perf_counter() - begin, self.error(value, reference.value)))
+            samples.append((perf_counter() - begin, self.error(value, reference.value)))
 
         solve = solve_latin if latin else solve_schur
-        result = solve(problem, self.factor, tolerance=TOLERANCE, callback=note)
-        return _answer(problem, result, history)
+        result = solve(problem, self.factor, tolerance=TOLERANCE, callback=record)
+        return _answer(problem, result, samples)
 
 
 def _answer(
     problem: CutProblem, result: Dataset, history: Sequence[tuple[float, float]]
 ) -> CutAnswer:
-    """Tension of the links, or displacement of the unknowns, from the solver of a cut."""
+    """Collect tension of the links, or displacement of the unknowns, from the solver of a cut."""
     value = (
         result["tension"].values[0]
         if problem.n_links
@@ -138,13 +130,13 @@ def _answer(
 
 
 def make_scenes(*, quick: bool = False) -> list[CutScene]:
-    """Make tensegrity grids with 14 % of slack cables, a plate and a rough joint."""
-    scenes, one = [], np.ones((1, 1))
+    """Build tensegrity grids with 14 % of slack cables, a plate and a rough joint."""
+    scenes, unit = [], np.ones((1, 1))
     for n in QUICK_MODULES if quick else MODULES:
         parts = n // min(EDGE, n // 2)
         repeats = 1 if quick or n >= ONCE else 3
         name = f"grid, {n} x {n} modules in {parts} x {parts}"
-        scenes.append(CutScene(name, scene_grid(n), one, (parts, parts), repeats))
+        scenes.append(CutScene(name, scene_grid(n), unit, (parts, parts), repeats))
     fine, repeats = (1, 1) if quick else (2, 3)
     clamped = (0.0, 0.0, 0.0)
     plate = Body(
@@ -154,7 +146,7 @@ def make_scenes(*, quick: bool = False) -> list[CutScene]:
         tractions={"top": (0.0, 0.0, -1e3)},
     )
     cut = cut_assembly(Assembly((plate,)), (4, 4))
-    scenes.append(CutScene("plate in 4 x 4", cut, one, repeats=repeats))
+    scenes.append(CutScene("plate in 4 x 4", cut, unit, repeats=repeats))
     law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
     elements = (8 * fine, 4 * fine, 4 * fine)
     blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
@@ -169,12 +161,12 @@ def solve_cuts(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
 
     Errors are distances in the norm of the energy: of the tensions, see
     :func:`multiscale.bench.structures.distance`, or of the displacements of bodies, with the
-    stiffness of the bodies. The whole structure is the reference of the substructured solvers; its
-    own error is its distance from the answer of Newton-Schur.
+    stiffness of the bodies. The whole structure is the reference of the substructured solvers; the
+    error of the whole structure is the distance from the answer of Newton-Schur.
 
     Times begin with the structure of links, or with the assembled substructures of bodies, and
-    count the cut of the former. Memory counts the whole process. Each method has one process of one
-    thread, so that no substructure is solved beside another.
+    count the cut of the former. Memory counts the whole process. Each method has a process with a
+    single thread, so that substructures are solved one after another.
     """
     small = make_scenes(quick=True)
     for scene in make_scenes(quick=quick):
@@ -198,16 +190,16 @@ def solve_cuts(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
 def judged(rows: Sequence[Row], scene: CutScene) -> Sequence[Row]:
     """Compare the answers to a scene."""
     for row, other in zip(rows, (rows[1], rows[0], rows[0]), strict=True):
-        mine, reference = row["value"], other["value"]
-        if mine is None:
+        answer, reference = row["value"], other["value"]
+        if answer is None:
             continue
-        error = np.nan if reference is None else scene.error(mine.value, reference.value)
+        error = np.nan if reference is None else scene.error(answer.value, reference.value)
         row |= {
-            "unknowns": mine.unknowns,
-            "iterations": mine.iterations,
+            "unknowns": answer.unknowns,
+            "iterations": answer.iterations,
             "error": error,
-            "converged": int(mine.converged and error <= RIGHT),
-            "history": mine.history,
+            "converged": int(answer.converged and error <= RIGHT),
+            "history": answer.history,
         }
     return rows
 

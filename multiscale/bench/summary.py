@@ -1,4 +1,4 @@
-"""Runs as tables, of a family, and of all with the cheapest way to an answer of an accuracy."""
+"""Tables of the runs of a family, and of the cheapest answers of given accuracy in all families."""
 
 from collections.abc import Mapping
 
@@ -60,7 +60,7 @@ def tabulate_runs(work_precision: Dataset) -> tuple[tuple[str, ...], list[tuple[
 
 
 def describe_load(work_precision: Dataset) -> str:
-    """Report how busy the machine was before and after the runs, on which their times depend."""
+    """Describe the load of the machine before and after the runs, which affects their times."""
     before, after = (work_precision.attrs[f"load_{when}"] for when in ("before", "after"))
     return (
         f"{before:.3g} processes before and {after:.3g} after, on {work_precision.attrs['cores']} "
@@ -69,30 +69,30 @@ def describe_load(work_precision: Dataset) -> str:
 
 
 def join_families(families: Mapping[str, Dataset]) -> Dataset:
-    """Join the runs of families, without histories; a variable not measured in one is NaN there."""
+    """Join the runs of families, without histories; variables that were not measured are NaN."""
     import xarray as xr
 
-    parts = []
+    tables = []
     for family, measured in families.items():
         runs = measured.drop_dims("sample", errors="ignore").drop_vars("run").reset_coords()
         names = np.full(measured.sizes["run"], family)
-        parts.append(WORK_PRECISION.assign(runs, {"family": names}))
-    joined = xr.concat(parts, "run", data_vars="all", join="outer", combine_attrs="drop_conflicts")
+        tables.append(WORK_PRECISION.assign(runs, {"family": names}))
+    joined = xr.concat(tables, "run", data_vars="all", join="outer", combine_attrs="drop_conflicts")
     return WORK_PRECISION.build(
         {str(name): joined[name].values for name in joined.data_vars},
         title="error against run time",
-        cautions="\n".join(filter(None, (one.attrs["cautions"] for one in families.values()))),
-        versions="; ".join(f"{name}: {one.attrs['versions']}" for name, one in families.items()),
-        load="; ".join(f"{name}: {describe_load(one)}" for name, one in families.items()),
+        cautions="\n".join(filter(None, (runs.attrs["cautions"] for runs in families.values()))),
+        versions="; ".join(f"{name}: {runs.attrs['versions']}" for name, runs in families.items()),
+        load="; ".join(f"{name}: {describe_load(runs)}" for name, runs in families.items()),
     )
 
 
 def tabulate_cheapest(
     work_precision: Dataset,
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the cheapest method and setting of every scene for each error that may be asked for.
+    """Return the cheapest method and setting of every scene for each of the ``TARGETS``.
 
-    The table has a head and one row for each scene of the dataset of :func:`join_families` that has
+    The table has a head and a row for each scene of the dataset of :func:`join_families` that has
     errors; an entry is "none" where no run reached the error, and "unknown" where the reference is
     less certain.
     """
@@ -106,7 +106,7 @@ def tabulate_cheapest(
 
 
 def _cheapest(work_precision: Dataset, scene: str, target: float) -> str:
-    """Name the run of least time below an error, with its time."""
+    """Return the name of the run of least time below an error, with its time."""
     runs = work_precision.isel(run=work_precision["scene"].values == scene)
     if "error_uncertainty" in runs and np.any(runs["error_uncertainty"] > target):
         return "unknown"
