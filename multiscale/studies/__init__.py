@@ -1,4 +1,4 @@
-"""Studies of the chain itself: one answer with a law, with cells everywhere and fully resolved."""
+"""Studies of the chain: the same answer by a law, by cells at all points and fully resolved."""
 
 from multiscale.studies.cell_law import CellLaw
 from multiscale.studies.rough_structures import (

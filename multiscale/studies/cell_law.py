@@ -1,4 +1,4 @@
-"""The concurrent way: an interface law that presses a cell wherever a structure asks for one."""
+"""The concurrent way: an interface law that presses a cell at the gaps of a structure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,13 +24,13 @@ HALVINGS = 60
 
 @dataclass(frozen=True, eq=False)
 class CellLaw(NormalLaw):
-    r"""A law without a fit: the pressure at which one cell has the local gap.
+    r"""A law without a fit: the pressure at which a cell has the local gap.
 
     Parameters
     ----------
     cell : FlatCell, without hardness
     pressure_range : tuple of float
-        Lowest and highest pressure of the cell, Pa; beyond, the law goes on as an exponential.
+        Lowest and highest pressure of the cell, Pa; beyond, the law continues as an exponential.
     ratio : float
         Ratio of neighbouring pressures at which the cell is pressed, about: 1.2 takes at most 13
         cells a decade and changes pressures by up to 0.3 %, 1.4 takes 7 and changes them by 1 %.
@@ -38,8 +38,8 @@ class CellLaw(NormalLaw):
     Attributes
     ----------
     account : mapping of str to int
-        ``solved``: cells pressed so far; ``reused``: how often one pressed before served again;
-        ``linear_iterations``: iterations of their solver in all.
+        ``solved``: cells pressed so far; ``reused``: gaps by cells that were pressed before;
+        ``linear_iterations``: total iterations of their solver.
 
     Raises
     ------
@@ -49,7 +49,7 @@ class CellLaw(NormalLaw):
     Notes
     -----
     The cell has the mean gaps :math:`g_k` at the pressures :math:`p_k = p_0 r^k`. It is pressed
-    only where the structure asks for a gap in between, and never twice at one of them. Between
+    only where the structure needs a gap in between, and never twice at the same pressure. Between
     :math:`g_k` and :math:`g_{k+1}` the logarithm of the pressure is the cubic with the values and
     slopes
 
@@ -57,10 +57,10 @@ class CellLaw(NormalLaw):
         \ln p_k, \qquad
         \frac{\mathrm{d} \ln p}{\mathrm{d} g} \approx \frac{2 \ln r}{g_{k+1} - g_{k-1}}.    \tag{1}
 
-    The law is a function of the gap alone, whatever it was asked before; its tangent is the
+    The law is a function of the gap only, independent of earlier evaluations; its tangent is the
     derivative of the cubic.
 
-    A law of one cell has the scatter of one realisation. Solve the structure with several.
+    The law of a cell has the scatter of a single realisation. Solve the structure with several.
 
     Examples
     --------
@@ -87,8 +87,8 @@ class CellLaw(NormalLaw):
     def __post_init__(self) -> None:
         if not isinstance(self.cell, FlatCell) or self.cell.hardness is not None:
             raise CaseError(
-                "a structure asks flat cells without hardness alone for their gaps; fit a law to "
-                "the response of other cells"
+                "only flat cells without hardness give the gaps of a structure; fit a law to the "
+                "response of other cells"
             )
         low, high = self.pressure_range
         if not (0.0 < low < high < np.inf and 1.0 < self.ratio < np.inf):
@@ -121,7 +121,7 @@ class CellLaw(NormalLaw):
             x = np.log(target.ravel() / memory.lowest)
         k = np.clip(np.floor(x / memory.step), 0, memory.last - 1).astype(int)
         spline = memory.spline(k)
-        near, far = (np.array([memory.gaps[int(one)] for one in k + end]) for end in (0, 1))
+        near, far = (np.array([memory.gaps[int(j)] for j in k + end]) for end in (0, 1))
         low, high = far, near
         for _ in range(HALVINGS):  # of intervals from p(low) >= p to p(high) <= p
             middle = 0.5 * (low + high)
@@ -133,20 +133,20 @@ class CellLaw(NormalLaw):
         return np.asarray(np.where(inside, 0.5 * (low + high), straight).reshape(target.shape))
 
     def _answer(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure, Pa, and stiffness, Pa/m, at local gaps, m; NaN where the gap is."""
+        """Evaluate pressure, Pa, and stiffness, Pa/m, at local gaps, m; NaN at NaN."""
         memory, g = self._memory, np.array(gap, dtype=float)
         p, K = np.where(np.isnan(g), np.nan, np.zeros((2, *g.shape)))
-        known = np.isfinite(g)
-        spline = memory.spline(memory.enclose(g[known]))
-        inside = np.clip(-g[known], spline.x[0], spline.x[-1])  # beyond, the tangent
+        finite = np.isfinite(g)
+        spline = memory.spline(memory.enclose(g[finite]))
+        inside = np.clip(-g[finite], spline.x[0], spline.x[-1])  # beyond, the tangent
         slope = spline(inside, 1)
-        p[known] = memory.lowest * np.exp(spline(inside) + slope * (-g[known] - inside))
-        K[known] = p[known] * slope
+        p[finite] = memory.lowest * np.exp(spline(inside) + slope * (-g[finite] - inside))
+        K[finite] = p[finite] * slope
         return p, K
 
 
 class _Memory:
-    """Gaps of a cell at the pressures ``lowest exp(k step)``, k from 0 to ``last``, when asked."""
+    """Gaps of a cell at the pressures ``lowest exp(k step)``, k from 0 to ``last``, on demand."""
 
     def __init__(self, cell: FlatCell, lowest: float, highest: float, ratio: float) -> None:
         decades = np.log(highest / lowest)
@@ -157,57 +157,57 @@ class _Memory:
         self.account = {"solved": 0, "reused": 0, "linear_iterations": 0}
 
     def press(self, k: int) -> None:
-        """Remember the mean gap at a pressure, m."""
+        """Press the cell at a pressure, once, and store its mean gap, m."""
         if k in self.gaps:
             return
         pressure = self.lowest * np.exp(k * self.step)
         load = pressure * self.problem.area
-        # no other state helps to begin, so that none changes the answer by the tolerance
-        found = self.problem.solve(load=load, approach=None, start=None, tolerance=0.0)
-        if found.status is not Status.CONVERGED:
+        # no start from other states, which would change the answer within the tolerance
+        state = self.problem.solve(load=load, approach=None, start=None, tolerance=0.0)
+        if state.status is not Status.CONVERGED:
             raise ConvergenceError(
-                f"the cell of a law did not converge at {pressure:.4g} Pa: {found.status.value}"
+                f"the cell of a law did not converge at {pressure:.4g} Pa: {state.status.value}"
             )
-        self.gaps[k] = self.problem.surface(found).mean_gap
+        self.gaps[k] = self.problem.surface(state).mean_gap
         self.account["solved"] += 1
-        self.account["linear_iterations"] += found.linear_iterations
+        self.account["linear_iterations"] += state.linear_iterations
 
     def enclose(self, gap: np.ndarray) -> np.ndarray:
-        """Numbers k of the pressures whose gaps, with the next ones, enclose gaps, m."""
+        """Return the intervals k of pressures that enclose gaps, m; halve intervals until known."""
         before = self.account["solved"]
         self.press(0)
         self.press(self.last)
         while True:
             k = np.array(sorted(self.gaps))
-            g = np.array([self.gaps[one] for one in k])
+            g = np.array([self.gaps[j] for j in k])
             at = np.clip(np.searchsorted(-g, -gap, side="right") - 1, 0, k.size - 2)
             wide = np.unique(at[k[at + 1] - k[at] > 1])
             if not wide.size:
                 break
-            for one in wide:
-                self.press(int(k[one] + k[one + 1]) // 2)
+            for j in wide:
+                self.press(int(k[j] + k[j + 1]) // 2)
         self.account["reused"] += max(gap.size - (self.account["solved"] - before), 0)
         return np.asarray(k[at])
 
     def spline(self, k: np.ndarray) -> CubicHermiteSpline:
-        """Logarithm of the pressure over the lowest against minus the gap, in intervals k.
+        """Interpolate the logarithm of the pressure over the lowest against minus the gap.
 
-        In other intervals, where cells between are not known, it means nothing.
+        Valid in the intervals k only, since cells of other intervals may be missing.
         """
-        asked = np.unique(np.clip(k[:, None] + np.arange(-1, 3), 0, self.last))
-        for one in (0, self.last, *asked):
-            self.press(int(one))
-        known = np.array(sorted(self.gaps))
-        g = np.array([self.gaps[one] for one in known])
-        closed = known[g <= CLOSED * g[0]]
-        if closed.size and np.any(asked > closed[0]):  # it may close at the last one
-            pressure = self.lowest * np.exp(asked[-1] * self.step)
+        needed = np.unique(np.clip(k[:, None] + np.arange(-1, 3), 0, self.last))
+        for j in (0, self.last, *needed):
+            self.press(int(j))
+        solved = np.array(sorted(self.gaps))
+        g = np.array([self.gaps[j] for j in solved])
+        closed = solved[g <= CLOSED * g[0]]
+        if closed.size and np.any(needed > closed[0]):  # it may close at the last pressure
+            pressure = self.lowest * np.exp(needed[-1] * self.step)
             raise CaseError(
-                f"the cell of a law is closed at {pressure:.4g} Pa, where any pressure has its "
-                f"gap; lower the highest of its pressures"
+                f"the cell of a law is closed at {pressure:.4g} Pa, where higher pressures have "
+                f"the same gap; lower the highest of its pressures"
             )
-        known = known[: known.size - max(closed.size - 1, 0)]
-        g = g[: known.size]
-        low, high = np.clip(np.arange(known.size) + np.array([[-1], [1]]), 0, known.size - 1)
-        slope = (known[high] - known[low]) * self.step / (g[low] - g[high])  # (1)
-        return CubicHermiteSpline(-g, known * self.step, slope)
+        solved = solved[: solved.size - max(closed.size - 1, 0)]
+        g = g[: solved.size]
+        low, high = np.clip(np.arange(solved.size) + np.array([[-1], [1]]), 0, solved.size - 1)
+        slope = (solved[high] - solved[low]) * self.step / (g[low] - g[high])  # (1)
+        return CubicHermiteSpline(-g, solved * self.step, slope)

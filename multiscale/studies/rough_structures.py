@@ -1,4 +1,4 @@
-"""Structures with a rough interface that can be solved in three ways, and those ways."""
+"""Structures with a rough interface, and the three ways to solve them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -49,25 +49,22 @@ __all__ = [
     "solve_sequential",
 ]
 
-BAND = 4.0  # longest over shortest wave of the roughness
+BAND = 4.0  # longest over shortest wavelength of the roughness
 HURST_EXPONENT = 0.8
 CELL_WAVES = 4
-"""Longest waves of the roughness along an edge of a cell."""
+"""Longest wavelengths of the roughness along an edge of a cell."""
 BELOW = 0.1
 """Lowest pressure of a cell at the points of a structure over the lowest of a law."""
 STEEL = Elastic(210e9, 0.3)
 
 
 class Answer(NamedTuple):
-    """Mean gap, m, contact fraction, and pressure, Pa, over the position along a structure, m.
+    """Averages over a structure, and the pressure along it."""
 
-    The fraction is NaN where nothing gives it; pressures are averaged across the structure.
-    """
-
-    mean_gap: float
-    contact_fraction: float
-    position: np.ndarray
-    pressure: np.ndarray
+    mean_gap: float  # m
+    contact_fraction: float  # NaN if unknown
+    position: np.ndarray  # (points,), along the structure, m
+    pressure: np.ndarray  # (points,), averaged across the structure, Pa
 
 
 @dataclass(frozen=True)
@@ -77,19 +74,20 @@ class RoughStructure(ABC):
     Parameters
     ----------
     ratio : float
-        :math:`\varepsilon = \lambda_l / \ell \le 1/4`, longest wave of the roughness over the
-        length of the structure; one over a whole number. The band ends at :math:`\lambda_l / 4`.
+        :math:`\varepsilon = \lambda_l / \ell \le 1/4`, longest wavelength of the roughness over the
+        length of the structure; the inverse of a whole number. The band ends at
+        :math:`\lambda_l / 4`.
 
     Attributes
     ----------
     length, rms_height : float, of the structure and of the roughness, m
     points : int, of the structure with a law
-    areal : bool, whether the roughness varies in both directions, or is of a profile
+    areal : bool, whether the roughness varies in both directions, or is a profile
 
     Raises
     ------
     CaseError
-        If the ratio is not one over a whole number of at least 4.
+        If the ratio is not the inverse of a whole number of at least 4.
     """
 
     length: ClassVar[float]
@@ -103,36 +101,36 @@ class RoughStructure(ABC):
         waves = 1.0 / self.ratio if self.ratio > 0.0 else 0.0
         if waves < 4.0 - 1e-9 or abs(waves - round(waves)) > 1e-9 * waves:
             raise CaseError(
-                f"ratio must be one over a whole number of at least 4, such as 1/8, got "
+                f"ratio must be the inverse of a whole number of at least 4, such as 1/8, got "
                 f"{self.ratio:g}"
             )
 
     @property
     def waves(self) -> int:
-        """Longest waves of the roughness along the structure."""
+        """Longest wavelengths of the roughness along the structure."""
         return round(1.0 / self.ratio)
 
     @property
     @abstractmethod
     def pressures(self) -> np.ndarray:
-        """Mean pressures of cells, which cover what the structure needs, Pa."""
+        """Mean pressures of cells, which cover the range of the structure, Pa."""
 
     @abstractmethod
     def cell(self, surface: Surface) -> FlatCell:
-        """Cell under a piece of the roughness."""
+        """Build the cell under a piece of the roughness."""
 
     @abstractmethod
     def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
-        """Solve the structure with a law of its roughness, on so many times its points."""
+        """Solve the structure with a law of its roughness, on ``refined`` times its points."""
 
     @abstractmethod
     def resolve(self, seed: int, points_per_wave: int) -> Answer:
-        """Solve the structure with all of its roughness, by points per shortest wave."""
+        """Solve the structure with all of its roughness, by points per shortest wavelength."""
 
     def surface(self, seed: int, points_per_wave: int, waves: int | None = None) -> Surface:
-        """Roughness of a square piece, by its longest waves along an edge.
+        """Return the roughness of a square piece, by its longest wavelengths along an edge.
 
-        The whole structure, if the number of waves is not given: what :meth:`resolve` resolves.
+        Of the whole structure, as for :meth:`resolve`, if the number is not given.
         """
         waves = self.waves if waves is None else waves
         n = round(BAND * points_per_wave * waves)
@@ -154,9 +152,9 @@ class RoughWave(RoughStructure):
 
     The wave :math:`\Delta \cos(2\pi x/\lambda)` with :math:`\Delta = 0.01\,\lambda` carries the
     mean pressure :math:`p^*/2`, half of what closes it when smooth; the roughness has the root
-    mean square height :math:`0.002\,\lambda` and waves from :math:`\varepsilon\lambda` to
+    mean square height :math:`0.002\,\lambda` and wavelengths from :math:`\varepsilon\lambda` to
     :math:`\varepsilon\lambda/4`, Hurst exponent 0.8. Slopes count as small, however large, so the
-    answers depend on ratios alone.
+    answers depend on ratios only.
 
     *Resolved*, it is a flat cell of one period with wave and roughness on it; *with a law*, a wave
     in plane strain. There the displacement of the surface is the change of the gap g up to a
@@ -187,7 +185,7 @@ class RoughWave(RoughStructure):
         return FlatCell(surface, 2.0 * max(surface.size), 8, STEEL)
 
     def wave(self, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and heights of the smooth wave, m."""
+        """Return positions and heights of the smooth wave, m."""
         x = self.length * np.arange(points) / points
         return x, self.amplitude * np.cos(2.0 * np.pi * x / self.length)
 
@@ -197,7 +195,7 @@ class RoughWave(RoughStructure):
         x, wave = self.wave(points)
         K = half_space_stiffness(points, self.length, self.modulus)
         weight = np.full(points, self.length / points)
-        found = solve_interface(
+        solution = solve_interface(
             K,
             K @ (self.amplitude - wave) - weight * self.pressure,  # (1)
             eye_array(points, format="csr"),
@@ -206,7 +204,7 @@ class RoughWave(RoughStructure):
             start=np.full(points, float(law.gap_at(np.array(self.pressure))) - law.gap),
             tolerance=1e-8,
         )
-        g = found.unwrap() + law.gap
+        g = solution.unwrap() + law.gap
         pressure = law.pressure(g)
         fraction = np.nan if area is None else float(np.mean(area.contact_fraction(pressure)))
         return Answer(float(np.mean(g)), fraction, x, pressure)
@@ -217,15 +215,16 @@ class RoughWave(RoughStructure):
         n = rough.heights.shape[0]
         x, wave = self.wave(n)
         surface = Surface(rough.heights + wave[:, None], rough.size)
-        found = solve_cell(self.cell(surface), Path(pressure=(self.pressure,)), keep_fields=True)
-        if not found["converged"].values.all():
+        path = Path(pressure=(self.pressure,))
+        response = solve_cell(self.cell(surface), path, keep_fields=True)
+        if not response["converged"].values.all():
             raise ConvergenceError(
                 f"the wave with its roughness resolved by {n} x {n} points did not converge; "
                 f"lower points_per_wave"
             )
-        one = found.isel(realisation=0, step=0)
-        gap, fraction = float(one["mean_gap"]), float(one["contact_fraction"])
-        return Answer(gap, fraction, x, one["pressure"].values.mean(axis=0))
+        step = response.isel(realisation=0, step=0)
+        gap, fraction = float(step["mean_gap"]), float(step["contact_fraction"])
+        return Answer(gap, fraction, x, step["pressure"].values.mean(axis=0))
 
 
 def half_space_stiffness(points: int, length: float, contact_modulus: float) -> np.ndarray:
@@ -236,10 +235,10 @@ def half_space_stiffness(points: int, length: float, contact_modulus: float) -> 
 
 @dataclass(frozen=True)
 class TiltedJoint(RoughStructure):
-    r"""Two steel blocks in plane strain between platens, one of which comes down tilted.
+    r"""Two steel blocks in plane strain between platens; the upper platen comes down tilted.
 
     Each block is as wide as :math:`\ell` and half as high, and the origin is the middle of the
-    interface. The platens hold the far faces; the upper one comes down by
+    interface. The platens hold the far faces; the upper platen comes down by
 
     .. math:: \delta(x) = \delta_0 \left(1 + a\,\frac{2x}{\ell}\right), \qquad
         \delta_0 = 10^{-3} \ell    \tag{1}
@@ -249,8 +248,8 @@ class TiltedJoint(RoughStructure):
     root mean square height :math:`2\cdot 10^{-4}\,\ell`.
 
     *Resolved*, the face of the upper block is meshed with the profile; *with a law*, both blocks
-    are plane. Cells are profiles whose contact modulus is that of both blocks. In two dimensions
-    there is no assembly: the matrices go to :func:`solve_interface` by hand.
+    are plane. Cells are profiles with the contact modulus of both blocks. Assemblies have three
+    dimensions: the matrices are assembled here for :func:`solve_interface`.
 
     Attributes
     ----------
@@ -274,7 +273,7 @@ class TiltedJoint(RoughStructure):
 
     @property
     def pressures(self) -> np.ndarray:
-        """Mean pressures of cells, Pa: from the light edge to beyond the heavy one."""
+        """Mean pressures of cells, Pa: from the light edge to beyond the heavy edge."""
         return 1e-3 * contact_modulus(self.moduli) * np.geomspace(0.03, 4.0, 12)
 
     def cell(self, surface: Surface) -> FlatCell:
@@ -284,6 +283,7 @@ class TiltedJoint(RoughStructure):
 
     def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
         """Solve the joint with a law of its roughness; layers grow away from the interface."""
+        # stiffness of both blocks, and the motion of the platens
         bodies = self._bodies(np.zeros(refined * self.points))
         K = on_diagonal(elastic_matrix(body.basis, self.bulk) for body in bodies)
         n = bodies[0].basis.doflocs.size
@@ -292,6 +292,7 @@ class TiltedJoint(RoughStructure):
         u[fixed] = np.append(motion_below, motion_above)
         free = np.setdiff1d(np.arange(u.size), fixed)
 
+        # jump of the faces, and a start near the mean pressure
         (lower, _, _), (upper, weight, position) = (
             face_operator(body.basis, "face") for body in bodies
         )
@@ -332,13 +333,13 @@ class TiltedJoint(RoughStructure):
             {"interface": Contact(("upper", "face"), ("lower", "face"))},
         )
         step = solve_contact(problem, tolerance=1e-8)[-1].unwrap()
-        found = step.contact["interface"]
-        mean, closed = found.area / found.area.sum(), found.pressure > 0.0
-        gap = float(mean @ found.gap)
-        return Answer(gap, float(mean @ closed), found.position[0], found.pressure)
+        face = step.contact["interface"]
+        mean, closed = face.area / face.area.sum(), face.pressure > 0.0
+        gap = float(mean @ face.gap)
+        return Answer(gap, float(mean @ closed), face.position[0], face.pressure)
 
     def _bodies(self, profile: np.ndarray, lift: float = 0.0) -> tuple[Body, Body]:
-        """Lower block, and upper block with a profile on its face, above by a lift, m."""
+        """Build the lower block, and the upper block with a profile, above by a lift, m."""
         size = self.length, 0.5 * self.length
 
         def come_down(x: np.ndarray, time: float) -> np.ndarray:
@@ -355,25 +356,14 @@ class TiltedJoint(RoughStructure):
 
 @dataclass(frozen=True, eq=False)
 class StructureOutcome:
-    """Answers by one of the ways, and their cost.
+    """Answers by one of the ways, and their cost."""
 
-    Attributes
-    ----------
-    answers : tuple of Answer, of every realisation, or the one of all of them together
-    seconds : float, wall time of all, s
-    solve_seconds : float
-        Of the structure alone, its law at hand, s; for the other ways the same as ``seconds``.
-    solved, reused : int
-        Cells solved (one at each load step), and how often a cell solved before served again.
-    response : Dataset, follows ``MICRO_RESPONSE``; of the sequential way alone
-    """
-
-    answers: tuple[Answer, ...]
-    seconds: float
-    solve_seconds: float
-    solved: int = 0
-    reused: int = 0
-    response: Any = None
+    answers: tuple[Answer, ...]  # of every realisation, or of all realisations together
+    seconds: float  # wall time of all
+    solve_seconds: float  # of the structure only, with a given law; else as ``seconds``
+    solved: int = 0  # cells, counted at each load step
+    reused: int = 0  # answers by cells that were solved before
+    response: Any = None  # follows MICRO_RESPONSE; of the sequential way only
 
     @property
     def gaps(self) -> np.ndarray:
@@ -393,14 +383,14 @@ def solve_sequential(
     points_per_wave: int = 8,
     waves: int = CELL_WAVES,
 ) -> StructureOutcome:
-    """Press cells, fit one law to all of them and solve the structure with it.
+    """Press cells, fit a law to all of them and solve the structure with it.
 
     Parameters
     ----------
     structure : RoughStructure
     seeds : sequence of int, of the cells
     points_per_wave, waves : int
-        Grid points of the cells per shortest wave, and longest waves along an edge of a cell.
+        Grid points of the cells per shortest wavelength, and longest wavelengths along their edge.
     """
     begin = perf_counter()
     cells = [structure.cell(structure.surface(seed, points_per_wave, waves)) for seed in seeds]
@@ -415,9 +405,9 @@ def solve_sequential(
 
 
 def checked(answer: Answer, law: NormalLaw) -> Answer:
-    """Refuse an answer that rests on pressures far outside the data of its law, by a ``CaseError``.
+    """Return an answer, or refuse it if more than 5 % of its load lies far outside the data.
 
-    That is where more than 5 % of the load lies beyond a factor of 2 outside.
+    Far is beyond a factor of 2 outside the pressures of its law.
     """
     even = np.ones(answer.pressure.size)
     far = float(load_shares(answer.pressure[None], even, data_ends(law))[2, 0])

@@ -118,7 +118,7 @@ def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(waves):
 
 
 def test_a_ratio_that_is_not_one_over_a_whole_number_is_refused():
-    with pytest.raises(CaseError, match="one over a whole number of at least 4, such as 1/8"):
+    with pytest.raises(CaseError, match="the inverse of a whole number of at least 4, such as 1/8"):
         RoughWave(0.3)
-    with pytest.raises(CaseError, match="one over a whole number"):
+    with pytest.raises(CaseError, match="the inverse of a whole number"):
         TiltedJoint(0.5)
