@@ -198,7 +198,7 @@ def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monke
     whole = rve["share"].to_numpy() == 1.0
     moduli = rve["apparent_modulus"].to_numpy()[whole][0, :, z]
     np.testing.assert_allclose(moduli, 0.75 * 70e9, rtol=1e-6)  # whatever the sides
-    assert ("1e+03 µm³, 2 % of it, floats in voids" in rve.attrs["cautions"]) == floating
+    assert ("1e+03 µm³, 2 % of it, is not connected" in rve.attrs["cautions"]) == floating
 
 
 @pytest.fixture(scope="module")
