@@ -154,7 +154,7 @@ thin, film = SecondBody(0.2, 4, Elastic(1.0, 0.3)), (Coating(0.1, 2.0, 0.3),)
     [
         (lambda: steep(bumps(0.6), 1.0, 4, 1.0, 0.3), "slope of 0.6.*, beyond 0.5"),
         (lambda: steep(bumps(0.1), 0.3, 4, 1.0, 0.3), "less than half of the period"),
-        (lambda: steep(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "one material"),
+        (lambda: steep(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "a single material"),
         (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.6)), "beyond 0.5"),
         (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, opposite=thin), "depth of 0.2 m"),
         (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, coating=film), "are rough too"),
