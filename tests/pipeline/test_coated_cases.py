@@ -107,7 +107,7 @@ def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
 
 
 def test_a_coating_thicker_than_the_cells_are_deep_is_refused(tmp_path):
-    with pytest.raises(CaseError, match="m leaves nothing of the body"):
+    with pytest.raises(CaseError, match="m leaves no body below"):
         symbol(case_of(tmp_path, TEXT, ('"10 um"', '"200 um"')))
 
 

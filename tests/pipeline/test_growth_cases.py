@@ -116,7 +116,10 @@ def test_the_shipped_beam_is_of_hexahedra_of_its_size_with_a_notch():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (("crack_density", 'porosity = 0.1\npore_radius = "9 mm"\ncrack_density'), "holds pores"),
+        (
+            ("crack_density", 'porosity = 0.1\npore_radius = "9 mm"\ncrack_density'),
+            "contains pores",
+        ),
         (('size = "100 mm"', 'size = ["100 mm", "50 mm", "50 mm"]'), "grow in a periodic cube"),
         (("0.6 MPa*m^0.5", "0.6 MPa"), "toughness"),
         ((VOLUME[VOLUME.index("[rve]") : VOLUME.index("[growth]")], ""), "takes the cracks of"),
