@@ -140,8 +140,8 @@ def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
     ("change", "message"),
     [
         ({"shift": (0.0, 0.0, 1e-4)}, "do not touch face to face: their nodes are 0.0001 m apart"),
-        ({"scale": 1e3}, "one of the meshes may be in mm and read as m"),
-        ({"shift": (0.7 * EDGE, 0.0, 0.0)}, "overlap on 0.3 of the smaller one, and at least 0.5"),
+        ({"scale": 1e3}, "a mesh in mm may have been read as m"),
+        ({"shift": (0.7 * EDGE, 0.0, 0.0)}, "overlap on 0.3 of the smaller face, and at least 0.5"),
         ({"face": "top"}, "do not touch face to face"),
         ({"held": True}, "interface 0 lies on a support: all nodes of the boundary 'bottom' of"),
         ({"order": 2}, "with the same elements, or give no quadrature_order"),

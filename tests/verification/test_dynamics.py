@@ -292,7 +292,7 @@ def test_the_mean_tension_is_the_quotient_of_energies_and_its_slope_the_derivati
         pytest.param({"times": [0.0]}, "times must rise", id="one-time"),
         pytest.param({"times": [0.0, 0.0]}, "times must rise", id="same-time"),
         pytest.param({"mass": 0.0}, "mass of node 1 must be positive", id="mass"),
-        pytest.param({"mass": np.ones(3)}, "one number or one per node", id="masses"),
+        pytest.param({"mass": np.ones(3)}, "mass must be a number or an array", id="masses"),
         pytest.param({"theta": 0.3}, "theta must lie between 1/2 and 1", id="theta"),
         pytest.param({"restitution": 1.1}, "restitution must lie between", id="restitution"),
         pytest.param(

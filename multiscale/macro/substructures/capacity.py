@@ -13,15 +13,15 @@ from multiscale.fe.rigid_motion import free_motions
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import stack_parts
+from multiscale.macro.substructures.stack import stack_substructures
 
 __all__ = ["Slide", "find_slide", "refuse_free", "require_held"]
 
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
-"""Directions in which the slip is measured at first, and how often those of the solution are added,
-until that changes the work by no more than this, relative to that of all friction for slip of 1."""
+"""Initial tangents of the slip of a point; limit of the cutting planes added afterwards; change of
+the work, relative to the work of all friction for slip of 1, at which they stop."""
 
-HELD = 1e-6
+ZERO_MOTION = 1e-6
 """Size of a rigid motion, relative to the largest, up to which it is zero."""
 
 NOTHING = 1e-6
@@ -32,23 +32,18 @@ NOTHING = 1e-6
 class Slide:
     """A rigid motion of bodies against each other that the load drives.
 
-    Attributes
-    ----------
-    load, capacity : float
-        Power of the load, and what friction takes of it, per largest slip, N: forces where bodies
-        slide without turning. NaN where they do not slide. The pressures are not those of the
-        load, of which there is no equilibrium: where supports bear a part of what presses a joint,
-        the capacity changes with the load, by less than a per cent in a lap joint.
-    joints : tuple of int
-        Numbers of the joints that slide; none where bodies lift or tip, or nothing holds them.
+    Load and capacity are forces where bodies slide without rotation, NaN where they do not slide.
+    The load has no equilibrium, so the pressures come from the states before: where supports bear
+    a share of the force on a joint, the capacity changes with the load, by less than a per cent in
+    a lap joint.
     """
 
-    load: float
-    capacity: float
-    joints: tuple[int, ...]
+    load: float  # power of the load over the largest slip, N
+    capacity: float  # power dissipated by friction over the largest slip, N
+    joints: tuple[int, ...]  # sliding joints; empty where bodies lift, tip or are unconstrained
 
     def __str__(self) -> str:
-        """Return why there is no equilibrium."""
+        """Return the reason for missing equilibrium."""
         if not self.joints:
             return (
                 "no equilibrium found: the load lifts, tips or moves a body that neither supports "
@@ -63,7 +58,7 @@ class Slide:
 
 
 def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) -> Slide | None:
-    r"""Find the rigid motion that friction resists least, if the load overcomes it.
+    r"""Compute the rigid motion that friction resists least, if the load exceeds the capacity.
 
     Notes
     -----
@@ -87,7 +82,7 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     normal, *across = (np.concatenate(direction) for direction in jumps)
     known = [pressure for pressure in pressures if pressure.size and np.isfinite(pressure).all()]
     sliding = np.concatenate([normal, -normal])
-    # sliding first: bodies that also tip have a capacity
+    # motions without opening first: bodies that slide and tip have a capacity
     for rows, pressure in [*product([sliding], known), *product([normal], known)]:
         bound = problem.weight * problem.law.friction_limit(np.maximum(pressure, 0.0))
         a = _weakest(power, rows, across, bound)
@@ -104,33 +99,36 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 
 
 def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
-    """Name bodies that neither supports, interfaces nor bolts hold, and their rigid motions.
+    """Name bodies that supports, interfaces and bolts leave free, and their rigid motions.
 
-    Interfaces hold along their normal, and across it where they have friction; bolts hold along
-    their axes.
+    Interfaces constrain their normal jump, and the tangential one where they have friction; bolts
+    constrain the distance of their ends along the axis.
     """
-    modes, held = _free_motions(problem), []
+    # jumps of joints and stretches of bolts, which must be zero
+    modes, constraints = _free_motions(problem), []
     for joint, jump in zip(problem.joints, _jumps(problem, modes), strict=True):
-        assert joint.law is not None  # a joint has one
+        assert joint.law is not None  # every joint has a law
         rough = joint.law.friction_limit(np.ones(1))[0] > 0.0
-        held += [rows / np.sqrt(len(rows)) for rows in (jump if rough else jump[:1])]
-    numbers = np.concatenate([part.unknown for part in problem.substructures])
+        constraints += [rows / np.sqrt(len(rows)) for rows in (jump if rough else jump[:1])]
     for bolt in problem.bolts:
-        ends = [modes[np.argmax(numbers == unknown)] for unknown in bolt.unknown]
-        held.append((ends[1] - ends[0])[None])
-    if held and modes.shape[1]:
-        modes = modes @ null_space(np.linalg.qr(np.concatenate(held), mode="r"), rcond=HELD)
+        ends = [modes[np.argmax(problem.numbers == unknown)] for unknown in bolt.unknown]
+        constraints.append((ends[1] - ends[0])[None])
+    if constraints and modes.shape[1]:
+        R = np.linalg.qr(np.concatenate(constraints), mode="r")
+        modes = modes @ null_space(R, rcond=ZERO_MOTION)
+
+    # translations and rotations of each body in the remaining modes
     sentences = []
-    for name, part, moved in zip(
+    for name, substructure, moved in zip(
         names, problem.substructures, _split(problem, modes), strict=False
     ):
-        rigid = np.linalg.lstsq(part.rigid_motions, moved, rcond=None)[0]
-        rigid[3:] *= np.ptp(part.position, axis=0).max()  # displacements by turning
+        rigid = np.linalg.lstsq(substructure.rigid_motions, moved, rcond=None)[0]
+        rigid[3:] *= np.ptp(substructure.position, axis=0).max()  # displacements by rotation
         size = np.abs(rigid).max(axis=1, initial=0.0)
-        loose = size > HELD * max(1.0, size.max())
+        free = size > ZERO_MOTION * max(1.0, size.max())
         moves, turns = (
             " and ".join(filter(None, [", ".join(axes[:-1]), *axes[-1:]]))
-            for axes in (np.array(list("xyz"))[group] for group in (loose[:3], loose[3:]))
+            for axes in (np.array(list("xyz"))[group] for group in (free[:3], free[3:]))
         )
         how = [f"to move along {moves}"] * bool(moves) + [f"to turn about {turns}"] * bool(turns)
         if how:
@@ -160,7 +158,7 @@ def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None
 
 def _split(problem: CutProblem, modes: np.ndarray) -> list[np.ndarray]:
     """Motions of the unknowns of every substructure."""
-    start = np.cumsum([0, *(part.n for part in problem.substructures)])
+    start = np.cumsum([0, *(substructure.n for substructure in problem.substructures)])
     return [modes[first:last] for first, last in pairwise(start)]
 
 
@@ -176,11 +174,11 @@ def _jumps(problem: CutProblem, modes: np.ndarray) -> list[list[np.ndarray]]:
 def _free_motions(problem: CutProblem) -> np.ndarray:
     """Rigid motions of bodies that neither supports, links nor shanks resist, (unknowns, motions).
 
-    The unknowns are those of the substructures, one after the other.
+    The unknowns of the substructures follow each other.
     """
-    stacked = stack_parts(problem, range(len(problem.substructures)))
+    stacked = stack_substructures(problem, range(len(problem.substructures)))
     K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
-    motions = problem.motions[np.concatenate([part.unknown for part in problem.substructures])]
+    motions = problem.motions[problem.numbers]
     free = free_motions(K, motions[:, np.any(motions != 0.0, axis=0)])
     return np.asarray(free / np.abs(free).max(axis=0))
 
@@ -188,7 +186,10 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
 def _weakest(
     power: np.ndarray, normal: np.ndarray, across: list[np.ndarray], bound: np.ndarray
 ) -> np.ndarray | None:
-    """Minimise (1) by linear programs with more and more tangents of the slip; None if held."""
+    """Minimise (1) by cutting planes; None if no motion has the power 1.
+
+    Each linear program bounds the slip of a point from below by its tangents.
+    """
     from scipy.optimize import linprog
 
     points, count = across[0].shape

@@ -1,4 +1,4 @@
-"""Coarse motions of interfaces: their problem, stiffnesses against them, a preconditioner."""
+"""Coarse motions of interfaces: coarse problem, homogenised stiffness, BDDC preconditioner."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from multiscale.macro.substructures.stack import (
     Stack,
     lay_out_sides,
     split_columns,
-    stack_parts,
+    stack_substructures,
     together,
 )
 from multiscale.numerics.factorisation import Solve, on_diagonal
@@ -36,14 +36,14 @@ __all__ = [
 ]
 
 INDEPENDENT = 1e-8
-"""Size of a motion, relative to the largest, below which it is no motion of the interface."""
+"""Singular value of a motion, relative to the largest, below which it depends on the others."""
 
-HELD = 1e-12
+LENT = 1e-12
 """Stiffness lent to every unknown, relative to its diagonal, for mechanisms inside."""
 
 
 def coarse_basis(problem: CutProblem) -> csr_array:
-    """Motions whose work the coarse problem balances, shape (slots, coarse unknowns).
+    """Motions with work that the coarse problem balances, shape (slots, coarse unknowns).
 
     The resultants of an interface between two substructures, and every force of a weak
     cross-point, where three or more meet: without them the method diverges.
@@ -53,7 +53,7 @@ def coarse_basis(problem: CutProblem) -> csr_array:
 
 
 def _basis_of(face: CutInterface, problem: CutProblem) -> np.ndarray:
-    """Orthonormal motions of one interface."""
+    """Orthonormal motions of an interface."""
     if len(face.sides) > 2:
         return np.eye(face.size)
     first = int(not face.trace[0].nnz)  # the ground does not move
@@ -66,28 +66,16 @@ def _basis_of(face: CutInterface, problem: CutProblem) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    r"""Multiplier :math:`w` that balances the coarse forces of a linear stage.
+    r"""Coarse problem of a linear stage: a multiplier :math:`w` balances the coarse forces."""
 
-    Attributes
-    ----------
-    push : csr_array, shape (m, coarse), :math:`k_0 P`: force on every side of a coarse motion
-    basis : csr_array, shape (m, coarse), :math:`P` on every side
-    answer : ndarray, shape (n, columns)
-        Displacement of the substructures of this process for the coarse motions of each, side
-        by side.
-    column : ndarray of int, shape (n, columns)
-        Coarse unknown of every entry of ``answer``; the last one is a dummy.
-    solve : callable, with the coarse matrix
-    """
-
-    push: csr_array
-    basis: csr_array
-    answer: np.ndarray
-    column: np.ndarray
-    solve: Solve
+    push: csr_array  # k_0 P, force of coarse motions on every side, (m, coarse)
+    basis: csr_array  # P on every side, (m, coarse)
+    answer: np.ndarray  # displacement by the coarse motions of each substructure, (n, columns)
+    column: np.ndarray  # coarse unknown of every entry of answer, or the number of all: a dummy
+    solve: Solve  # with the coarse matrix
 
     def respond(self, w: np.ndarray) -> np.ndarray:
-        """Displacement that the multiplier brings, shape (n,), m."""
+        """Displacement by the multiplier, shape (n,), m."""
         return np.asarray(np.einsum("nc,nc->n", self.answer, np.append(w, 0.0)[self.column]))
 
 
@@ -96,7 +84,7 @@ def prepare_coarse(
     side_stiffness: csr_array,
     stack: Stack,
     sides: Sides,
-    parts: range,
+    local: range,
     solve: Solve,
     factors: Factors,
     team: ProcessGroup,
@@ -105,12 +93,13 @@ def prepare_coarse(
 
     .. math:: L = \sum_E P^T k_0 P - (k_0 P)^T T H T^T k_0 P,    \tag{1}
 
-    with the inverse :math:`H` of the matrix of every substructure. All substructures are solved
-    at once: the columns of different ones do not meet.
+    with the inverse :math:`H` of the matrix of every substructure. One solve with several right
+    sides serves all substructures, because their matrices are blocks of a diagonal matrix.
     """
+    # H T^T k_0 P: column j of a substructure is the answer to its coarse motion j
     on_sides = csr_array(basis[sides.slot])
     push = csr_array(side_stiffness @ on_sides)
-    first = sides.start[parts.start] if len(parts) else 0
+    first = sides.start[local.start] if len(local) else 0
     local_push = csr_array(stack.trace.T @ push[first : first + stack.trace.shape[0]])
     columns, pushes = split_columns(local_push, stack.start)
     width = max((used.size for used in columns), default=0)
@@ -121,6 +110,7 @@ def prepare_coarse(
         right[a:b, : used.size], column[a:b, : used.size] = block, used
     answer = solve(right)
 
+    # assemble (1)
     triplets = []
     for used, block, (a, b) in zip(columns, pushes, ends, strict=True):
         product = -block.T @ answer[a:b, : used.size]
@@ -145,28 +135,28 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
     .. math::
         w^T K_E^H w = \min_{C_E u = w} u^T (K_E + B_E^T k_E B_E) u,    \tag{1}
 
-    the stiffness against the coarse motions :math:`w` of the interfaces while nothing but the
-    resultants :math:`K_E^H w` acts on them; once with all links taut and once without the
-    stiffness of the slack ones.
+    the stiffness against the coarse motions :math:`w` of the interfaces while only the resultants
+    :math:`K_E^H w` act on them; first with all links taut, then without the stiffness of slack
+    links.
 
     Parameters
     ----------
     problem : CutProblem, the structure, cut
     result : Dataset, optional
-        Says by ``slack (step, link)`` which links are slack; not needed without links.
+        Its ``slack (step, link)`` marks the slack links; not needed without links.
     step : int, step of the result
 
     Returns
     -------
     Dataset
-        Follows ``HOMOGENISED``. ``coarse_unknown`` numbers what a resultant is: two
-        substructures that have it in common share the number, and assembling by it gives the
-        stiffness of the coarse structure.
+        Follows ``HOMOGENISED``. ``coarse_unknown`` is the number of each resultant, the same in
+        both substructures that share the resultant: assembly by it gives the stiffness of the
+        coarse structure.
 
     Raises
     ------
     CaseError
-        If the result is not one of this structure, or its step did not converge.
+        If the result belongs to another structure, or its step did not converge.
 
     Notes
     -----
@@ -175,31 +165,35 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
     unknown. The coarse motions of an interface are orthonormal in its nodes (of a joint, in its
     points).
 
-    The kernel holds the rigid motions of a substructure without supports, and the mechanisms of
-    its links: a floating part of a tensegrity may have some although all its links are taut.
+    The kernel contains the rigid motions of a substructure without supports, and the mechanisms of
+    its links: a floating substructure of a tensegrity may have mechanisms although all its links
+    are taut.
     """
+    # coarse motions of each substructure, C_E^T, and its rigid motions
     slack = _slack_links(problem, result, step)
-    parts = stack_parts(problem, range(len(problem.substructures)))
-    motions = csr_array(parts.trace.T @ coarse_basis(problem)[lay_out_sides(problem).slot])
-    used, columns = split_columns(motions, parts.start)  # coarse unknowns, C_E^T
+    stack = stack_substructures(problem, range(len(problem.substructures)))
+    motions = csr_array(stack.trace.T @ coarse_basis(problem)[lay_out_sides(problem).slot])
+    used, columns = split_columns(motions, stack.start)
     width = max((item.size for item in used), default=0)
     number = np.full((len(used), width), -1)
     rigid = np.full((len(used), width, 6), np.nan)
     for row, (C, item) in enumerate(zip(columns, used, strict=True)):
         number[row, : item.size] = item
         rigid[row, : item.size] = C.T @ problem.substructures[row].rigid_motions
-    mine = slack[parts.links.number] if problem.n_links else np.zeros(0, dtype=bool)
-    taut = np.ones(mine.size)
+    # (1) with all links taut, and without the slack links
+    slackened = slack[stack.links.number] if problem.n_links else np.zeros(0, dtype=bool)
+    taut = np.ones(slackened.size)
     dataset = HOMOGENISED.build(
         {
             "stiffness": [
-                _condensed(parts, share, columns, width) for share in (taut, np.where(mine, 0, 1.0))
+                _condensed(stack, share, columns, width)
+                for share in (taut, np.where(slackened, 0, 1.0))
             ],
             "coarse_unknown": number,
             "rigid_motion": rigid,
             "slack_links": [
-                int(slack[part.links.number].sum()) if part.links else 0
-                for part in problem.substructures
+                int(slack[substructure.links.number].sum()) if substructure.links else 0
+                for substructure in problem.substructures
             ],
         },
         coarse_unknowns=int(number.max(initial=-1)) + 1,
@@ -218,27 +212,28 @@ def _slack_links(problem: CutProblem, result: Dataset | None, step: int) -> np.n
     slack = result.slack.isel(step=step) if "step" in result.slack.dims else result.slack
     if slack.shape != (problem.n_links,):
         raise CaseError(
-            f"the result must be of the {problem.n_links} links of the problem, got {slack.shape}"
+            f"slack of the result must have an entry for each of the {problem.n_links} links of "
+            f"the problem, got shape {slack.shape}"
         )
     if not np.isfinite(slack).all():
-        raise CaseError(f"step {step} of the result did not converge: its slacks are NaN")
+        raise CaseError(f"step {step} of the result did not converge: its slack is NaN")
     return np.asarray(slack.values > 0.0)
 
 
 def _condensed(
-    parts: Stack, share: np.ndarray, columns: list[np.ndarray], width: int
+    stack: Stack, share: np.ndarray, columns: list[np.ndarray], width: int
 ) -> np.ndarray:
     """Evaluate (1) for all substructures at once, shape (substructures, width, width), N/m."""
-    matrix = parts.matrix(share * parts.links.stiffness, None)
-    taut = parts.matrix(parts.links.stiffness, None).diagonal()
+    matrix = stack.matrix(share * stack.links.stiffness, None)
+    taut = stack.matrix(stack.links.stiffness, None).diagonal()
     C = on_diagonal(columns)
     kappa = float(taut.max())
-    held = diags_array(HELD * np.where(taut > 0.0, taut, kappa))
-    answer_to = Factors()(csr_array(matrix + held + kappa * (C @ C.T)))
+    lent = diags_array(LENT * np.where(taut > 0.0, taut, kappa))
+    solve = Factors()(csr_array(matrix + lent + kappa * (C @ C.T)))
     condensed = np.full((len(columns), width, width), np.nan)
     start = np.cumsum([0, *(item.shape[1] for item in columns)])
     for place, flexibility in zip(
-        condensed, compliances(answer_to, csr_array(C.T), start), strict=True
+        condensed, compliances(solve, csr_array(C.T), start), strict=True
     ):
         size = len(flexibility)
         stiffness = np.linalg.inv(flexibility) - kappa * np.eye(size)
@@ -248,31 +243,23 @@ def _condensed(
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Shared and coarse unknowns of the substructures of a process, in tables of one width.
+    """Shared and coarse unknowns of the p substructures of a process, in padded tables.
 
-    Attributes
-    ----------
-    shared : ndarray of int, shape (substructures, w)
-        Shared unknowns; where there are fewer than w, ``n_shared``.
-    coarse : ndarray of int, shape (substructures, c), coarse unknowns, likewise
-    constraint : ndarray, shape (substructures, c, w), coarse unknowns from the shared ones
-    n_shared, n_coarse : int
-    faces : list of (int, list of (int, ndarray))
-        For every interface its size, the substructures among these that it has and, in each, the
-        columns of its unknowns.
-    team : ProcessGroup, processes that share the substructures
+    Rows with fewer than w shared or c coarse unknowns are filled up by ``n_shared`` and
+    ``n_coarse``.
     """
 
-    shared: np.ndarray
-    coarse: np.ndarray
-    constraint: np.ndarray
+    shared: np.ndarray  # numbers of the shared unknowns, (p, w)
+    coarse: np.ndarray  # numbers of the coarse unknowns, (p, c)
+    constraint: np.ndarray  # coarse unknowns from the shared unknowns, C_E, (p, c, w)
     n_shared: int
     n_coarse: int
+    # size of every interface; its substructures in this process and its columns in each
     faces: list[tuple[int, list[tuple[int, np.ndarray]]]]
-    team: ProcessGroup
+    team: ProcessGroup  # processes that share the substructures
 
     def gather(self, blocks: list[np.ndarray]) -> np.ndarray:
-        """Matrices of the substructures in one array, shape (substructures, w, w)."""
+        """Stack the matrices of the substructures in an array, shape (p, w, w)."""
         width = self.shared.shape[1]
         table = np.zeros((len(blocks), width, width))
         for place, block in zip(table, blocks, strict=True):
@@ -280,7 +267,7 @@ class Layout:
         return table
 
     def take(self, value: np.ndarray) -> np.ndarray:
-        """Give every substructure its shared unknowns, shape (substructures, w)."""
+        """Restrict shared unknowns to every substructure, shape (p, w)."""
         return np.asarray(np.append(value, 0.0)[self.shared])
 
     def add(self, value: np.ndarray) -> np.ndarray:
@@ -294,31 +281,31 @@ class Layout:
 
 
 def lay_out(
-    parts: Split,
+    split: Split,
     slot: np.ndarray,
     basis: csr_array,
     interfaces: Sequence[CutInterface],
-    mine: range,
+    local: range,
     team: ProcessGroup,
 ) -> Layout:
-    """Make the tables."""
+    """Tabulate the unknowns of the substructures of this process, ``local``."""
     n_shared, n_coarse = basis.shape
-    count = parts.edge_start.size - 1
-    shared = np.full((count, int(np.diff(parts.edge_start).max(initial=0))), n_shared)
-    shared[parts.owner, parts.column] = slot
-    used, motions = split_columns(csr_array(basis[slot]), parts.edge_start)
+    count = split.edge_start.size - 1
+    shared = np.full((count, int(np.diff(split.edge_start).max(initial=0))), n_shared)
+    shared[split.owner, split.column] = slot
+    used, motions = split_columns(csr_array(basis[slot]), split.edge_start)
     width = max((item.size for item in used), default=0)
     coarse = np.full((count, width), n_coarse)
     constraint = np.zeros((count, width, shared.shape[1]))
-    for part, (block, item) in enumerate(zip(motions, used, strict=True)):
-        coarse[part, : item.size] = item
-        constraint[part, : item.size, : block.shape[0]] = block.T
+    for owner, (block, item) in enumerate(zip(motions, used, strict=True)):
+        coarse[owner, : item.size] = item
+        constraint[owner, : item.size, : block.shape[0]] = block.T
     order, faces, first = np.argsort(shared, axis=1), [], 0
     for face in interfaces:
         rows = np.arange(first, first + face.size)
-        own_sides = [side - mine.start for side in face.sides if side in mine]
-        at = [order[part][np.searchsorted(shared[part][order[part]], rows)] for part in own_sides]
-        faces.append((face.size, list(zip(own_sides, at, strict=True))))
+        owners = [owner - local.start for owner in face.sides if owner in local]
+        at = [order[owner][np.searchsorted(shared[owner][order[owner]], rows)] for owner in owners]
+        faces.append((face.size, list(zip(owners, at, strict=True))))
         first += face.size
     return Layout(shared, coarse, constraint, n_shared, n_coarse, faces, team)
 
@@ -365,6 +352,7 @@ def prepare_balancing(
     layout: Layout, schur: np.ndarray, added: np.ndarray, factorise: Callable[[csr_array], Solve]
 ) -> Balancing:
     """Invert (2) for every substructure and factorise the coarse matrix."""
+    # (2), scaled by the largest stiffness; padding has a unit diagonal
     count, width = layout.shared.shape
     size = layout.coarse.shape[1]
     real, wanted = layout.shared < layout.n_shared, layout.coarse < layout.n_coarse
@@ -381,6 +369,7 @@ def prepare_balancing(
     matrix[:, at, at] += np.where(wanted, 0.0, 1.0)
     inverse = together(layout.team, lambda: np.linalg.inv(matrix))
 
+    # assemble L
     coarse = -inverse[:, width:, width:] * unit[:, None, None]
     rows = np.broadcast_to(layout.coarse[:, :, None], coarse.shape)
     columns = np.broadcast_to(layout.coarse[:, None, :], coarse.shape)
@@ -401,7 +390,7 @@ def prepare_balancing(
 def _solve_first(
     team: ProcessGroup, matrix: csr_array, factorise: Callable[[csr_array], Solve]
 ) -> Solve:
-    """Let the first process solve for all, so that all get the same digits."""
+    """Solve on the first process and send the result, so that all have the same digits."""
     solve = together(team, lambda: None if team.rank else factorise(matrix))
     return lambda right: team.total(np.zeros_like(right) if solve is None else solve(right))
 
@@ -415,15 +404,16 @@ def _scaling(layout: Layout, schur: np.ndarray, added: np.ndarray) -> np.ndarray
     blocks, sums = [], [np.zeros(0)]
     for size, sides in layout.faces:
         of_sides = []
-        for part, at in sides:
-            block = schur[part][np.ix_(at, at)]
-            of_sides.append(0.5 * (block + block.T) + np.diag(added[part, at]))
+        for owner, at in sides:
+            block = schur[owner][np.ix_(at, at)]
+            of_sides.append(0.5 * (block + block.T) + np.diag(added[owner, at]))
         blocks.append(of_sides)
         sums.append(sum(of_sides, np.zeros((size, size))).ravel())
+    # sum over the processes for all interfaces together, then (3)
     total, first = layout.team.total(np.concatenate(sums)), 0
     for (size, sides), of_sides in zip(layout.faces, blocks, strict=True):
         whole = total[first : first + size**2].reshape(size, size)
         first += size**2
-        for (part, at), block in zip(sides, of_sides, strict=True):
-            D[part][np.ix_(at, at)] = np.linalg.solve(whole, block)
+        for (owner, at), block in zip(sides, of_sides, strict=True):
+            D[owner][np.ix_(at, at)] = np.linalg.solve(whole, block)
     return D

@@ -29,7 +29,7 @@ __all__ = ["cut_assembly", "cut_links", "split_boxes", "split_grid"]
 
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
-    """Give elements to boxes of equal size.
+    """Assign elements to boxes of equal size.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def cut_assembly(
     *,
     owners: Sequence[np.ndarray] | None = None,
 ) -> CutProblem:
-    """Cut the bodies of an assembly; one load case for each of its times.
+    """Cut the bodies of an assembly, with a load case for each of its times.
 
     The bolts are tightened together by a load case before the others. The unknowns of platens and
     washers come last; substructures share them as they share the nodes where they meet.
@@ -69,9 +69,10 @@ def cut_assembly(
     Raises
     ------
     CaseError
-        If a law is not elastic, a support moves, a platen is held, faces do not match, or a
+        If a law is not elastic, a support moves, a platen has fixed nodes, faces do not match, or a
         substructure is in pieces.
     """
+    # number the unknowns of bodies, platens, washers and cuts through bolts
     bodies, bolts, sections = assembly.bodies, assembly.bolts, assembly.sections
     owners = owners or [split_boxes(body, (*parts, 1)) for body in bodies]
     plates = [("platen", platen) for platen in assembly.platens]
@@ -82,31 +83,38 @@ def cut_assembly(
         CutBolt((below, above), bolt.stiffness, bolt.preload, bolt.name(bodies))
         for bolt, (below, above) in zip(bolts, middle, strict=True)
     )
+    # stiffness of the substructures, and their shares of the loads
     matrices: list[tuple[csr_array, np.ndarray]] = []
-    first_part = [0]
+    first_number = [0]
     for index, (body, owner) in enumerate(zip(bodies, owners, strict=True)):
         matrices.extend(_stiffness(body, index, np.asarray(owner), structure.of_body[index]))
-        first_part.append(len(matrices))
+        first_number.append(len(matrices))
     shares = np.bincount(np.concatenate([unknown for _, unknown in matrices]))
     load = structure.load
     if cut_bolts or sections:
         pull = [bolt.preload * bolt.pull(len(load)) for bolt in cut_bolts]
         load = np.column_stack([np.sum([structure.tension, *pull], axis=0), load])
     load = load / shares[:, None]
-    pieces = [
+    substructures = [
         Substructure(
             K, load[unknown], unknown, structure.position[unknown], structure.component[unknown]
         )
         for K, unknown in matrices
     ]
-    numbered = [np.asarray(owner) + first for owner, first in zip(owners, first_part, strict=False)]
+
+    # cut the interfaces along the substructures
+    numbered = [
+        np.asarray(owner) + first for owner, first in zip(owners, first_number, strict=False)
+    ]
     interfaces = [
         interface
         for place, joint in enumerate(assembly.interfaces)
-        for interface in cut_interface(place, joint, bodies, numbered, structure.of_body, pieces)
+        for interface in cut_interface(
+            place, joint, bodies, numbered, structure.of_body, substructures
+        )
     ]
     return CutProblem(
-        tuple(pieces),
+        tuple(substructures),
         np.concatenate([body.basis.doflocs.T for body in bodies]),
         csr_array(vstack(structure.of_body)),
         tuple(interfaces),
@@ -116,29 +124,18 @@ def cut_assembly(
 
 @dataclass(frozen=True, eq=False)
 class _Structure:
-    """Unknowns of all bodies and platens.
+    """Unknowns of all bodies and platens."""
 
-    Attributes
-    ----------
-    of_body : list of csr_array, shape (3 nodes, n)
-        Displacement of the nodes of every body from the unknowns.
-    position : ndarray, shape (n, 3), m
-    component : ndarray of int, shape (n,)
-    load : ndarray, shape (n, cases), N
-    first : ndarray of int, shape (platens,), first unknown of every platen
-    tension : ndarray, shape (n,), forces of all cuts through bolts, N
-    """
-
-    of_body: list[csr_array]
-    position: np.ndarray
-    component: np.ndarray
-    load: np.ndarray
-    first: np.ndarray
-    tension: np.ndarray
+    of_body: list[csr_array]  # displacement of the nodes of a body from the unknowns, (3 nodes, n)
+    position: np.ndarray  # (n, 3), m
+    component: np.ndarray  # of int, (n,)
+    load: np.ndarray  # (n, cases), N
+    first: np.ndarray  # first unknown of every platen, of int, (platens,)
+    tension: np.ndarray  # forces of all cuts through bolts, (n,), N
 
 
 def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Structure:
-    """Count the unknowns: what nothing holds or moves, then motions of platens and of sections."""
+    """Count the unknowns: free components of nodes, motions of platens, stretches of sections."""
     bodies, times = assembly.bodies, assembly.times
     first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
     free = _free_rows(assembly, first)
@@ -146,9 +143,9 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
     follows, ends, middles, axes, pulled = _tie_sections(assembly, first, free)
 
     # displacement of the nodes from free rows, motions of platens, and stretches of sections
-    kept = np.flatnonzero(free)
-    entries = np.ones(kept.size), (kept, np.arange(kept.size))
-    single = csr_array(entries, shape=(free.size, kept.size))
+    rows = np.flatnonzero(free)
+    entries = np.ones(rows.size), (rows, np.arange(rows.size))
+    single = csr_array(entries, shape=(free.size, rows.size))
     expansion = csr_array(hstack([single, *motions, *ends]))
     expansion = csr_array(expansion + follows @ expansion)
     expansion.eliminate_zeros()
@@ -156,35 +153,35 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
     # loads of the bodies, and forces of the platens on their motions
     loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
     load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
-    load[kept.size : kept.size + len(acting)] += acting
+    load[rows.size : rows.size + len(acting)] += acting
     position = np.concatenate([body.basis.doflocs.T for body in bodies])
     sizes = [len(place) for place in places]
     axes = [*np.repeat([platen.axis for _, platen in platens], sizes), *axes]
     return _Structure(
         [expansion[a:b] for a, b in pairwise(first)],
-        np.concatenate([position[kept // 3], *places, *middles]),
-        np.append(kept % 3, axes).astype(int),
+        np.concatenate([position[rows // 3], *places, *middles]),
+        np.append(rows % 3, axes).astype(int),
         load,
-        kept.size + np.cumsum([0, *sizes])[: len(platens)],
+        rows.size + np.cumsum([0, *sizes])[: len(platens)],
         expansion.T @ pulled,
     )
 
 
 def _free_rows(assembly: Assembly, first: np.ndarray) -> np.ndarray:
-    """Which components of all nodes supports leave free; they may not move."""
+    """Components of all nodes without supports, shape (3 nodes,); supports must not move."""
     free = np.ones(first[-1], dtype=bool)
     for index, body in enumerate(assembly.bodies):
         name = body.name or f"body {index}"
         if body.mesh.dim() != 3:
             raise CaseError(f"{name} must be three-dimensional to be cut")
         for time in assembly.times:
-            held, motion = fixed_motion(body, time)
+            fixed, motion = fixed_motion(body, time)
             if np.any(motion):
                 raise CaseError(
                     f"the supports of {name} move by up to {np.abs(motion).max():g} m; "
-                    f"substructures take supports at rest, so give a traction in their place"
+                    f"supports of substructures must be at rest, so give a traction in their place"
                 )
-            free[first[index] + held] = False
+            free[first[index] + fixed] = False
     return free
 
 
@@ -193,7 +190,7 @@ def _tie_platens(
 ) -> tuple[list[csr_array], list[np.ndarray], np.ndarray]:
     """Rows of the nodes that platens move, their places, and the forces on them, (motions, times).
 
-    These rows are not free any more.
+    Clears these rows in ``free``.
     """
     bodies, times = assembly.bodies, assembly.times
     ties, places, forces = [], [], [np.zeros((0, len(times)))]
@@ -204,7 +201,7 @@ def _tie_platens(
         if not free[row].all():
             raise CaseError(
                 f"{name} moves {np.count_nonzero(~free[row])} nodes along {'xyz'[platen.axis]} "
-                f"that a support, a platen or another washer holds; take one of them"
+                f"that a support, a platen or another washer fixes; remove one of the two"
             )
         free[row] = False
         motion = platen.motion(body, body.basis.doflocs[:, nodes])
@@ -222,7 +219,7 @@ def _tie_sections(
 ) -> tuple[csr_array, list[csr_array], list[np.ndarray], list[int], np.ndarray]:
     """Rows that follow others through cuts of bolts, stretches of the cuts, and their tensions, N.
 
-    Places and axes of the stretches follow the stretches. The rows are not free any more.
+    Returns places and axes of the stretches as well, and clears the rows in ``free``.
     """
     bodies = assembly.bodies
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
@@ -237,7 +234,7 @@ def _tie_sections(
             raise CaseError(
                 f"the cut through a bolt at "
                 f"{bodies[upper].face_name(section.boundaries[1], upper)} "
-                f"has nodes that a support, a platen or another cut holds; take one of them"
+                f"has nodes that a support, a platen or another cut fixes; remove one of the two"
             )
         free[row] = False
         mean = np.full(count**2, -1.0 / count)
@@ -256,7 +253,7 @@ def _tie_sections(
 def _stiffness(
     body: Body, index: int, owner: np.ndarray, expansion: csr_array
 ) -> list[tuple[csr_array, np.ndarray]]:
-    """Stiffness of every substructure of a body, and its unknowns, rising."""
+    """Stiffness of every substructure of a body, and its unknowns in rising order."""
     from skfem import ElementHex1
 
     mesh, matrices = body.mesh, []
@@ -269,13 +266,14 @@ def _stiffness(
         raise CaseError(
             f"body {index} has {mesh.t.shape[1]} elements, got owners of shape {owner.shape}"
         )
-    for part in range(int(owner.max()) + 1):
-        elements = np.flatnonzero(owner == part)
+    for number in range(int(owner.max()) + 1):
+        elements = np.flatnonzero(owner == number)
         whole = body.name or f"body {index}"
         _check_piece(
             mesh.t[:, elements],
-            f"substructure {part} of {whole}" if elements.size < owner.size else whole,
+            f"substructure {number} of {whole}" if elements.size < owner.size else whole,
         )
+        # elements of this substructure only
         basis = body.basis
         if elements.size < owner.size:
             corners = np.unique(mesh.t[:, elements])
@@ -286,19 +284,20 @@ def _stiffness(
             basis = displacement_basis(small, basis.elem)
         node = np.empty(basis.N, dtype=int)
         node[basis.element_dofs] = body.basis.element_dofs[:, elements]
-        mine = expansion[(3 * node[:, None] + np.arange(3)).ravel()]
-        unknown = np.unique(mine.indices)
-        mine = csr_array(mine[:, unknown])
+        # displacement of its nodes from its unknowns
+        E = expansion[(3 * node[:, None] + np.arange(3)).ravel()]
+        unknown = np.unique(E.indices)
+        E = csr_array(E[:, unknown])
         share = None if body.share is None else body.share[elements]
         K = elastic_matrix(basis, body.law, share)
         if body.bends and isinstance(basis.elem, ElementHex1):
             K = K - mode_stiffness(basis, body.law, share)
-        matrices.append((csr_array(mine.T @ K @ mine), unknown))
+        matrices.append((csr_array(E.T @ K @ E), unknown))
     return matrices
 
 
 def _check_piece(elements: np.ndarray, name: str) -> None:
-    """Refuse elements that do not hang together."""
+    """Refuse elements that are not connected."""
     nodes, local = np.unique(elements, return_inverse=True)
     local = local.reshape(elements.shape)
     pairs = np.stack([local[:-1].ravel(), local[1:].ravel()])
@@ -318,7 +317,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     ----------
     system : LinkSystem, the structure; links of finite stiffness
     owner : ndarray of int, shape (links,)
-        Substructure of every link: 0, 1, ...; of :func:`split_grid`, for instance.
+        Substructure of every link: 0, 1, ...; from :func:`split_grid`, for instance.
 
     Returns
     -------
@@ -333,7 +332,9 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     """
     owner = np.asarray(owner)
     if owner.shape != (system.n_links,):
-        raise CaseError(f"owner must have one entry per link ({system.n_links}), got {owner.shape}")
+        raise CaseError(
+            f"owner must have an entry for each link ({system.n_links},), got shape {owner.shape}"
+        )
     model = equations(system)
     if not np.isfinite(model.stiffness).all():
         raise CaseError("substructures need extensible links; give a finite rigidity")
@@ -345,22 +346,22 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     position = np.repeat(system.position, model.number.shape[1], axis=0).reshape(-1, 3)
     component = np.tile(np.arange(model.number.shape[1]), system.n_nodes)
     free = model.number.ravel() >= 0
-    held_by = [np.unique(operator[rows == part].indices) for part in range(count)]
-    shares = np.bincount(np.concatenate(held_by), minlength=model.n)
-    parts = []
-    for part, unknown in enumerate(held_by):
-        mine = rows == part
+    unknowns = [np.unique(operator[rows == index].indices) for index in range(count)]
+    shares = np.bincount(np.concatenate(unknowns), minlength=model.n)
+    substructures = []
+    for index, unknown in enumerate(unknowns):
+        inside = rows == index
         links = Links(
-            csr_array(operator[mine][:, unknown]),
-            model.stiffness[mine],
-            model.prestress[mine],
-            model.lower[mine],
-            model.upper[mine],
-            np.flatnonzero(mine),
+            csr_array(operator[inside][:, unknown]),
+            model.stiffness[inside],
+            model.prestress[inside],
+            model.lower[inside],
+            model.upper[inside],
+            np.flatnonzero(inside),
         )
-        parts.append(
+        substructures.append(
             Substructure(
-                csr_array((unknown.size, unknown.size)),  # links alone
+                csr_array((unknown.size, unknown.size)),  # no stiffness but the links
                 (model.load[unknown] / shares[unknown])[:, None],
                 unknown,
                 position[free][unknown],
@@ -368,11 +369,11 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
                 links,
             )
         )
-    return CutProblem(tuple(parts), system.position, expand_numbers(model.number))
+    return CutProblem(tuple(substructures), system.position, expand_numbers(model.number))
 
 
 def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
-    """Give modules to boxes of equal size in plan.
+    """Assign modules to boxes of equal size in plan.
 
     Parameters
     ----------
@@ -397,16 +398,16 @@ def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
 
 def _check_links(system: LinkSystem, owner: np.ndarray) -> None:
     """Refuse substructures that are empty or not connected."""
-    for part in range(int(owner.max()) + 1):
-        nodes, ends = np.unique(system.ends[owner == part], return_inverse=True)
+    for number in range(int(owner.max()) + 1):
+        nodes, ends = np.unique(system.ends[owner == number], return_inverse=True)
         if not nodes.size:
-            raise CaseError(f"substructure {part} has no links; number the owners without gaps")
+            raise CaseError(f"substructure {number} has no links; number the owners without gaps")
         ends = ends.reshape(-1, 2)
         graph = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (nodes.size, nodes.size))
         pieces, label = connected_components(graph, directed=False)
         if pieces > 1:
-            alone = nodes[label == np.argmin(np.bincount(label))]
+            island = nodes[label == np.argmin(np.bincount(label))]
             raise CaseError(
-                f"substructure {part} is in {pieces} pieces: node {alone[0]} hangs together with "
-                f"{alone.size - 1} others only; cut along modules or take fewer substructures"
+                f"substructure {number} is in {pieces} pieces: node {island[0]} is connected to "
+                f"only {island.size - 1} others; cut along modules or use fewer substructures"
             )

@@ -8,7 +8,7 @@ a: with the mortar rows D and M, (1) of :mod:`multiscale.fe.faces`, of that side
 .. math:: w_a = \sum_b D_{ab}, \qquad
     j_a = \frac{1}{w_a} \sum_b \left(D_{ab} u^2_b - M_{ab} u^1_b\right).    \tag{1}
 
-A corner of a quadratic triangle has no area as a node, but all nine of a quadrilateral have one.
+A corner of a quadratic triangle has no area as a node, unlike all nine nodes of a quadrilateral.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,7 +38,7 @@ from multiscale.macro.substructures.problem import CutInterface, Substructure
 __all__ = ["cut_interface"]
 
 REACH = 1e-3
-"""Distance of facets, relative to the size of a face, beyond which they do not see each other."""
+"""Distance of facets, relative to the size of a face, beyond which they do not overlap."""
 
 MEET = 0.5
 """Least share of the smaller face that must lie on the other where their meshes do not match."""
@@ -47,19 +47,16 @@ COARSE = 4.0
 """Ratio of the mean areas of facets above which the law acts on the side of the smaller facets."""
 
 UNLIKE = 100.0
-"""Ratio of the sizes of two bodies above which one of them may be in another unit."""
+"""Ratio of the sizes of two bodies above which a unit of length may be wrong."""
 
 
 class _Piece(NamedTuple):
-    """Points between two substructures.
-
-    Values of a component at the points from the nodes of the body on either side (points, nodes),
-    None of the ground, and areas (points,), m².
-    """
+    """Points between two substructures."""
 
     sides: tuple[int, int]
+    # a component at the points from the nodes of either body, (points, nodes); None of the ground
     values: tuple[csr_array | None, csr_array]
-    area: np.ndarray
+    area: np.ndarray  # (points,), m²
 
 
 def cut_interface(
@@ -68,28 +65,29 @@ def cut_interface(
     bodies: Sequence[Body],
     owners: Sequence[np.ndarray],
     of_body: Sequence[csr_array],
-    parts: Sequence[Substructure],
+    substructures: Sequence[Substructure],
 ) -> list[CutInterface]:
-    """Cut an interface into one for each pair of substructures that it joins."""
+    """Cut an interface along the pairs of substructures that it joins."""
     below, above = joint.sides
     upper, lower = bodies[above], None if below is None else bodies[below]
     boundaries = str(joint.boundaries[0]), str(joint.boundaries[1])
     face = face_of(upper.mesh, boundaries[1])
     frame = plane_frame(face, boundaries[1])
 
-    # substructures on either side of every facet; the ground, which never moves, has any
-    part_above = owners[above][upper.mesh.f2t[0, upper.mesh.boundaries[boundaries[1]]]]
-    owner, match = (part_above, part_above), None
+    # substructures on either side of every facet; any number serves for the ground at rest
+    owner_above = owners[above][upper.mesh.f2t[0, upper.mesh.boundaries[boundaries[1]]]]
+    owner, match = (owner_above, owner_above), None
     if below is not None and lower is not None:
-        part_below = owners[below][lower.mesh.f2t[0, lower.mesh.boundaries[boundaries[0]]]]
+        owner_below = owners[below][lower.mesh.f2t[0, lower.mesh.boundaries[boundaries[0]]]]
         match = match_faces((lower.basis, upper.basis), boundaries)
-        owner = part_below if match is None else part_below[match[1]], part_above
+        owner = owner_below if match is None else owner_below[match[1]], owner_above
         if match is None and joint.quadrature_order is not None:
             raise CaseError(
                 f"the boundaries {_name(joint, (lower, upper))} of a joint do not match; mesh both "
                 f"faces alike, with the same elements, or give no quadrature_order"
             )
 
+    # values of both bodies at the points of each pair of substructures
     if lower is not None and match is None:
         pieces = _average_across(joint, (lower, upper), owner)
     else:
@@ -104,13 +102,14 @@ def cut_interface(
             for sides, values, area in of_pairs(joint, upper, owner)
         ]
 
+    # traces of the substructures in the frame of the interface
     interfaces = []
     for piece in pieces:
         first, second = (
-            csr_array((3 * piece.area.size, parts[part].n))
+            csr_array((3 * piece.area.size, substructures[owner].n))
             if values is None or body is None
-            else _in_frame(values, of_body[body][:, parts[part].unknown], frame)
-            for part, body, values in zip(piece.sides, joint.sides, piece.values, strict=True)
+            else _in_frame(values, of_body[body][:, substructures[owner].unknown], frame)
+            for owner, body, values in zip(piece.sides, joint.sides, piece.values, strict=True)
         )
         position = piece.values[1] @ upper.basis.doflocs.T
         gap = None if joint.gap is None else joint.gap.at(position)
@@ -119,10 +118,10 @@ def cut_interface(
         )
     for side, body in enumerate(joint.sides):
         if body is not None and not any(cut.trace[side].nnz for cut in interfaces):
-            held = bodies[body].face_name(boundaries[side], body)
+            fixed = bodies[body].face_name(boundaries[side], body)
             raise CaseError(
-                f"interface {place} lies on a support: all nodes of the boundary {held} are held; "
-                f"free them, or put the rigid ground in place of the held body"
+                f"interface {place} lies on a support: all nodes of the boundary {fixed} are "
+                f"fixed; free them, or put the rigid ground in place of the fixed body"
             )
     return interfaces
 
@@ -132,11 +131,10 @@ Rows = Iterator[tuple[tuple[int, int], csr_array, np.ndarray]]
 
 
 def _at_points(joint: Interface, upper: Body, owner: tuple[np.ndarray, np.ndarray]) -> Rows:
-    """Points of matching faces, or of one on the ground.
+    """Points of matching faces, or of a face on the ground.
 
-    A point belongs to the pair of its facet. A node that several pairs share goes to the pair that
-    has most of its area: elastic ties around a node that it has in every pair would only be
-    redundant.
+    A point belongs to the pair of its facet. A node that several pairs share goes to the pair with
+    most of its area: a tie in every pair would be redundant.
     """
     values, area = face_points(upper.basis, str(joint.boundaries[1]), joint.quadrature_order)
     pairs, of_facet = np.unique(np.stack(owner), axis=1, return_inverse=True)
@@ -151,7 +149,7 @@ def _at_points(joint: Interface, upper: Body, owner: tuple[np.ndarray, np.ndarra
 def _average_about_corners(
     joint: Interface, upper: Body, owner: tuple[np.ndarray, np.ndarray]
 ) -> Rows:
-    """Averages (1) of matching faces of second order, or of one on the ground."""
+    """Averages (1) of matching faces of second order, or of a face on the ground."""
     facet, corner, node, integral = corner_integrals(upper.basis, str(joint.boundaries[1]))
     size = upper.mesh.p.shape[1], upper.basis.N
     for pair in np.unique(np.stack(owner), axis=1).T:
@@ -198,13 +196,13 @@ def _average_across(
 def _check_overlap(
     joint: Interface, bodies: tuple[Body, Body], faces: Sequence[OrientedFace], covered: float
 ) -> None:
-    """Refuse faces that do not touch, or on less than a share of the smaller one."""
+    """Refuse faces that do not touch, or overlap on less than a share of the smaller face."""
     from scipy.spatial import cKDTree
 
     if covered == 0.0:
         extent = [float(np.ptp(body.mesh.p, axis=1).max()) for body in bodies]
         unlike = max(extent) > UNLIKE * min(extent)
-        hint = "one of the meshes may be in mm and read as m" if unlike else "move one of them"
+        hint = "a mesh in mm may have been read as m" if unlike else "move one of the bodies"
         away = float(cKDTree(faces[0].position).query(faces[1].position)[0].min())
         raise CaseError(
             f"the boundaries {_name(joint, bodies)} of a joint do not touch face to face: their "
@@ -215,8 +213,8 @@ def _check_overlap(
     if covered < MEET * smaller:
         raise CaseError(
             f"the boundaries {_name(joint, bodies)} of a joint overlap on "
-            f"{covered / smaller:.2g} of the smaller one, and at least {MEET:g} is asked; name "
-            f"the part of the faces where they meet as boundaries of their own"
+            f"{covered / smaller:.2g} of the smaller face, and at least {MEET:g} is required; name "
+            f"the regions where the faces meet as separate boundaries"
         )
 
 

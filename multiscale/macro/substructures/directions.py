@@ -1,4 +1,4 @@
-"""Search directions of LATIN: the stiffness of sides between its two stages."""
+"""Search directions of LATIN: stiffness of the sides of interfaces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,22 +22,22 @@ __all__ = [
 ]
 
 SOFTEST = 1e-9
-"""Below this share of the stiffest motion of an interface all are taken as equally soft."""
+"""Stiffness of the softest motions of an interface, relative to the stiffest."""
 
 SETTLED, PASSES = 0.05, 40
 """Relative change at which the stiffness of interfaces has settled, and limit of passes."""
 
-HELD = 1e-9
+LENT = 1e-9
 """Stiffness lent to the inside of a substructure, relative to its diagonal."""
 
 STRENGTH = 0.6
 """Stiffness of a side relative to the stiffness of body and law in series."""
 
 LEAN = 0.25
-"""How far the stiffness of one side leans towards the stiffness of the other, as an exponent."""
+"""Exponent of the stiffness of the other side in the stiffness of a side."""
 
 RIGID = 1e4
-"""Stiffness of a side that a support holds, relative to the bodies."""
+"""Stiffness of a side on a support, relative to the bodies."""
 
 SOFT, OPEN = 1e-3, 1e-9
 """Least stiffness of a law at a point relative to its mean over the joint, and to the bodies."""
@@ -54,24 +54,26 @@ class SideStiffness:
 def interface_stiffness(
     problem: CutProblem,
     schur: list[tuple[np.ndarray, np.ndarray]],
-    parts: range,
+    owned: range,
     team: ProcessGroup,
     start: dict[int, np.ndarray],
 ) -> dict[int, np.ndarray]:
-    r"""Stiffness that every perfect interface sees behind it.
+    r"""Stiffness of the substructures behind every perfect interface.
 
     Notes
     -----
     With the Schur complement :math:`S` of a substructure on all its interfaces and the stiffness
-    :math:`k_0` of the others, the one of interface :math:`e` is
+    :math:`k_o` of the other interfaces, the stiffness of interface :math:`e` is
 
     .. math::
         k_e = \operatorname{mean}_{\text{sides}}\;
         S_{ee} - S_{eo} (S_{oo} + k_o)^{-1} S_{oe},    \tag{1}
 
-    iterated from :math:`S_{ee}`, which holds the other interfaces fast: with bars a thousand
-    times stiffer than cables that is a thousand times too stiff, and does not converge.
+    iterated from :math:`S_{ee}`, where the other interfaces are fixed: where bars are a thousand
+    times stiffer than cables, that start is a thousand times too stiff, and LATIN on it does not
+    converge.
     """
+    # unknowns of every interface in the Schur complements of this process
     faces = [(i, face) for i, face in enumerate(problem.interfaces) if face.law is None]
     local = [
         {
@@ -79,17 +81,19 @@ def interface_stiffness(
             for index, face in faces
             if owner in face.sides
         }
-        for owner, (unknown, _) in zip(parts, schur, strict=True)
+        for owner, (unknown, _) in zip(owned, schur, strict=True)
     ]
     counts = {index: len(face.sides) for index, face in faces}
-    held = [
+    fixed = [
         {index: S[np.ix_(at, at)] for index, at in places.items()}
         for places, (_, S) in zip(local, schur, strict=True)
     ]
-    stiffness = start or _mean(held, counts, team)
+    # fixed-point iteration of (1)
+    stiffness = start or _mean(fixed, counts, team)
     for _ in range(PASSES):
         behind = [
-            _seen_behind(S, places, stiffness) for places, (_, S) in zip(local, schur, strict=True)
+            _stiffness_behind(S, places, stiffness)
+            for places, (_, S) in zip(local, schur, strict=True)
         ]
         old, stiffness = stiffness, _mean(behind, counts, team)
         change = [np.linalg.norm(old[i] - k) / np.linalg.norm(k) for i, k in stiffness.items()]
@@ -98,10 +102,10 @@ def interface_stiffness(
     return stiffness
 
 
-def _seen_behind(
+def _stiffness_behind(
     schur: np.ndarray, places: dict[int, np.ndarray], stiffness: dict[int, np.ndarray]
 ) -> dict[int, np.ndarray]:
-    """Evaluate (1) for one substructure: the inverse of its flexibility less its stiffness."""
+    """Evaluate (1) for a substructure: the inverse of its flexibility less its stiffness."""
     whole = schur.copy()
     for index, at in places.items():
         whole[np.ix_(at, at)] += stiffness[index]
@@ -118,7 +122,7 @@ def _mean(
     blocks: Sequence[dict[int, np.ndarray]], counts: dict[int, int], team: ProcessGroup
 ) -> dict[int, np.ndarray]:
     """Average over the sides of every interface, on all processes."""
-    shares = [(i, block / counts[i]) for mine in blocks for i, block in mine.items()]
+    shares = [(i, block / counts[i]) for sides in blocks for i, block in sides.items()]
     mean: dict[int, np.ndarray] = {}
     for index, block in team.collect(shares):
         mean[index] = mean.get(index, 0.0) + block
@@ -130,10 +134,10 @@ def schur_complements(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Condense every substructure onto the unknowns that its neighbours share."""
     matrix = stack.matrix(share * stack.links.stiffness, ground)
-    matrix = csr_array(matrix + HELD * diags_array(matrix.diagonal()))
-    parts = split(stack.start, stack.shared)
-    blocks = condense(matrix, parts, factors).blocks
-    local = np.split(parts.edge, parts.edge_start[1:-1])
+    matrix = csr_array(matrix + LENT * diags_array(matrix.diagonal()))
+    shared = split(stack.start, stack.shared)
+    blocks = condense(matrix, shared, factors).blocks
+    local = np.split(shared.edge, shared.edge_start[1:-1])
     return [
         (edge - first, 0.5 * (block + block.T))
         for edge, first, block in zip(local, stack.start[:-1], blocks, strict=True)
@@ -146,12 +150,12 @@ def side_stiffness(
     perfect: dict[int, np.ndarray],
     joints: dict[int, tuple[np.ndarray, ...]],
 ) -> SideStiffness:
-    """Stiffness of all sides: the matrix of the interface, or a diagonal in a joint."""
+    """Stiffness of all sides: a matrix on perfect interfaces, a diagonal on joints."""
     rows, columns = [np.zeros(0, int)], [np.zeros(0, int)]
     values, roots = [np.zeros(0)], [np.zeros(0)]
     for index, (face, places) in enumerate(zip(problem.interfaces, sides.place, strict=True)):
         each = np.arange(face.size)
-        if index in perfect:  # without motions that are too soft
+        if index in perfect:  # with the softest motions stiffened
             size, motion = np.linalg.eigh(perfect[index])
             size = np.maximum(size, SOFTEST * size[-1])
             form = (motion * size) @ motion.T, (motion / np.sqrt(size)) @ motion.T
@@ -174,29 +178,29 @@ def side_stiffness(
 
 
 def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
-    """Stiffness per area of what either side of a joint stands for, shape (3, points), Pa/m.
+    """Stiffness per area of the body on either side of a joint, shape (3, points), Pa/m.
 
-    The diagonal of a body is the stiffness at the shortest wavelength; that at the longest is
-    less by their ratio of lengths; the mean of both is taken. The stiffer side is taken a little
-    softer and the softer one stiffer: a stiff body has soft motions too. Where a support holds a
-    side it counts as rigid, for any body.
+    The diagonal of a body is the stiffness at the shortest wavelength; at the longest wavelength
+    the stiffness is less by the ratio of both. The result is their geometric mean, drawn a little
+    towards the other side: a stiff body has soft motions too. Where a support fixes a side, that
+    side is rigid.
     """
-    weight, sizes, held = np.tile(joint.weight, 3), [], []
+    weight, sizes, fixed = np.tile(joint.weight, 3), [], []
     for owner, trace in zip(joint.sides, joint.trace, strict=True):
         touched = abs(trace).T @ weight > 0.0
         total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
         sizes.append(total / weight.sum() / joint.weight.size**0.25)
-        held.append((np.diff(trace.indptr) == 0).reshape(3, -1))
-    sizes = [k or max(sizes) for k in sizes]  # of a side that is held as a whole
+        fixed.append((np.diff(trace.indptr) == 0).reshape(3, -1))
+    sizes = [k or max(sizes) for k in sizes]  # zero where all of a side is fixed
     lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (sizes, sizes[::-1])]
-    return tuple(np.where(rows, RIGID * max(sizes), k) for rows, k in zip(held, lean, strict=True))
+    return tuple(np.where(rows, RIGID * max(sizes), k) for rows, k in zip(fixed, lean, strict=True))
 
 
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m.
+    """Diagonal of the tangent of a law, equal in both tangential rows, shape (3, points), Pa/m.
 
-    It is infinite for rigid contact, open or closed: nothing lies between none and infinite, and
-    directions that go to and fro between both do not converge.
+    It is infinite for rigid contact, open or closed: directions that alternate between zero and
+    infinity do not converge.
     """
     if not law.compliant:
         return np.full_like(jump, np.inf)
@@ -210,8 +214,8 @@ def joint_directions(
 ) -> tuple[np.ndarray, ...]:
     """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
 
-    A law that is much stiffer than the bodies does not count then, nor do bodies on a soft law; one
-    number for both makes the iterations grow with the root of their ratio or worse.
+    In series, a law much stiffer than the bodies has no influence, nor have bodies on a soft law. A
+    single number for both would make the iterations grow at least with the root of their ratio.
     """
     law = np.maximum(law, np.maximum(SOFT * mean, OPEN * np.minimum(*bodies)))
     return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

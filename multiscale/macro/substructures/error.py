@@ -1,14 +1,14 @@
 r"""Error of a state of LATIN: a guaranteed bound for links, a heuristic indicator for rough joints.
 
 With a displacement :math:`\bar u` that is continuous over the interfaces, and tensions
-:math:`\tau^*` that are in equilibrium and nowhere forbidden, the sum of the energy of one and the
-complementary energy of the other, the duality gap, is at least
+:math:`\tau^*` that are in equilibrium and admissible everywhere, the duality gap, the sum of the
+energy of the displacement and the complementary energy of the tensions, is at least
 
 .. math:: \tfrac12 \| \tau - \tau^* \|^2_{k^{-1}}    \tag{1}
 
 for the exact tensions :math:`\tau` [1]_. Forces that balance are tractions :math:`t^*` of joints
-and displacements :math:`u^*` in equilibrium with them. The state on the law that is nearest to them
-and to the jumps :math:`\bar\jmath`, along the search direction :math:`\kappa`, has the traction
+and displacements :math:`u^*` in equilibrium with them. The state on the law nearest to them and to
+the jumps :math:`\bar\jmath`, along the search direction :math:`\kappa`, has the traction
 :math:`\hat t` with
 
 .. math:: \hat t(\hat\jmath) + \kappa \hat\jmath = t^* + \kappa \bar\jmath,    \tag{2}
@@ -18,9 +18,9 @@ and the indicator is the root of
 .. math::
     \| u^* - \bar u \|^2_K + 4 \sum_\text{points} w\, |t^* - \hat t|^2_{\kappa^{-1}}.    \tag{3}
 
-For a linear law without friction, whose stiffness is :math:`\kappa`, half of its square is the
-duality gap of both fields, which is a bound. With friction the limit of a traction depends on the
-solution: there is no potential and no guarantee, and how far (3) may be trusted was measured.
+For a linear law of stiffness :math:`\kappa` without friction, half of its square is the duality gap
+of both fields, which is a bound. With friction the limit of a traction depends on the solution:
+there is no potential and no guarantee; the accuracy of (3) was measured instead.
 
 References
 ----------
@@ -38,18 +38,18 @@ from multiscale.macro.substructures.stack import Factors
 
 __all__ = ["Admissible", "ErrorBound", "ForceError", "JointError", "indicate_error"]
 
-HELD = 1e-10
-"""Stiffness that stands for the neighbours where only forces are given, relative to it."""
+LENT = 1e-10
+"""Stiffness lent to the sides where only forces are given, relative to the search direction."""
 
 UNBALANCED = 1e-9
-"""Force out of balance, relative to the largest tension, up to which a prestress holds itself."""
+"""Residual of a self-stress, relative to the largest tension, up to which it is in equilibrium."""
 
 
 class ForceError(NamedTuple):
-    """Error of forces, root of twice the duality gap or of (3), and their size, J^1/2."""
+    """Error of forces and their size in the energy norm."""
 
-    error: float
-    size: float
+    error: float  # root of twice the duality gap, or (3), J^1/2
+    size: float  # J^1/2
 
     @property
     def relative(self) -> float:
@@ -66,21 +66,21 @@ class JointError(NamedTuple):
 
 
 class Admissible:
-    """Makes states of the linear stage, with balanced coarse forces, admissible."""
+    """Projection of states of the linear stage onto admissible states."""
 
     def __init__(self, latin: Latin) -> None:
-        self.latin, stack, mine = latin, latin.stack, latin.rows
-        tiny = csr_array(HELD * latin.k0.matrix[mine][:, mine])
-        self.factors = Factors()  # its solves live as long as they do
-        self.solve = self.factors(stack.matrix(stack.links.stiffness, tiny))
-        self.perfect = latin.sides.perfect[mine]
+        self.latin, stack, rows = latin, latin.stack, latin.rows
+        lent = csr_array(LENT * latin.k0.matrix[rows][:, rows])
+        self.factors = Factors()  # must outlive its solves
+        self.solve = self.factors(stack.matrix(stack.links.stiffness, lent))
+        self.perfect = latin.sides.perfect[rows]
 
     def __call__(self, iterate: LatinIterate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Share out gaps and forces out of balance equally between the sides.
+        """Distribute gaps and residual forces equally over the sides.
 
-        Returns a displacement that is alike on all sides of perfect interfaces, (n,), m, forces on
-        all sides that balance on every interface, (m,), N, and the displacement, (n,), m, that
-        brings the substructures into equilibrium with them.
+        Returns a displacement that is continuous over perfect interfaces, (n,), m, forces on all
+        sides that balance on every interface, (m,), N, and the change of displacement, (n,), m,
+        by which the substructures are in equilibrium with these forces.
         """
         latin, trace = self.latin, self.latin.stack.trace
         balanced = iterate.force - latin.sides.mean(iterate.force)
@@ -93,8 +93,8 @@ class Admissible:
 class ErrorBound:
     """Bound on the error of substructures without joints.
 
-    The prestress of a substructure that holds itself may be added to tensions in equilibrium:
-    with just enough of it no cable is pushed. Without prestress there is no bound.
+    A multiple of the prestress of a self-stressed substructure may be added to tensions in
+    equilibrium, so that no cable is compressed. Without prestress there is no bound.
     """
 
     def __init__(self, admissible: Admissible) -> None:
@@ -105,18 +105,18 @@ class ErrorBound:
         np.maximum.at(worst, np.repeat(np.arange(worst.size), np.diff(start)), unbalanced)
         self.self_stressed = worst <= UNBALANCED * float(np.abs(links.prestress).max(initial=0.0))
         first = links.operator.indices[links.operator.indptr[:-1]]
-        self.part_of_link = np.searchsorted(start, first, "right") - 1
+        self.owner_of_link = np.searchsorted(start, first, "right") - 1
 
     def __call__(self, iterate: LatinIterate) -> ForceError:
         """Measure a state of the linear stage by (1)."""
         K, links = self.stack.stiffness, self.stack.links
         continuous, _, change = self.admissible(iterate)
         t0, k = links.prestress, links.stiffness
-        statical, possible = self._pull(iterate.tension + k * (links.operator @ change))
+        statical, possible = self._add_prestress(iterate.tension + k * (links.operator @ change))
         e = links.operator @ continuous
         kinematic = np.clip(t0 + k * e, links.lower, links.upper)
         apart = statical - kinematic
-        # Fenchel's inequality, link by link; of two terms that are never negative
+        # Fenchel's inequality for each link: a sum of two terms that are never negative
         gap = apart**2 / (2.0 * k) + apart * ((kinematic - t0) / k - e)
         solid = iterate.u + change
         difference = continuous - solid
@@ -129,31 +129,33 @@ class ErrorBound:
         error = np.inf if impossible else np.sqrt(2.0 * max(total, 0.0))
         return ForceError(float(error), float(np.sqrt(size)))
 
-    def _pull(self, tension: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Add so much of the prestress that every link is within its limits."""
+    def _add_prestress(self, tension: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Add the least prestress by which every link is within its limits, if that is possible."""
         links = self.stack.links
         low, high = tension < links.lower, tension > links.upper
         limit = np.where(low, links.lower, np.where(high, links.upper, tension))
         with np.errstate(divide="ignore", invalid="ignore"):
             short = np.where(low | high, (limit - tension) / links.prestress, 0.0)
-        helps = np.isfinite(short) & (short > 0.0) & self.self_stressed[self.part_of_link]
+        helps = np.isfinite(short) & (short > 0.0) & self.self_stressed[self.owner_of_link]
         wrong = low | high
         if np.any(wrong & ~helps):
             return tension, False
         need = np.zeros(len(self.stack.start) - 1)
-        np.maximum.at(need, self.part_of_link[wrong], short[wrong])
-        return tension + need[self.part_of_link] * links.prestress, True
+        np.maximum.at(need, self.owner_of_link[wrong], short[wrong])
+        return tension + need[self.owner_of_link] * links.prestress, True
 
 
 def indicate_error(admissible: Admissible, iterate: LatinIterate) -> JointError:
     """Evaluate (3) for a state of the linear stage."""
+    # energy of the difference of both displacements
     latin = admissible.latin
     K, trace, team = latin.stack.stiffness, latin.stack.trace, latin.team
     continuous, balanced, change = admissible(iterate)
     moved, stressed = team.concatenate(trace @ continuous), iterate.u + change
     apart = stressed - continuous
     bodies = team.total(np.array([apart @ (K @ apart), stressed @ (K @ stressed)]))
-    error, size = np.maximum(bodies, 0.0)  # rounding may leave less
+    error, size = np.maximum(bodies, 0.0)  # rounding may make them negative
+    # distance of the tractions from the laws
     (first, second), weight = latin.sides.joints, latin.weight
     traction = balanced[first] / weight
     k1, k2 = (latin.k0.matrix.diagonal()[side] for side in latin.sides.joints)

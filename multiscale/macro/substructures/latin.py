@@ -24,65 +24,56 @@ from multiscale.macro.substructures.stack import (
     ProcessGroup,
     lay_out_sides,
     share,
-    stack_parts,
+    stack_substructures,
 )
 from multiscale.macro.substructures.stepping import JointState
 
 __all__ = ["Latin", "LatinIterate"]
 
 FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
-"""Stiffness of the search direction of a link over that of the link: at first, and by status."""
+"""Search direction of a link relative to the stiffness of the link: at first, and by status."""
 
 MAJOR_INTERVAL, MINOR_INTERVAL = 8, 4
 """Iterations until the status is checked again, after it changed in many links or in few."""
 
 CHANGE = 2.0
-"""Factor by which the direction of a point of a joint must change to be taken anew."""
+"""Factor of change of the directions in a joint above which they are updated."""
 
 MINOR_CHANGE, SOFTER, SOFTEST = 3e-2, 0.3, 3e-3
-"""If less than this part of the links changes its status, slack ones get a direction softer by
-this factor, down to this: the directions tend to the tangent, which near mechanisms need."""
+"""If less than this share of the links changes its status, the direction of slack links is
+multiplied by this factor, down to this: it tends to the tangent, which systems near mechanisms
+need."""
 
 LAST = 1e-3
-"""If less than this part changes, the softest direction is taken at once, and from then on the
-stiffness of interfaces and the accelerating iterates are kept."""
-
+"""If less than this share changes, the direction of slack links falls to the softest at once; the
+stiffness of interfaces and the iterates of the acceleration stay from then on."""
 
 REST = 1e-2
-"""Forces below this part of the largest of the steps before are judged against that part: a step
-that takes all load away has none."""
-
+"""Least reference of the residual, relative to the largest forces of the steps before: a step that
+removes all load has no forces."""
 
 ROUNDING, UNSURE = 1e3 * np.finfo(float).eps, 1e-6
-"""Change of the forces that rounding of the motion makes, relative to the forces in the norm of
-the diagonal of the stiffness, measured on blocks on joints a million times softer; and the largest
-that is allowed for: without a limit, a body that runs away would count as in balance."""
+"""Rounding of the forces relative to the displacement in the norm of the diagonal of the stiffness,
+measured on blocks on joints a million times softer; and the largest allowance for it: without a
+limit, a body that moves away would count as in equilibrium."""
 
 
 class LatinIterate(NamedTuple):
-    """State after the linear stage.
+    """State after the linear stage."""
 
-    Attributes
-    ----------
-    u : ndarray, shape (n,), displacement of the substructures of this process, m
-    tension : ndarray, shape (rows,), forces of their links, N
-    force, push : ndarray, shape (m,), on all sides of all interfaces, and :math:`k_0 T u` there, N
-    """
-
-    u: np.ndarray
-    tension: np.ndarray
-    force: np.ndarray
-    push: np.ndarray
+    u: np.ndarray  # displacement of the substructures of this process, (n,), m
+    tension: np.ndarray  # forces of their links, (rows,), N
+    force: np.ndarray  # on all sides of all interfaces, (m,), N
+    push: np.ndarray  # k_0 T u on these sides, (m,), N
 
 
 class Latin:
     r"""A problem prepared for LATIN iterations.
 
     The unknown of the iteration is :math:`x = (z, r)` with :math:`z = \tau - l \lambda` in the
-    links and :math:`r = k_0 T u - F` on the sides: the part of a state that one stage hands to
-    the other. The *local stage* is slack and interfaces, the *linear stage* the equilibrium
-    of every substructure and, through the coarse problem, the equilibrium of the coarse
-    forces.
+    links and :math:`r = k_0 T u - F` on the sides, which the stages exchange. The *local stage*
+    solves links and interfaces, the *linear stage* the equilibrium of every substructure and, by
+    the coarse problem, of the coarse forces.
     """
 
     def __init__(
@@ -95,34 +86,38 @@ class Latin:
     ) -> None:
         self.problem, self.team = problem, team or Alone()
         self.coarse_wanted, self.updated = coarse, updated
-        self.parts = share(len(problem.substructures), self.team)
-        self.sides, self.stack = lay_out_sides(problem), stack_parts(problem, self.parts)
+        # substructures of this process, and the rows of their sides
+        self.local = share(len(problem.substructures), self.team)
+        self.sides, self.stack = lay_out_sides(problem), stack_substructures(problem, self.local)
         self.basis = coarse_basis(problem)
-        first = self.sides.start[self.parts.start]
+        first = self.sides.start[self.local.start]
         self.rows = slice(first, first + self.stack.trace.shape[0])
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
         self.diagonal = self.stack.stiffness.diagonal()
         self.pull, self.lift = csr_array(links.operator.T), csr_array(self.stack.trace.T)
+        # joints, their laws, and the committed state
         first_joint = len(problem.interfaces) - len(problem.joints)
         self.joints = list(zip(count(first_joint), problem.joints, problem.points, strict=False))
         self.law, self.weight = problem.law, problem.weight
         self.state = JointState.at_rest(problem)
+        # search directions
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
         self.joint_k = self.directions(np.full((3, self.weight.size), np.inf))
         self.perfect_k: dict[int, np.ndarray] = {}
-        self.look_behind(np.ones(links.stiffness.size))
-        self.direct(np.where(self.stack.one_sided, FIRST, 1.0))
+        self.update_interfaces(np.ones(links.stiffness.size))
+        self.set_directions(np.where(self.stack.one_sided, FIRST, 1.0))
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
         self.largest = 0.0
 
     def resume(self, state: JointState) -> None:
-        """Start from another state, which has no forces on perfect interfaces."""
+        """Start from another state, without forces on perfect interfaces."""
         self.state, self.largest = state, 0.0
-        local = [state.unknowns[self.problem.substructures[part].unknown] for part in self.parts]
-        moved = self.stack.trace @ np.concatenate(local)
+        substructures = self.problem.substructures
+        u = [state.unknowns[substructures[owner].unknown] for owner in self.local]
+        moved = self.stack.trace @ np.concatenate(u)
         self.r = self.k0.matrix @ self.team.concatenate(moved)
         first, second = self.sides.joints
         self.r[first] -= self.weight * state.traction
@@ -133,8 +128,8 @@ class Latin:
         """Size of the coarse problem."""
         return int(self.basis.shape[1])
 
-    def look_behind(self, carries: np.ndarray) -> None:
-        """Find the stiffness behind perfect interfaces, given the share that links carry."""
+    def update_interfaces(self, carries: np.ndarray) -> None:
+        """Update the stiffness of perfect interfaces for a stiffness share of each link."""
         ground = np.zeros(self.sides.m)
         for index, sides in self.joint_k.items():
             for place, k in zip(self.sides.place[index], sides, strict=True):
@@ -143,11 +138,11 @@ class Latin:
             self.stack, carries, diags_array(ground[self.rows]), self.factors[0]
         )
         self.perfect_k = interface_stiffness(
-            self.problem, schur, self.parts, self.team, self.perfect_k
+            self.problem, schur, self.local, self.team, self.perfect_k
         )
 
-    def direct(self, relative: np.ndarray) -> None:
-        """Set the search directions and factorise what follows from them."""
+    def set_directions(self, relative: np.ndarray) -> None:
+        """Set the search directions and factorise substructures and coarse problem."""
         links = self.stack.links
         self.across = relative * links.stiffness  # l
         self.k0 = side_stiffness(self.problem, self.sides, self.perfect_k, self.joint_k)
@@ -163,7 +158,7 @@ class Latin:
                 self.k0.matrix,
                 self.stack,
                 self.sides,
-                self.parts,
+                self.local,
                 self.solve,
                 self.factors[2],
                 self.team,
@@ -173,11 +168,11 @@ class Latin:
         """Run the local and the linear stage from z and r."""
         links, k, across = self.stack.links, self.stack.links.stiffness, self.across
         one_sided = self.stack.one_sided
-        # local stage: tau + l lambda on the other side of the projection; eq (15)
+        # local stage: projection of the links, eq (15), and interfaces
         a = 2.0 * np.clip(self.z, links.lower, links.upper) - self.z
         g = self.local_sides(self.r)
 
-        # linear stage
+        # linear stage: substructures, then coarse forces
         start = np.where(
             one_sided, (k * a + across * links.prestress) / (k + across), links.prestress
         )
@@ -201,7 +196,7 @@ class Latin:
         )
 
     def local_sides(self, r: np.ndarray) -> np.ndarray:
-        """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
+        """Local stage of the interfaces: F + k_0 W on every side by (16), (17) or the law."""
         g = np.asarray(2.0 * self.sides.mean(r) - r)  # (16), (17)
         first, second = self.sides.joints
         force = self.weight * self.joint_fields(r)[1]
@@ -209,7 +204,7 @@ class Latin:
         return g
 
     def joint_fields(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Jump from the last state, m, and traction, Pa, on the search directions, (3, points)."""
+        """Jump since the committed state, m, and traction, Pa, of the local stage, (3, points)."""
         first, second = self.sides.joints
         series = 1.0 / self.compliance.sum(axis=0) / self.weight
         moved = r[second] * self.compliance[1] - r[first] * self.compliance[0]
@@ -218,7 +213,11 @@ class Latin:
         return jump, source - series * jump
 
     def update(self) -> np.ndarray | None:
-        """Adapt the search directions to the status of links and joints."""
+        """Adapt the search directions to the status of links and joints.
+
+        Returns which entries of z and r have a new meaning, or None if nothing changed.
+        """
+        # links that changed between taut and slack
         links, one_sided = self.stack.links, self.stack.one_sided
         known = self.status is not None
         tension = np.clip(self.z, links.lower, links.upper)
@@ -227,10 +226,11 @@ class Latin:
         other = taut != self.status if known else np.ones(taut.size, dtype=bool)
         changed, of = self.team.total(np.array([np.count_nonzero(other), taut.size], dtype=float))
         g = self.local_sides(self.r)
-        held, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
+        push, force = 0.5 * (g + self.r), 0.5 * (g - self.r)  # k_0 W and F
         joints_changed = self.update_joints()
         if not changed and not joints_changed:
             return None
+        # new directions
         old, relative = self.k0, self.across / links.stiffness
         last = known and changed < LAST * of
         minor = last and not joints_changed and self.slack_direction == SOFTEST
@@ -242,11 +242,11 @@ class Latin:
             self.status, soft = taut, self.slack_direction
             relative = np.where(one_sided, np.where(taut, TAUT, soft), 1.0)
             if not minor:
-                self.look_behind(np.where(taut, 1.0, soft / (1.0 + soft)))
-        self.direct(relative)
-        # the same tensions, slacks, forces and displacements with the new directions
+                self.update_interfaces(np.where(taut, 1.0, soft / (1.0 + soft)))
+        self.set_directions(relative)
+        # z and r of the same tensions, slack, forces and displacements
         self.z = np.where(one_sided, tension - self.across * slack, tension)
-        self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
+        self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ push)) - force
         return np.append(other if minor else np.ones_like(other), np.full(self.r.size, not minor))
 
     def update_joints(self) -> bool:
@@ -262,7 +262,7 @@ class Latin:
         return changed
 
     def directions(self, tangent: np.ndarray) -> dict[int, tuple[np.ndarray, ...]]:
-        """Search directions of both sides of all joints, given :func:`law_stiffness` of all."""
+        """Search directions of both sides of all joints for tangents of :func:`law_stiffness`."""
         total: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((3, 1)))
         area: dict[int, float] = defaultdict(float)
         for _, face, at in self.joints:
@@ -276,7 +276,7 @@ class Latin:
         }
 
     def slack(self) -> np.ndarray:
-        """Distance by which the ends of every link miss it, shape (rows,), m."""
+        """Slack of every link, shape (rows,), m."""
         links = self.stack.links
         tension = np.clip(self.z, links.lower, links.upper)
         return np.asarray(np.where(self.stack.one_sided, np.abs(tension - self.z) / self.across, 0))
@@ -288,29 +288,32 @@ class Latin:
     def residual(
         self, iterate: LatinIterate, last: LatinIterate | None, distance: np.ndarray
     ) -> float:
-        """Change of the forces relative to them, or of all relative to all, if that is larger.
+        """Larger of two residuals: in the forces, and the distance of both stages.
 
-        Bodies on soft joints move by far more than they deform: rounding of the motion, taken
-        relative to the forces, would then hide that these have long converged. Bodies that slide
-        away move without limit: relative to the forces are what is out of balance on perfect
-        interfaces and, on joints, the distance, twice that of these forces from the laws.
+        The distance is relative to forces and displacements: bodies on soft joints move far more
+        than they deform, and rounding of the motion relative to the forces only would hide that
+        the forces have converged. Bodies that slide away move without limit. Therefore the
+        residual of perfect interfaces and the distance on joints, twice the distance of the forces
+        from the laws, count relative to the forces.
         """
         size, links = max(self.size(iterate), REST * self.largest), np.zeros(iterate.tension.size)
-        loose = self.k0.inverse_root @ self.sides.mean(iterate.force)
-        astray = np.where(self.sides.perfect, loose, distance[links.size :])
-        held = self.k0.inverse_root @ (iterate.push)  # k_0^(1/2) T u
-        whole = np.hypot(size, self.norm(np.append(links, held)))
+        # forces: change in the iteration, imbalance on perfect interfaces, distance on joints
+        imbalance = self.k0.inverse_root @ self.sides.mean(iterate.force)
+        on_sides = np.where(self.sides.perfect, imbalance, distance[links.size :])
         change = self.norm(self._forces(iterate) - self._forces(last)) if last else 0.0
-        change = max(change, float(np.linalg.norm(astray)))
+        change = max(change, float(np.linalg.norm(on_sides)))
+        # forces and displacements
+        moved = self.k0.inverse_root @ (iterate.push)  # k_0^(1/2) T u
+        whole = np.hypot(size, self.norm(np.append(links, moved)))
         return max(change / (size or 1.0), self.norm(distance) / (whole or 1.0))
 
     def size(self, iterate: LatinIterate) -> float:
-        """Measure the forces of a state and what they store in the bodies, J^1/2."""
+        """Energy norm of the forces and of the strain of the bodies, J^1/2."""
         bodies = self.team.total(np.array([iterate.u @ (self.stack.stiffness @ iterate.u)]))[0]
         return float(np.hypot(self.norm(self._forces(iterate)), np.sqrt(max(float(bodies), 0.0))))
 
     def rounding(self, iterate: LatinIterate) -> float:
-        """Bound what rounding leaves of a residual where bodies move but hardly deform."""
+        """Estimate the rounding of the residual where bodies move but hardly deform."""
         moved = self.team.total(np.array([self.diagonal @ iterate.u**2]))[0]
         return min(UNSURE, ROUNDING * float(np.sqrt(moved)) / (self.size(iterate) or 1.0))
 
@@ -324,11 +327,11 @@ class Latin:
         return np.asarray(-self.joint_fields(self.r)[1][0])
 
     def slide(self, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
-        """Slide under a load at the pressures before the step or at these, Pa; None if held."""
+        """Sliding motion under a load at the pressures before the step or at these, Pa, if any."""
         return find_slide(self.problem, self.team.concatenate(load), self.state.pressure, pressure)
 
     def norm(self, value: np.ndarray) -> float:
-        """Norm over all processes of what links, then sides have, shape (rows + m,)."""
+        """Norm over all processes of values of links, then sides, shape (rows + m,)."""
         links, sides = value[: self.z.size], value[self.z.size :]
         return float(np.sqrt(self.team.total(np.array([links @ links]))[0] + sides @ sides))
 

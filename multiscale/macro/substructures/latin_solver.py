@@ -1,4 +1,4 @@
-"""LATIN steps of a structure that has been cut, at rest and by Moreau and Jean in motion."""
+"""LATIN steps of a cut structure: statics, and dynamics by the scheme of Moreau and Jean."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -22,36 +22,36 @@ from multiscale.schema import MACRO_RESULT, Dataset
 __all__ = ["LatinMethod", "LatinSolver", "simulate_latin", "solve_latin"]
 
 MEMORY, RELAXED = 16, 0.95
-"""Iterates that the acceleration keeps; share of an image in the next iterate."""
+"""Iterates stored by the acceleration; share of an image in the next iterate."""
 
 HEURISTIC = 0.1
-"""Change in an iteration, relative to the tolerance, at which the error counts as within it."""
+"""Change in an iteration, relative to the tolerance, at which the error is within the tolerance."""
 
 
 @dataclass(frozen=True)
 class LatinMethod(Method):
     """Micro-macro LATIN: all laws, rigid contact too, and many processes; see :func:`solve_latin`.
 
-    Only it gives an indicator of the error.
+    It is the only method with an indicator of the error.
 
     Parameters
     ----------
     parts, max_iterations, after_step
-        As of :class:`Method`.
+        As in :class:`Method`.
     tolerance : float
-        Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
+        Error of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
         prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
-        guaranteed where all is links whose prestress holds itself, and cannot fall below some
-        1e-7, because the tensions of slack links are only zero to rounding. With joints there
-        is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
-        unavoidable where bodies move far on soft joints is allowed for.
+        guaranteed for links with a self-stress, and cannot fall below some 1e-7, because the
+        tensions of slack links are only zero to rounding. With joints the heuristic
+        ``error_indicator`` takes its place: friction has no bound. The tolerance allows for
+        rounding where bodies move far on soft joints.
     coarse : bool
         Whether a coarse problem balances the resultants of the interfaces in every iteration.
         Without it the number of iterations grows with the number of substructures.
     updated : bool
         Whether the search directions follow the status of the links and the laws of joints.
     team : ProcessGroup, optional
-        Processes that share the substructures; all solve, and all get the result.
+        Processes that share the substructures; all take part, and all get the result.
     callback : callable, optional, called as ``callback(iteration, residual, iterate)``
     """
 
@@ -64,7 +64,7 @@ class LatinMethod(Method):
     callback: Callable[[int, float, LatinIterate], None] | None = None
 
     def start(self, problem: CutProblem) -> "LatinSolver":
-        """Find the search directions of a structure and factorise its substructures."""
+        """Compute the search directions of a structure and factorise its substructures."""
         return LatinSolver(problem, self)
 
 
@@ -79,18 +79,18 @@ def solve_latin(
     ----------
     problem : CutProblem, the structure, cut
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before.
+        Factors of the load cases, a row for each step; each step starts from the step before.
     options
-        Of :class:`LatinMethod`.
+        Parameters of :class:`LatinMethod`.
 
     Returns
     -------
     Dataset
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
-        the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
-        ``substructures``, ``interfaces`` and, of a step that failed, ``failure``: where friction
+        later steps are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
+        ``substructures``, ``interfaces`` and, if a step failed, ``failure``: where friction
         cannot carry the load, with load and capacity of :func:`~.capacity.find_slide`. Joints add
-        jump and traction at their points, in the frame of each: normal, then both tangents.
+        jump and traction at their points, in the frame of each joint: normal, then both tangents.
 
     Raises
     ------
@@ -101,11 +101,11 @@ def solve_latin(
 
     Notes
     -----
-    Each iteration is a *local stage*, one scalar projection for each link and a mean for each
-    interface, and a *linear stage*, one solve for each substructure with factors that last
-    until the status of a link or joint changes, and one coarse solve. Anderson acceleration
-    combines the last iterates. One process with :func:`multiscale.macro.solve_static` is faster
-    at every size that fits it.
+    Each iteration is a *local stage*, a scalar projection for each link and a mean for each
+    interface, and a *linear stage*, a solve for each substructure with factors that last until the
+    status of a link or joint changes, and a coarse solve. Anderson acceleration combines the last
+    iterates. :func:`multiscale.macro.solve_static` on one process is faster at every size that
+    fits into its memory.
 
     References
     ----------
@@ -116,11 +116,11 @@ def solve_latin(
 
 
 def _refuse_floating(problem: CutProblem) -> None:
-    """Refuse a structure without joints, which may stand on something, that nothing holds."""
-    held = (np.diff(problem.expansion.indptr) == 0).reshape(len(problem.position), -1)
-    if problem.joints or held.shape[1] < 3:
+    """Refuse a structure without joints and without sufficient supports."""
+    fixed = (np.diff(problem.expansion.indptr) == 0).reshape(len(problem.position), -1)
+    if problem.joints or fixed.shape[1] < 3:
         return
-    if freedom := count_free_motions(problem.position, held):
+    if freedom := count_free_motions(problem.position, fixed):
         raise MultiscaleError(
             f"{freedom} rigid motions of the substructures together can move without resistance; "
             f"add supports"
@@ -128,7 +128,7 @@ def _refuse_floating(problem: CutProblem) -> None:
 
 
 class LatinSolver:
-    """LATIN on a structure, step by step; iterates go on from the step before."""
+    """LATIN on a structure, step by step; a step starts from the iterates of the step before."""
 
     def __init__(self, problem: CutProblem, method: LatinMethod, *, judged: bool = True) -> None:
         _refuse_floating(problem)
@@ -154,7 +154,7 @@ class LatinSolver:
         return {"coarse_unknowns": self.iteration.n_coarse if self.iteration.coarse_wanted else 0}
 
     def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
-        """Iterate on one load until the error is small enough."""
+        """Iterate under a load until the error is small enough."""
         latin = self.iteration
         if state.unknowns is not self.reached and (self.report or np.any(state.unknowns)):
             latin.resume(state)
@@ -162,7 +162,7 @@ class LatinSolver:
         load = latin.stack.load @ factor
         try:
             answer = self.iterate(load)
-        except MultiscaleError as error:  # a law without an answer: the steps before are kept
+        except MultiscaleError as error:  # a law failed: return the steps before
             if not self.report:
                 raise
             failure = str(latin.slide(load, state.pressure) or error)
@@ -174,10 +174,10 @@ class LatinSolver:
     def iterate(self, load: np.ndarray) -> StepAnswer:
         """Run local and linear stages under forces on the substructures of this process, N.
 
-        The next step begins with the iterate of a converged one.
+        The next step begins with the iterate of a converged step.
         """
         clock, method, latin = perf_counter(), self.method, self.iteration
-        rows = latin.z.size  # the entries behind are the same in all processes and count once
+        rows = latin.z.size  # later entries are equal in all processes and count once
 
         def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
             return np.asarray(latin.team.total(a[:rows].T @ b[:rows]) + a[rows:].T @ b[rows:])
@@ -201,7 +201,7 @@ class LatinSolver:
                 break
             # bodies that run away
             if iteration % MAJOR_INTERVAL == 0:
-                if residual < closest:  # they take wild pressures on their way
+                if residual < closest:  # pressures far from the solution mislead find_slide
                     pressure, closest = latin.pressure(), residual
                 if latin.far(iterate) and latin.slide(load, pressure):
                     status = Status.INFEASIBLE
@@ -215,6 +215,7 @@ class LatinSolver:
                     acceleration.renew(renewed, np.append(latin.z, latin.r))
                 major = renewed is not None and renewed.all()
                 due = iteration + (MAJOR_INTERVAL if major else MINOR_INTERVAL)
+        # error, and state for the next step
         converged = status is Status.CONVERGED
         error = self.judge(iterate).relative if converged and self.judge else np.nan
         if converged:
@@ -248,11 +249,11 @@ def simulate_latin(
     max_iterations: int = 400,
     team: ProcessGroup | None = None,
 ) -> Dataset:
-    r"""Follow a cut structure in time, by implicit steps of :func:`multiscale.macro.simulate`.
+    r"""Integrate a cut structure in time by implicit steps, as :func:`multiscale.macro.simulate`.
 
     Parameters
     ----------
-    problem : CutProblem, the structure, cut; one load case
+    problem : CutProblem, the structure, cut; with one load case
     times : ndarray, shape (steps + 1,)
         Rising by equal steps h, s. The first is the initial state.
     mass : float or ndarray, shape (nodes,), mass of each node, kg
@@ -260,13 +261,13 @@ def simulate_latin(
     start : tuple of ndarray, shape (nodes, 3), optional
         Displacement, m, and velocity, m/s, at the first time; at rest if not given.
     tolerance, max_iterations, team
-        As :func:`solve_latin`, of each step.
+        As in :func:`solve_latin`, for each step.
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, one step for each time. A step that fails is NaN with
-        ``converged`` 0, the attribute ``failure`` has the reason, and the later ones are not tried.
+        Follows ``MACRO_RESULT``, a step for each time. A step that fails is NaN with
+        ``converged`` 0, the attribute ``failure`` has the reason, and later steps are not tried.
 
     Raises
     ------
@@ -282,20 +283,28 @@ def simulate_latin(
 
     so that the mass is a stiffness of the substructures. It makes them positive definite.
     """
+    # substructures with their share of M / h^2
     method = LatinMethod(tolerance=tolerance, max_iterations=max_iterations, team=team)
     times = np.asarray(times, dtype=float)
     h = _step(times)
     inertia = _masses(problem, mass) / h**2
     shares = problem.shares
     shared = csr_array(diags_array(1.0 / shares) @ inertia)
-    parts = tuple(
-        replace(part, stiffness=csr_array(part.stiffness + shared[part.unknown][:, part.unknown]))
-        for part in problem.substructures
+    stiffened = tuple(
+        replace(
+            substructure,
+            stiffness=csr_array(
+                substructure.stiffness + shared[substructure.unknown][:, substructure.unknown]
+            ),
+        )
+        for substructure in problem.substructures
     )
-    solver = LatinSolver(replace(problem, substructures=parts), method, judged=False)
+    solver = LatinSolver(replace(problem, substructures=stiffened), method, judged=False)
     latin = solver.iteration
-    local = np.concatenate([problem.substructures[part].unknown for part in latin.parts])
-    force = problem.sum_up([part.load[:, 0] for part in problem.substructures])
+    local = np.concatenate([problem.substructures[owner].unknown for owner in latin.local])
+    force = problem.sum_up([substructure.load[:, 0] for substructure in problem.substructures])
+
+    # initial state
     u, v = _initial(problem, start)
     links = latin.stack.links
     e = links.operator @ u[local]
@@ -305,6 +314,7 @@ def simulate_latin(
     )
     rows = [_row(problem, times[0], u, v, at_rest)]
 
+    # time steps
     for time in times[1:]:
         push = load_factor(time) * force + inertia @ (u + h * v)
         following, _, _, report = solver.iterate(push[local] / shares[local])
@@ -328,17 +338,19 @@ def _step(times: np.ndarray) -> float:
     h = float(steps.mean())
     if np.ptp(steps) > 1e-9 * h:
         raise CaseError(
-            f"times must rise by equal steps, because the substructures are factorised for one; "
+            f"times must rise by equal steps, because the factors of the substructures need it; "
             f"got steps from {steps.min():g} to {steps.max():g} s"
         )
     return h
 
 
 def _masses(problem: CutProblem, mass: float | np.ndarray) -> csr_array:
-    """Mass of the unknowns, kg; what moves with a rigid plate is coupled by it."""
+    """Mass matrix of the unknowns, kg; rigid plates couple the masses of their nodes."""
     nodes = len(problem.position)
     if np.ndim(mass) and np.shape(mass) != (nodes,):
-        raise CaseError(f"mass must be one number or one per node ({nodes},), got {np.shape(mass)}")
+        raise CaseError(
+            f"mass must be a number or an array of shape ({nodes},), got shape {np.shape(mass)}"
+        )
     spread = np.broadcast_to(np.asarray(mass, dtype=float), (nodes,))
     E = problem.expansion
     of_row = np.repeat(spread, E.shape[0] // nodes)
@@ -366,7 +378,7 @@ def _initial(
 def _row(
     problem: CutProblem, time: float, u: np.ndarray, v: np.ndarray, report: dict[str, Any]
 ) -> dict[str, Any]:
-    """One row of the dataset."""
+    """Values of a time step."""
     names = ("converged", "residual", "wall_time", "tension", "slack")
     moved = {"displacement": problem.displacement(u), "velocity": problem.displacement(v)}
     return {"time": time, **moved, **{name: report[name] for name in names if name in report}}

@@ -1,4 +1,4 @@
-"""Paths of loads: named loads step by step, then closed cycles of one of them."""
+"""Paths of loads: named loads step by step, then closed cycles of a load."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,24 +19,24 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class LoadPath:
-    """Steps over named loads, one after the other, then cycles of one of them.
+    """Steps over named loads, then cycles of a load.
 
     Parameters
     ----------
     names : tuple of str, names of the load cases of an assembly, in the order of the assembly
-    forces : tuple of float, resultant of each load at the factor one, N
+    forces : tuple of float, resultant of each load at the factor 1, N
     steps : tuple of tuple of float, shape (steps, loads)
         Factors of all loads at the end of each step.
-    substeps : int, equal parts of every step
-    cycled : str, load whose factor then goes to and fro about its last; none if empty
-    amplitude : float, by how much that factor rises, then falls
+    substeps : int, equal load steps in every step
+    cycled : str, load that is cycled about its last factor; none if empty
+    amplitude : float, amplitude of its factor in the cycles
     cycles : int, closed cycles after the first rise
     cycle_steps : int, load steps of that rise: 4 of these make a cycle
 
     Raises
     ------
     CaseError
-        If a value is outside its range, or there is no such load.
+        If a value is outside its range, or the cycled load is unknown.
     """
 
     names: tuple[str, ...]
@@ -51,7 +51,7 @@ class LoadPath:
     def __post_init__(self) -> None:
         if not self.steps or any(len(step) != len(self.names) for step in self.steps):
             raise CaseError(
-                f"a path has one step or more with a factor for each of the loads "
+                f"a path needs at least one step, with a factor for each of the loads "
                 f"{', '.join(self.names)}, got {self.steps}"
             )
         if self.cycles and self.cycled not in self.names:
@@ -79,13 +79,13 @@ class LoadPath:
         return np.concatenate(path)
 
     def closed(self) -> list[slice]:
-        """Find the load steps of every cycle, with both ends."""
+        """Return the load steps of every cycle, with both ends."""
         rise, cycle = self.substeps * len(self.steps) + self.cycle_steps, 4 * self.cycle_steps
         starts = rise - 1 + cycle * np.arange(self.cycles)
         return [slice(start, start + cycle + 1) for start in starts.tolist()]
 
     def cycle_energy(self, displacement: np.ndarray) -> np.ndarray:
-        """Energy that every cycle loses, J, of the displacement of all loads, (load steps, loads).
+        """Energy dissipated in every cycle, J, from the displacement of all loads, (steps, loads).
 
         See :func:`cycle_work`.
         """
@@ -103,16 +103,16 @@ class LoadPath:
 
 @dataclass(frozen=True)
 class JointLoading:
-    """Preloads one after the other, then cycles of shear at the last of them, or at all.
+    """Preloads in turn, then cycles of shear at the last preload, or at all of them.
 
     Parameters
     ----------
     preloads : tuple of float, pressures on the pressed face, Pa
     shear : float, amplitude of the tangential traction on the sheared face, Pa
-    cycles : int, closed cycles from the positive amplitude to the negative one and back; 0 for none
+    cycles : int, closed cycles from the positive to the negative amplitude and back
     steps : int, load steps from zero to the amplitude: 4 of these make a cycle
     amplitudes : tuple of float
-        Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
+        Amplitudes of the shear, Pa, rising: a cycle of each at every preload, next to the path.
     amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
 
     Raises
@@ -133,7 +133,7 @@ class JointLoading:
             raise CaseError(f"preloads must be positive (Pa), got {list(self.preloads)}")
         if self.cycles < 0 or self.steps < 1 or (self.cycles and not 0.0 < self.shear < np.inf):
             raise CaseError(
-                f"cycles need a positive shear (Pa) and one step or more, got {self.cycles} "
+                f"cycles need a positive shear (Pa) and at least one step, got {self.cycles} "
                 f"cycles, {self.shear:g} Pa and {self.steps} steps"
             )
         if not np.all(np.diff(self.amplitudes, prepend=0.0) > 0.0):
@@ -155,7 +155,7 @@ class JointLoading:
 
 
 def closed_cycle(steps: int) -> np.ndarray:
-    """Shear over its amplitude from the positive amplitude to the negative one and back."""
+    """Shear over its amplitude from the positive to the negative amplitude and back."""
     rise = np.arange(1, steps + 1) / steps
     return np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
 
@@ -165,6 +165,7 @@ def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.nd
     half = displacement.shape[-1] // 2
     weight = np.ones(half + 1)
     weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
+    # Simpson's rule over the loop
     back, forth = displacement[..., : half + 1], displacement[..., half:]
     enclosed = 2.0 / (3.0 * half) * np.asarray(amplitude) * ((back - forth) @ weight)
     work = np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)

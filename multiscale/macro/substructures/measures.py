@@ -51,10 +51,10 @@ OPENED, STICKS, SLIPS = 0, 1, 2
 """States of a point of a joint."""
 
 OPEN = 0.01
-"""Pressure, relative to the mean of its joint, up to which a point counts as open: all open points
-together carry less than this share of the force, which laws without a last pressure leave them."""
+"""Pressure, relative to the mean of its joint, up to which a point counts as open. Laws without a
+largest gap leave it a pressure; all open points carry less than this share of the force."""
 
-MOST = 0.5
+SLIPPING = 0.5
 """Slipping share of the pressure of a point above which the point slips."""
 
 
@@ -71,34 +71,34 @@ def follow_cut_loads(
     Parameters
     ----------
     problem : CutProblem
-        Its load cases are those of the path; with bolts, the first is their tightening. The small
-        one of :func:`condense_assembly`, for instance.
+        Its load cases are the loads of the path; with bolts, the first is their tightening. For
+        instance the small problem of :func:`condense_assembly`.
     path : LoadPath
-    method : Method, as of :func:`solve_assembly`
-    extrapolate : bool, as of :func:`load_joint`
-    near : FollowedPath, optional, the same path under other laws, to begin from
+    method : Method, as in :func:`solve_assembly`
+    extrapolate : bool, as in :func:`load_joint`
+    near : FollowedPath, optional, the same path under other laws, as initial guess
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives; of every load its factor, its
-        displacement and its stiffnesses; of every interface its pressure and its open and slipping
-        shares; and the energy that cycles lose.
+        Follows ``MACRO_RESULT``: the fields of :func:`solve_assembly`; factor, displacement and
+        stiffnesses of every load; pressure, open and slipping shares of every interface; and the
+        energy dissipated in cycles.
 
     Raises
     ------
     CaseError
-        If the path has not one factor for each load case.
+        If the path does not have a factor for each load case.
 
     Notes
     -----
-    With the nodal forces :math:`f` of a load at the factor one and their resultant F, its
-    displacement is :math:`q = f \cdot u / F`: the mean along the load where that is even. It
-    counts from bodies without stress whose interfaces have no gap. Its stiffness is
+    With the nodal forces :math:`f` of a load at the factor 1 and their resultant F, its
+    displacement is :math:`q = f \cdot u / F`: the mean along the load where the load is uniform.
+    It counts from bodies without stress and interfaces without gap. Its stiffness is
     :math:`F^2 / (f \cdot u)`, by :meth:`~.tangents.Tangents.work`, against a small
     rise of its factor away from zero, and against changes so small that no point slips. The energy
     of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
-    :func:`~.path.cycle_work`; interfaces share it as slip dissipates at their points.
+    :func:`~.path.cycle_work`; interfaces share it in proportion to the dissipation at their points.
     """
     loaded = _follow_path(problem, path, method, near, rising=True)
     factors, forces = path.factors(), np.array(path.forces)
@@ -114,7 +114,7 @@ def follow_cut_loads(
         "stuck_stiffness": forces**2 / stuck,
         "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
     }
-    loads = [_say_factors(path.names, row) for row in factors]
+    loads = [_format_factors(path.names, row) for row in factors]
     result = _measure(loaded, path, displacement, values, extrapolate, loads)
     if problem.joints:
         result = MACRO_RESULT.assign(result, _of_interfaces(result, path))
@@ -133,48 +133,46 @@ def load_joint(
     Parameters
     ----------
     assembly : Assembly
-        Its load cases are a preload and a shear of 1 Pa, with the areas of the faces that they act
-        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
-        1 Pa under their washers, take the place of the first; they are locked in the cycles.
+        Its load cases are a preload and a shear of 1 Pa, with the areas of the loaded faces: from
+        :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of 1 Pa
+        under their washers, replace the preload; they are locked in the cycles.
     loading : JointLoading
     method : Method, see :func:`solve_assembly`
     extrapolate : bool
-        Whether steps far outside the data of a law keep what it extrapolates; see
+        Whether steps far outside the data of a law have the values that the law extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives, and approach, shear, stiffness,
+        Follows ``MACRO_RESULT``: the fields of :func:`solve_assembly`; approach, shear, stiffness,
         open, sticking and slipping shares of the joints, their load outside the data of their
-        laws, and energy per cycle; and secant stiffness, slip and loss of the cycles at every
-        preload.
+        laws, and energy per cycle; secant stiffness, slip and loss of the cycles at every preload.
 
     Raises
     ------
     CaseError
-        If faces do not match, a substructure is in pieces, a law is one of rigid contact, or there
-        are not two areas.
+        If faces do not match, a substructure is in pieces, a law is rigid contact, or there are
+        not two areas.
 
     Notes
     -----
     With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
-    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot u)` at a preload is that for
-    vibrations too small for any point to slip, with u of (1) of
-    :meth:`~.tangents.Tangents.work`, and joints and bodies stand in series by the
-    work that each of them stores. The energy of a cycle is the work of the shear on
-    its face, :func:`~.path.cycle_work`.
+    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot u)` at a preload is the stiffness
+    for vibrations too small for any point to slip, with u of (1) of
+    :meth:`~.tangents.Tangents.work`; joints and bodies are in series, with the work that each
+    stores. The energy of a cycle is the work of the shear on its face, :func:`~.path.cycle_work`.
 
     Every cycle is solved: pressing makes points slip, and the shear of a lap joint changes its
     pressure, so that Masing's rule from the first loading does not hold. The secant stiffness is
-    the shear over the displacement between both ends of a cycle. Where the loss arises comes from
-    the dissipation of the steps; their sum is of first order in the step and is scaled to the work
-    of the cycle.
+    the shear over the displacement between both ends of a cycle. The distribution of the loss comes
+    from the dissipation of the steps; their sum is of first order in the step and is scaled to the
+    work of the cycle.
     """
     if len(assembly.areas) != 2:
         raise CaseError(
-            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
-            f"got {len(assembly.areas)} areas"
+            f"a joint needs two load cases, preload and shear, with the areas of their faces, got "
+            f"{len(assembly.areas)} areas"
         )
     joint = condense_assembly(assembly, method)
     followed = follow_joint(joint.small, loading, method=method)
@@ -183,19 +181,19 @@ def load_joint(
 
 @dataclass(frozen=True, eq=False)
 class FollowedJoint:
-    """A structure that has been loaded.
+    """A structure after a path of loads.
 
     Attributes
     ----------
-    load : ndarray, shape (n, cases), forces of the loads at the factor one, N
+    load : ndarray, shape (n, cases), forces of the loads at the factor 1, N
     work : ndarray, shape (2, 3, steps, cases)
-        Work of each load at the end of each step of the path, of :meth:`~.tangents.Tangents.work`.
+        :meth:`~.tangents.Tangents.work` of each load at the end of each step of the path, J.
     path : FollowedPath
     ended : list of JointState, at the ends of the steps of the path
     loading : JointLoading, optional
     cycles : list of FollowedPath
-        Of all amplitudes from each preload: from there the shear rises in one step to an amplitude,
-        makes a closed cycle and rises to the next. None from the first preload that has failed.
+        From each preload, all amplitudes: the shear rises in one step to an amplitude, makes a
+        closed cycle and rises to the next. They end before the first preload that failed.
     """
 
     load: np.ndarray
@@ -206,7 +204,7 @@ class FollowedJoint:
     cycles: Sequence[FollowedPath] = ()
 
     def displacement(self, forces: np.ndarray) -> np.ndarray:
-        """Displacement of loads of some resultants, N, shape (steps, cases), m."""
+        """Displacement of loads with given resultants, N, shape (steps, cases), m."""
         return np.asarray(self.path.unknowns @ self.load / forces)
 
 
@@ -240,11 +238,11 @@ def follow_joint(
     Parameters
     ----------
     problem : CutProblem
-        The small problem of :func:`condense_assembly`, for instance.
+        For instance the small problem of :func:`condense_assembly`.
     loading : JointLoading
     method : Method
     near : FollowedJoint, optional
-        The same structure and loading with other laws, from which the method may begin.
+        The same structure and loading with other laws, as initial guess.
     """
     followed = _follow_path(problem, loading.path(), method, near.path if near else None)
     top, known = np.array(loading.amplitudes), near.cycles if near else ()
@@ -260,7 +258,7 @@ def follow_joint(
 def measure_joint(
     followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
 ) -> Dataset:
-    """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
+    """Evaluate the measures of :func:`load_joint` with the areas of both loaded faces, m²."""
     loading, area = followed.loading, np.array(areas)
     assert loading is not None  # of follow_joint
     path, moved = loading.path(areas), followed.displacement(area)
@@ -319,20 +317,23 @@ def _with_amplitudes(
     loss, secant, slip = (np.full(shape, np.nan) for _ in range(3))
     density = np.full((*shape, result.sizes["point"]), np.nan)
     for level, (preload, run) in enumerate(zip(preloads, followed.cycles, strict=False)):
+        # displacement of the sheared face, and amplitudes inside the data of the laws
         along = (run.unknowns @ followed.load[:, 1] / area).reshape(top.size, -1)
         slides = contact_measures(run)["slipping_load"]
         far = joint_shares(run.problem, run.result)[0][2].max(axis=1)
         inside = extrapolate | (far <= FAR_SHARE).reshape(top.size, -1).all(axis=1)
-        kept = inside & np.isfinite(along).all(axis=1)
+        valid = inside & np.isfinite(along).all(axis=1)
+
+        # loss, secant stiffness and slip; distribution of the loss
         half = along.shape[1] // 2
         apart = 0.5 * (along[:, 0] + along[:, -1]) - along[:, half]
         lost = run.dissipated.reshape(*along.shape, -1)[:, 1:].sum(axis=1)
-        loss[level] = np.where(kept, area * cycle_work(top, along), np.nan)
-        secant[level] = np.where(kept, 2.0 * top / apart, np.nan)
-        slip[level] = np.where(kept, slides.reshape(along.shape)[:, -1], np.nan)
+        loss[level] = np.where(valid, area * cycle_work(top, along), np.nan)
+        secant[level] = np.where(valid, 2.0 * top / apart, np.nan)
+        slip[level] = np.where(valid, slides.reshape(along.shape)[:, -1], np.nan)
         slipped = lost @ result["point_area"].values  # of first order in the step
         density[level] = (loss[level] / np.where(slipped > 0.0, slipped, 1.0))[:, None] * lost
-        if not kept.all():
+        if not valid.all():
             failure = run.result.attrs.get("failure", "")
             why = failure.partition(": ")[2] or (  # its step counts from the preload
                 f"more than {100.0 * FAR_SHARE:g} % of the load lies more than a factor of "
@@ -340,7 +341,7 @@ def _with_amplitudes(
             )
             cautions.append(
                 f"cycles at the preload {readable(f'{preload:.4g} Pa')} have no answer from the "
-                f"amplitude {readable(f'{top[~kept][0]:.4g} Pa')} on: {why}"
+                f"amplitude {readable(f'{top[~valid][0]:.4g} Pa')} on: {why}"
             )
     values = {
         "cycle_preload": np.array(preloads),
@@ -356,7 +357,8 @@ def _with_amplitudes(
 
 
 def contact_measures(followed: FollowedPath) -> dict[str, Any]:
-    """State of every point and its shares of the area, slip and loss at every step."""
+    """State of every point, and shares of area, slip and loss at every step."""
+    # force of every point, and its joint
     problem, result, slipping = followed.problem, followed.result, followed.slipping
     pressure, area = -result["traction"].values[..., 0], problem.weight
     failed = np.isnan(pressure)
@@ -364,20 +366,24 @@ def contact_measures(followed: FollowedPath) -> dict[str, Any]:
     shares = joint == np.arange(joint.max() + 1)[:, None]  # (joints, points)
     force = np.maximum(pressure, 0.0) * area
     total = force @ shares.T  # (steps, joints)
+
+    # open, stuck and slipping points
     mean = (total / (shares @ area))[:, joint]
-    state = np.where(slipping > MOST, SLIPS, STICKS)
+    state = np.where(slipping > SLIPPING, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * mean, OPENED, state)
     slides = np.where(pressure > 0.0, slipping, 0.0) * force
-    of_all = area / area.sum()
+    area_share = area / area.sum()
+
+    # initial gaps
     laws = [_normal(face.law) for face in problem.joints]
     sizes = [face.weight.size for face in problem.joints]
     initial = [np.broadcast_to(law.gap, size) for law, size in zip(laws, sizes, strict=True)]
 
     def fraction(where: np.ndarray) -> np.ndarray:
-        return np.asarray(np.where(failed, np.nan, where) @ of_all)
+        return np.asarray(np.where(failed, np.nan, where) @ area_share)
 
-    def of_force(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        return np.asarray(part / np.where(whole > 0.0, whole, 1.0) + 0.0 * whole)
+    def force_share(slipping: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        return np.asarray(slipping / np.where(whole > 0.0, whole, 1.0) + 0.0 * whole)
 
     return {
         "gap": result["jump"].values[..., 0] + np.concatenate(initial) + problem.gap,
@@ -386,14 +392,14 @@ def contact_measures(followed: FollowedPath) -> dict[str, Any]:
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
         "slip_fraction": fraction(state == SLIPS),
-        "slipping_load": of_force(slides.sum(axis=1), force.sum(axis=1)),
-        "interface_slipping_load": of_force(slides @ shares.T, total),
+        "slipping_load": force_share(slides.sum(axis=1), force.sum(axis=1)),
+        "interface_slipping_load": force_share(slides @ shares.T, total),
         "dissipation": followed.dissipated,
     }
 
 
 def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the share of each joint's load outside the data of its law, and the data's bound."""
+    """Share of the load of each joint outside the data of its law, and the ends of the data."""
     pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
     area = result["point_area"].values
     ranges = {face.joint: data_ends(_normal(face.law)) for face in problem.joints}
@@ -406,12 +412,12 @@ def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.n
 
 def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
     """Law of the pressure of a joint."""
-    assert law is not None  # a joint has one
+    assert law is not None  # every joint has a law
     return law.normal_law
 
 
-def _say_factors(names: Sequence[str], factors: np.ndarray) -> str:
-    """Name the factors of the loads that are not zero."""
+def _format_factors(names: Sequence[str], factors: np.ndarray) -> str:
+    """Format the loads with a factor other than zero."""
     acting = [f"{name} {factor:.4g}" for name, factor in zip(names, factors, strict=True) if factor]
     return "the loads " + (", ".join(acting) or "zero")
 
@@ -445,10 +451,10 @@ def _of_interfaces(result: Dataset, path: LoadPath) -> dict[str, np.ndarray]:
 def _secants(
     factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
 ) -> np.ndarray:
-    """Stiffness of every load since it was zero, if only it has changed since, N/m, else NaN.
+    """Stiffness of every load since it was zero, N/m; NaN if another load has changed since.
 
-    Before the first step bodies are at rest if no interface joins them: the gap of an interface is
-    not known without load.
+    Bodies without interfaces are at rest before the first step. With interfaces their displacement
+    without load is undetermined, because the gap is unknown.
     """
     first = np.zeros((int(at_rest), len(forces)))
     factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])

@@ -1,11 +1,11 @@
-r"""Methods for bodies with joints: one function for all, and one rule that chooses.
+r"""Solution of bodies with joints by any method, and the choice of the method.
 
-With n unknowns, m of them in a substructure, SuperLU takes about :math:`a n^2` seconds for factors,
-:math:`b n^{4/3}` for a solve and :math:`c n^{4/3}` bytes. Newton's method on the whole factorises
-in every step, or once and solves for all unknowns on the joints if these are few; LATIN factorises
-once and solves for the points of the joints, then once for each iteration and substructure. The
-constants are those of lap joints and stacked blocks of 8,000 and 24,000 unknowns on one process,
-with errors of a factor of two; they are seconds of no other machine, but their ratio decides.
+For n unknowns SuperLU needs about :math:`a n^2` seconds for factors, :math:`b n^{4/3}` for a solve
+and :math:`c n^{4/3}` bytes. Newton's method on the whole factorises in every step, or once with a
+solve for every unknown on the joints if these are few; LATIN factorises every substructure once
+with a solve for every point of the joints, then solves once in each iteration. The constants were
+measured on lap joints and stacked blocks of 8,000 and 24,000 unknowns on one process, with errors
+of a factor of two; other machines have other times, but only their ratio matters.
 """
 
 from collections.abc import Iterator
@@ -32,22 +32,22 @@ __all__ = [
 ]
 
 FACTORS, SOLVE, DENSE_FACTORS = 4e-9, 4e-8, 2.5e-11
-"""Seconds: of sparse factors over the square of the unknowns, of a solve over their power of 4/3,
-and of full factors over their cube."""
+"""Seconds for sparse factors over the square of the unknowns, for a solve over their power of 4/3,
+and for dense factors over their cube."""
 
 PER_FILL = 650
-"""Peak memory of the factors of one matrix, byte, over the power of 4/3 of its unknowns."""
+"""Peak memory of the factors of a matrix, byte, over the power of 4/3 of its unknowns."""
 
-PER_LINK, PER_UNKNOWN, PER_PART = 5000, 2800, 1300
-"""Peak memory, byte: of a link; of an unknown of a body, for matrices and results; of that to the
-power of 4/3 in a substructure, for the factors of three matrices."""
+PER_LINK, PER_UNKNOWN, PER_LATIN_FILL = 5000, 2800, 1300
+"""Peak memory, byte: for a link; for matrices and results of an unknown of a body; for the factors
+of three matrices of a substructure, over the power of 4/3 of its unknowns."""
 
 NEWTON_STEPS, ITERATIONS, OVERHEAD = 5, 27, 6e-3
-"""Newton steps and iterations of LATIN for a load step; seconds of an iteration for a substructure
-beside its solve: joint, coarse problem and acceleration."""
+"""Newton steps and iterations of LATIN for a load step; seconds of an iteration for joint, coarse
+problem and acceleration of a substructure."""
 
 PAYS = 0.5
-"""Time, over the time of Newton's method, below which LATIN is taken: it is less accurate."""
+"""Time relative to Newton's method below which LATIN is chosen: it is less accurate."""
 
 CUTS = ((1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4), (8, 8))
 """Substructures of a body along x and y that are tried in turn until the factors fit."""
@@ -65,20 +65,20 @@ def solve_assembly(
     ----------
     assembly : Assembly
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before, the first
-        from rest. Where there are bolts, the first factor is of their preloads, and a step that
-        changes it tightens them: :func:`follow`, which goes on from an earlier path as well.
+        Factors of the load cases, a row for each step; the first step starts from rest, each other
+        from the step before. With bolts, the first factor multiplies their preloads, and a step
+        that changes it tightens them; :func:`follow` can also continue an earlier path.
     method : Method, :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``: displacement of the nodes of all bodies one after the other,
-        jump and traction at the points of the interfaces, which are nodes, in the frame of each
-        (normal, then both tangents), and the force of the bolts. A step that did not converge, or
-        at which a bolt comes loose, is NaN with ``converged`` 0, the later ones are not tried, and
-        the attribute ``failure`` has the reason. Points come in the order of the pairs of
-        substructures that meet; ``point_joint`` is the interface of each.
+        Follows ``MACRO_RESULT``: displacement of the nodes of all bodies in turn, jump and traction
+        at the points of the interfaces, which are nodes, in the frame of each interface (normal,
+        then both tangents), and the force of the bolts. A step that did not converge, or after
+        which a bolt has no force, is NaN with ``converged`` 0, later steps are not tried, and the
+        attribute ``failure`` has the reason. Points follow the order of the pairs of adjacent
+        substructures; ``point_joint`` is the interface of each.
 
     Raises
     ------
@@ -102,11 +102,12 @@ def solve_assembly(
 
 @dataclass(frozen=True)
 class JointSize:
-    """What the cost of bodies with joints depends on.
+    """Size of bodies with joints, on which the cost of a solve depends.
 
     Attributes
     ----------
-    unknowns, joint_points, bodies, steps : int, of all bodies, all joints, and the whole path
+    unknowns, joint_points, bodies, steps : int
+        Unknowns of all bodies, points of all joints, bodies, and load steps of the path.
     compliant : bool, whether the laws give the traction of a jump; rigid contact does not
     """
 
@@ -119,27 +120,24 @@ class JointSize:
 
 @dataclass(frozen=True)
 class MethodCost:
-    """Cost of a method: peak memory, byte, and about how many seconds on one process.
-
-    The whole is one substructure.
-    """
+    """Cost of a method."""
 
     method: Method
-    substructures: int
-    memory: int
-    seconds: float
+    substructures: int  # 1 for the whole
+    memory: int  # peak, byte
+    seconds: float  # estimate on one process
 
     def __str__(self) -> str:
         """Return method, memory and time in words."""
         x, y = self.method.parts
-        cut = "" if x * y == 1 else f" in {x} x {y} parts a body"
+        cut = "" if x * y == 1 else f" with {x} x {y} substructures a body"
         size, time = f"{1e-9 * self.memory:.2g} GB", f"{self.seconds:.2g} s"
-        return f"{self.method.name}{cut} takes {size} and about {time}"
+        return f"{self.method.name}{cut} needs {size} and about {time}"
 
 
 @dataclass(frozen=True)
 class MethodChoice:
-    """The method to take, the reason, and the costs of the others."""
+    """The chosen method, the reason, and the costs of the other methods."""
 
     taken: MethodCost
     why: str
@@ -162,16 +160,16 @@ def choose_method(
     Parameters
     ----------
     size : JointSize
-    asked : LatinMethod or AssembledNewton, optional, what the user asks for, which is taken
-    memory : float, optional, byte that the solve may take; four fifths of this machine if not given
+    asked : LatinMethod or AssembledNewton, optional, choice of the user, which is followed
+    memory : float, optional, byte available; four fifths of the memory of this machine if not given
 
     Returns
     -------
     MethodChoice
-        Newton's method on the whole if its factors fit into the memory; LATIN on the bodies as
-        they are if it takes less than half of the time; else LATIN with the first cut that fits. On
-        one process a cut never saves time, and saves memory from 4 x 2 parts a body on, because all
-        parts keep their factors.
+        Newton's method on the whole if its factors fit into the memory; LATIN on uncut bodies if it
+        needs less than half of the time; else LATIN with the first cut that fits. On one process a
+        cut never saves time, and saves memory from 4 x 2 substructures a body on, because the
+        factors of all substructures are stored.
 
     Examples
     --------
@@ -191,25 +189,26 @@ def choose_method(
         if not (bodies.memory <= limit and bodies.seconds < PAYS * newton.seconds):
             why = f"its factors fit into the memory {room}, and it is the most accurate"
             return MethodChoice(newton, why, (bodies,))
-        why = "factors of single bodies that last for the whole path take less than half the time"
+        why = "factors of single bodies that last for the whole path need less than half the time"
         return MethodChoice(bodies, why, (newton,))
     reason = f"the factors of the whole do not fit into the memory {room}"
     if not size.compliant:
-        reason = "Newton's method takes no rigid contact"
+        reason = "Newton's method does not support rigid contact"
     fits = [cost for cost in (bodies, *cuts) if cost.memory <= limit]
     if fits:
         return MethodChoice(fits[0], reason, (newton,))
     last = cuts[-1]
-    return MethodChoice(last, f"{reason}, nor do those of its parts on one process", (newton,))
+    reason += ", nor do the factors of its substructures on one process"
+    return MethodChoice(last, reason, (newton,))
 
 
 def _costs(size: JointSize) -> Iterator[MethodCost]:
-    """Costs of Newton's method on the whole, of LATIN on bodies as they are, and cut."""
-    n, kept = size.unknowns, 6 * size.joint_points
+    """Costs of Newton's method on the whole, then of LATIN on uncut and on cut bodies."""
+    n, boundary = size.unknowns, 6 * size.joint_points
     seconds = NEWTON_STEPS * size.steps * FACTORS * n**2
-    if kept <= DENSE:
-        condensed = FACTORS * n**2 + kept * SOLVE * n ** (4.0 / 3.0)
-        seconds = condensed + NEWTON_STEPS * size.steps * DENSE_FACTORS * kept**3
+    if boundary <= DENSE:
+        condensed = FACTORS * n**2 + boundary * SOLVE * n ** (4.0 / 3.0)
+        seconds = condensed + NEWTON_STEPS * size.steps * DENSE_FACTORS * boundary**3
     memory = int(PER_UNKNOWN * n + PER_FILL * n ** (4.0 / 3.0))
     yield MethodCost(AssembledNewton(), 1, memory, seconds)
     for parts in CUTS:
@@ -218,9 +217,9 @@ def _costs(size: JointSize) -> Iterator[MethodCost]:
 
 def _latin_cost(size: JointSize, method: LatinMethod) -> MethodCost:
     count = size.bodies * method.parts[0] * method.parts[1]
-    part = size.unknowns / count
-    solve = SOLVE * part ** (4.0 / 3.0)
-    prepare = 3 * count * FACTORS * part**2 + 3 * size.joint_points * solve
+    m = size.unknowns / count  # of a substructure
+    solve = SOLVE * m ** (4.0 / 3.0)
+    prepare = 3 * count * FACTORS * m**2 + 3 * size.joint_points * solve
     seconds = prepare + ITERATIONS * size.steps * count * (solve + OVERHEAD)
     return MethodCost(method, count, latin_memory(size.unknowns, count), seconds)
 
@@ -228,7 +227,7 @@ def _latin_cost(size: JointSize, method: LatinMethod) -> MethodCost:
 def latin_memory(unknowns: int, substructures: int) -> int:
     """Peak memory of LATIN on elastic bodies, byte."""
     fill = substructures * (unknowns / substructures) ** (4.0 / 3.0)
-    return int(PER_UNKNOWN * unknowns + PER_PART * fill)
+    return int(PER_UNKNOWN * unknowns + PER_LATIN_FILL * fill)
 
 
 def cut_needs(
@@ -241,7 +240,7 @@ def cut_needs(
     moving: bool = False,
     slabs: int = 0,
 ) -> Needs:
-    """Return what :func:`solve_latin` takes, or :func:`simulate_latin`.
+    """Return the needs of :func:`solve_latin` or :func:`simulate_latin`.
 
     Examples
     --------
@@ -252,49 +251,51 @@ def cut_needs(
     memory = PER_LINK * links if links else latin_memory(unknowns, substructures)
     faces = substructures > 1 or joint_points > 0
     judged = coarse and not moving
-    parts = (
-        ("substructure stiffness", True, "factorised for each part by itself", ""),
+    choices = (
+        ("substructure stiffness", True, "factorised for each substructure separately", ""),
         (
             "links",
             links > 0,
-            "cables and bars inside the parts, some of which may go slack",
-            "the parts are elastic bodies",
+            "cables and bars inside the substructures, some of which may go slack",
+            "the substructures are elastic bodies",
         ),
         (
             "joint laws",
             joint_points > 0,
             "jump and traction, three components a point"
             + (f"; {slabs} slabs of sliders" if slabs else ""),
-            "the parts hang together",
+            "the substructures are connected without joints",
         ),
         (
             "coarse problem",
             coarse and faces,
-            "balances the parts as wholes: more parts take hardly more iterations",
-            "none is asked for, or needed by the method"
+            "balances the resultants: more substructures need hardly more iterations",
+            "it is switched off, or the method does not need it"
             if faces
-            else "there is one part and no joint",
+            else "there is one substructure and no joint",
         ),
         (
             "error bound",
             judged and not joint_points,
-            "guaranteed, from forces in balance",
-            "friction has no bound" if joint_points else "of statics with a coarse problem alone",
+            "guaranteed, from forces in equilibrium",
+            "friction has no bound" if joint_points else "only for statics with a coarse problem",
         ),
         (
             "error indicator",
             judged and joint_points > 0,
             "heuristic, of the laws of the joints",
-            "without joints there is a bound" if judged else "of statics with a coarse problem",
+            "without joints there is a bound"
+            if judged
+            else "only for statics with a coarse problem",
         ),
-        ("mass", moving, "of the nodes, a stiffness of the parts", "at rest"),
-        ("geometric stiffness", False, "", "substructures move little"),
+        ("mass", moving, "of the nodes, a stiffness of the substructures", "at rest"),
+        ("geometric stiffness", False, "", "displacements are small"),
     )
     libraries = {"numba": links or joint_points, "scikit-fem": not links}
     return Needs(
         unknowns_per_contact=3 if joint_points else min(1, links),
         kinematics="small displacements",
-        choices=tuple(choose(*part) for part in parts),
+        choices=tuple(choose(*choice) for choice in choices),
         state_variables=(
             *(("state of the laws of joints",) if joint_points else ()),
             *(("displacement", "velocity") if moving else ()),

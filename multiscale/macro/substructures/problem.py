@@ -1,4 +1,4 @@
-"""Substructures, interfaces and the problem that they make."""
+"""Substructures, interfaces, and the problem of a cut structure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ class Links:
     ----------
     operator : csr_array, shape (rows, n), compatibility :math:`B`
     stiffness, prestress, lower, upper : ndarray, shape (rows,)
-        :math:`k` (N/m), :math:`\tau^0` and the admissible range (N) that :math:`P` projects to.
+        :math:`k` (N/m), :math:`\tau^0` and the admissible range (N) of the projection :math:`P`.
     number : ndarray of int, shape (rows,), number of every link in the whole structure
     """
 
@@ -42,20 +42,20 @@ class Links:
 
 @dataclass(frozen=True, eq=False)
 class Substructure:
-    r"""One part of a structure: :math:`K u + B^T \tau = f` and forces from its neighbours.
+    r"""Substructure: :math:`K u + B^T \tau = f` and forces from its neighbours.
 
     Attributes
     ----------
     stiffness : csr_array, shape (n, n)
-        Stiffness of its linear part, N/m, supports taken out. It may be singular.
-    load : ndarray, shape (n, cases), external forces, one column for each load case, N
+        Stiffness of its linear elements, N/m, supports eliminated. It may be singular.
+    load : ndarray, shape (n, cases), external forces, a column for each load case, N
     unknown : ndarray of int, shape (n,)
-        Number of every unknown in the whole structure. Perfect interfaces are where two
-        substructures share one.
+        Number of every unknown in the whole structure. Unknowns of several substructures make a
+        perfect interface.
     position : ndarray, shape (n, 3), position of the node of every unknown, m
     component : ndarray of int, shape (n,)
         Direction of every unknown: 0, 1 or 2; 3, 4, 5 for rotations times a length.
-    links : Links, optional, its non-smooth part
+    links : Links, optional, its non-smooth elements
     """
 
     stiffness: csr_array
@@ -78,7 +78,7 @@ class Substructure:
 
 @dataclass(frozen=True, eq=False)
 class CutInterface:
-    r"""Where substructures meet.
+    r"""Interface of substructures.
 
     Attributes
     ----------
@@ -87,11 +87,11 @@ class CutInterface:
     trace : tuple of csr_array, shape (m, n)
         Displacement of every side; with a law m is three times the number of points: normal
         first, then both tangents, and the jump is side 2 minus side 1, opening positive.
-    law : InterfaceLaw, optional, perfect, (16) and (17) of the source, if not given
+    law : InterfaceLaw, optional; without a law perfect, (16) and (17) of the source
     weight : ndarray, shape (points,), quadrature weights of the points of a law, m²
     position : ndarray, shape (points, 3), position of these points, m
-    joint : int, number of the joint that the interface is part of
-    gap : ndarray, shape (points,), initial gaps beside the gap of the law, m, optional
+    joint : int, number of the joint, several interfaces of which may have been cut
+    gap : ndarray, shape (points,), initial gaps in addition to the gap of the law, m, optional
     """
 
     sides: tuple[int, ...]
@@ -104,29 +104,21 @@ class CutInterface:
 
     @property
     def size(self) -> int:
-        """Number of unknowns of one side."""
+        """Number of unknowns of a side."""
         return int(self.trace[0].shape[0])
 
 
 @dataclass(frozen=True, eq=False)
 class CutBolt:
-    """A bolt, by the unknowns at the middles of its washers.
+    """A bolt between the centres of its washers."""
 
-    Attributes
-    ----------
-    unknown : tuple of int, unknowns of both washers, along the axis the first one first
-    stiffness : float, stiffness of the shank, N/m
-    preload : float, force at the factor one of the first load case, N
-    name : str, in messages
-    """
-
-    unknown: tuple[int, int]
-    stiffness: float
-    preload: float
-    name: str
+    unknown: tuple[int, int]  # of the lower and the upper washer along the axis
+    stiffness: float  # of the shank, N/m
+    preload: float  # force at the factor 1 of the first load case, N
+    name: str  # in messages
 
     def pull(self, n: int) -> np.ndarray:
-        """Return the forces, shape (n,), of the bolt under a tension of one on all unknowns."""
+        """Return the forces on all unknowns, shape (n,), of a unit tension of the bolt."""
         pull = np.zeros(n)
         pull[list(self.unknown)] = 1.0, -1.0
         return pull
@@ -141,18 +133,18 @@ class CutProblem:
     substructures : tuple of Substructure
     position : ndarray, shape (nodes, 3), m
     expansion : csr_array, shape (nodes * c, n)
-        Components of the displacement of the nodes, one node after the other, from the unknowns:
-        nothing where a component is held, one entry where it is an unknown, more where a rigid
-        plate moves it.
+        Components of the displacement of the nodes from the unknowns: rows are empty where a
+        component is fixed, and have an entry where it is an unknown, more where a rigid plate
+        moves it.
     joints : tuple of CutInterface
-        Interfaces with a law. Perfect ones follow from the numbers of the unknowns.
+        Interfaces with a law. Perfect interfaces follow from the numbers of the unknowns.
     bolts : tuple of CutBolt, tightened by the first load case
     locked : bool, whether the last substructures are the shanks of the bolts
 
     Raises
     ------
     CaseError
-        If the traces of an interface do not fit its sides, or a substructure is cut off.
+        If the traces of an interface do not fit its sides.
     """
 
     substructures: tuple[Substructure, ...]
@@ -168,12 +160,12 @@ class CutProblem:
 
     @property
     def divided(self) -> bool:
-        """Whether there are parts or joints that a coarse problem may balance."""
+        """Whether there are several substructures, or joints, for a coarse problem to balance."""
         return len(self.substructures) > 1 or bool(self.joints)
 
     @cached_property
     def interfaces(self) -> tuple[CutInterface, ...]:
-        """Perfect interfaces, then those with a law."""
+        """Perfect interfaces, then interfaces with a law."""
         return (*_perfect_interfaces(self.substructures), *self.joints)
 
     @cached_property
@@ -195,7 +187,7 @@ class CutProblem:
 
     @cached_property
     def gap(self) -> np.ndarray:
-        """Initial gap of the points of all joints beside the gaps of their laws, m."""
+        """Initial gap of the points of all joints in addition to the gaps of their laws, m."""
         gap = np.zeros(self.weight.size)
         for joint, at in zip(self.joints, self.points, strict=True):
             gap[at] = 0.0 if joint.gap is None else joint.gap
@@ -215,23 +207,23 @@ class CutProblem:
     def with_locked_bolts(self) -> "CutProblem":
         """Return the structure with the shanks of its bolts as substructures.
 
-        A load case for each bolt, a tension of 1 N in its washers, follows the other ones.
+        A load case for each bolt, a tension of 1 N in its washers, follows the other load cases.
         """
         if not self.bolts:
             return self
         position, component = self.places()
         pulls = np.stack([bolt.pull(self.n) for bolt in self.bolts], axis=1)
         share = pulls / self.shares[:, None]
-        parts = [
-            replace(part, load=np.column_stack([part.load, share[part.unknown]]))
-            for part in self.substructures
+        substructures = [
+            replace(each, load=np.column_stack([each.load, share[each.unknown]]))
+            for each in self.substructures
         ]
         for bolt in self.bolts:
             ends = np.array(bolt.unknown)
             K = csr_array(bolt.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]]))
             load = np.zeros((2, self.n_cases + len(self.bolts)))
-            parts.append(Substructure(K, load, ends, position[ends], component[ends]))
-        return replace(self, substructures=tuple(parts), locked=True)
+            substructures.append(Substructure(K, load, ends, position[ends], component[ends]))
+        return replace(self, substructures=tuple(substructures), locked=True)
 
     @property
     def n(self) -> int:
@@ -244,7 +236,7 @@ class CutProblem:
         return int(self.substructures[0].load.shape[1])
 
     def displacement(self, value: np.ndarray) -> np.ndarray:
-        """Displacement of the nodes, shape (nodes, 3), from the value of the unknowns, m."""
+        """Displacement of the nodes, shape (nodes, 3), from the unknowns, m."""
         return np.asarray((self.expansion @ value).reshape(len(self.position), -1)[:, :3])
 
     def unknowns(self, displacement: np.ndarray) -> np.ndarray:
@@ -254,81 +246,92 @@ class CutProblem:
         value = factorise(csr_array(E.T @ E), name="the expansion")(E.T @ flat.T)
         return np.asarray(value.T.reshape(*displacement.shape[:-2], self.n))
 
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Numbers of the unknowns of all substructures in turn."""
+        return np.concatenate([substructure.unknown for substructure in self.substructures])
+
     def sum_up(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """Sum over the substructures that share an unknown, shape (n,)."""
-        numbers = np.concatenate([part.unknown for part in self.substructures])
-        return np.bincount(numbers, np.concatenate(values), minlength=self.n)
+        return np.bincount(self.numbers, np.concatenate(values), minlength=self.n)
 
     @property
     def shares(self) -> np.ndarray:
         """Number of substructures that have an unknown, shape (n,)."""
-        return self.sum_up([np.ones(part.n) for part in self.substructures])
+        return self.sum_up([np.ones(self.numbers.size)])
 
     def average(self, value: np.ndarray) -> np.ndarray:
-        """Mean over the substructures of values given one after the other, shape (n,)."""
+        """Mean over the substructures of values of all of them in turn, shape (n,)."""
         return np.asarray(self.sum_up([value]) / np.maximum(self.shares, 1.0))
 
     def load(self, factor: np.ndarray) -> np.ndarray:
-        """Return the forces on all substructures in turn at factors of the cases, N."""
-        return np.concatenate([part.load @ factor for part in self.substructures])
+        """Return the forces on all substructures in turn at factors of the load cases, N."""
+        return np.concatenate([substructure.load @ factor for substructure in self.substructures])
 
     def places(self) -> tuple[np.ndarray, np.ndarray]:
         """Position, (n, 3), m, and component, (n,), of the unknowns."""
         position, component = np.zeros((self.n, 3)), np.zeros(self.n, dtype=int)
-        for part in self.substructures:
-            position[part.unknown], component[part.unknown] = part.position, part.component
+        for each in self.substructures:
+            position[each.unknown], component[each.unknown] = each.position, each.component
         return position, component
 
     @cached_property
     def bodies(self) -> np.ndarray:
-        """Body of every substructure but shanks, by number; parts of a body share unknowns."""
+        """Number of the body of every substructure but shanks.
+
+        Substructures of a body share unknowns.
+        """
         shanks = len(self.bolts) if self.locked else 0
-        parts = self.substructures[: len(self.substructures) - shanks]
-        numbers = np.concatenate([part.unknown for part in parts])
-        owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
-        shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(parts), self.n))
+        cut = self.substructures[: len(self.substructures) - shanks]
+        numbers = np.concatenate([substructure.unknown for substructure in cut])
+        owner = np.repeat(np.arange(len(cut)), [substructure.n for substructure in cut])
+        shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(cut), self.n))
         return np.asarray(connected_components(shared @ shared.T, directed=False)[1])
 
     @property
     def motions(self) -> np.ndarray:
-        """Rigid motions of all bodies, each about its middle, shape (n, 6 bodies), m."""
+        """Rigid motions of all bodies, each about its centre, shape (n, 6 bodies), m."""
         position, component = self.places()
         bodies = self.bodies
         motions = np.zeros((self.n, 6 * (1 + bodies.max())))
         for body in np.unique(bodies):
-            parts = [self.substructures[part] for part in np.flatnonzero(bodies == body)]
-            mine = np.unique(np.concatenate([part.unknown for part in parts]))
-            moved = rigid_motions(position[mine], component[mine])
+            owners = np.flatnonzero(bodies == body)
+            unknown = np.unique(np.concatenate([self.substructures[at].unknown for at in owners]))
+            moved = rigid_motions(position[unknown], component[unknown])
             size = np.abs(moved).max(axis=0, initial=0.0)
-            motions[mine, 6 * body : 6 * body + 6] = moved / np.where(size > 0.0, size, 1.0)
+            motions[unknown, 6 * body : 6 * body + 6] = moved / np.where(size > 0.0, size, 1.0)
         return motions
 
     def link_fields(self, tension: np.ndarray, slack: np.ndarray) -> dict[str, np.ndarray]:
-        """Tension, N, and slack, m, in the order of the structure, given part after part."""
+        """Sort tension, N, and slack, m, of the substructures in turn by the number of the link."""
         if not self.n_links:
             return {}
-        order = np.concatenate([part.links.number for part in self.substructures if part.links])
-        place = np.argsort(order)
+        place = np.argsort(
+            np.concatenate([each.links.number for each in self.substructures if each.links])
+        )
         return {"tension": tension[place], "slack": slack[place]}
 
     @property
     def n_links(self) -> int:
         """Number of links."""
-        return sum(part.links.number.size for part in self.substructures if part.links)
+        return sum(each.links.number.size for each in self.substructures if each.links)
 
 
 def expand_numbers(number: np.ndarray) -> csr_array:
-    """Expansion of nodes with components that are an unknown each, or held."""
+    """Expansion of nodes; each component is an unknown or, at a negative number, fixed."""
     row = np.flatnonzero(number.ravel() >= 0)
     shape = (number.size, 1 + int(number.max(initial=-1)))
     return csr_array((np.ones(row.size), (row, number.ravel()[row])), shape=shape)
 
 
-def _perfect_interfaces(parts: Sequence[Substructure]) -> list[CutInterface]:
+def _perfect_interfaces(substructures: Sequence[Substructure]) -> list[CutInterface]:
     """Group the shared unknowns by the substructures that share them."""
-    numbers = np.concatenate([part.unknown for part in parts])
-    owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
-    local = np.concatenate([np.arange(part.n) for part in parts])
+    numbers = np.concatenate([substructure.unknown for substructure in substructures])
+    sizes = [substructure.n for substructure in substructures]
+    owner = np.repeat(np.arange(len(sizes)), sizes)
+    local = np.concatenate([np.arange(size) for size in sizes])
+
+    # entries of the same number follow each other, in the order of their substructures
     order = np.lexsort((owner, numbers))
     start = np.flatnonzero(np.append(True, np.diff(numbers[order]) != 0))
     classes: dict[tuple[int, ...], list[np.ndarray]] = {}
@@ -336,23 +339,25 @@ def _perfect_interfaces(parts: Sequence[Substructure]) -> list[CutInterface]:
         if last - first > 1:
             entries = order[first:last]
             classes.setdefault(tuple(owner[entries].tolist()), []).append(local[entries])
+
+    # a trace picks the unknowns of a side
     faces = []
     for sides, shared in classes.items():
         pick = np.ones(len(shared)), np.arange(len(shared))
         traces = [
-            csr_array((pick[0], (pick[1], rows)), shape=(len(shared), parts[side].n))
+            csr_array((pick[0], (pick[1], rows)), shape=(len(shared), sizes[side]))
             for side, rows in zip(sides, np.array(shared).T, strict=True)
         ]
         faces.append(CutInterface(sides, tuple(traces)))
     return faces
 
 
-def _check_joint(place: int, joint: CutInterface, parts: Sequence[Substructure]) -> None:
+def _check_joint(place: int, joint: CutInterface, substructures: Sequence[Substructure]) -> None:
     """Refuse traces that do not fit."""
     if len(joint.sides) != 2 or len(joint.trace) != 2:
         raise CaseError(f"interface {place} has a law and must have two sides, got {joint.sides}")
     for side, trace in zip(joint.sides, joint.trace, strict=True):
-        expected = (3 * joint.weight.size, parts[side].n)
+        expected = (3 * joint.weight.size, substructures[side].n)
         if trace.shape != expected:
             raise CaseError(
                 f"interface {place} does not match substructure {side}: its trace must have shape "

@@ -1,7 +1,7 @@
-"""Newton-Schur: the assembled Newton's method of a structure in parts, with another inner solve.
+"""Newton-Schur: Newton's method of a cut structure with a Krylov method for the shared unknowns.
 
-The tangent is condensed onto the unknowns that substructures share, and a Krylov method solves for
-these; see :mod:`~.balancing` for its preconditioner. A joint belongs to its second substructure.
+The tangent is condensed onto the unknowns that substructures share; see :class:`~.coarse.Balancing`
+for the preconditioner. A joint belongs to its second substructure.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ from multiscale.macro.substructures.stack import (
     ProcessGroup,
     lay_out_sides,
     share,
-    stack_parts,
+    stack_substructures,
     together,
 )
 from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
@@ -44,48 +44,48 @@ from multiscale.schema import Dataset
 
 __all__ = ["NewtonSchur", "SchurIterate", "SchurSolver", "solve_schur"]
 
-HELD = 1e-12
+LENT = 1e-12
 """Stiffness lent to every unknown in the tangent, relative to its diagonal."""
 
 REGULAR, WITH_JOINTS = 1e-10, 1e-6
 """Stiffness lent to shared unknowns in the preconditioner, relative to the diagonal without slack:
-more is an elastic foundation below all interfaces, which costs Krylov iterations. Beside joints a
-million million times stiffer than the bodies, less is rounded away."""
+more acts as an elastic foundation below all interfaces and costs Krylov iterations. On joints 1e12
+times stiffer than the bodies, less is rounded away."""
 
 SLACK, SLACKEST = 0.3, 1e-5
-"""Stiffness of slack links in the tangent, relative to their elastic one: at first, to which it
-falls by long steps."""
+"""Stiffness of slack links in the tangent, relative to their elastic stiffness: initial value, and
+limit to which long steps reduce it."""
 
-LOOSE, FINEST = 1e-2, 1e-10
-"""Largest and smallest residual at which a linear system counts as solved."""
+COARSEST, FINEST = 1e-2, 1e-10
+"""Largest and smallest tolerance of a linear system, relative to the load."""
 
 KRYLOV, RESTART = 2000, 100
-"""Iterations of a linear system, and those before GMRES starts anew. They cost far less than the
-factors; a direction that they left unfinished would slow Newton's method down on large grids."""
+"""Iteration limit of a linear system, and iterations between restarts of GMRES. They cost far less
+than the factors; inaccurate directions would slow Newton's method down on large grids."""
 
 OVERFLOW = 1e150
-"""Residual with a square, in the linear solver, that is no number."""
+"""Residual above which its square overflows in the linear solver."""
 
 
 @dataclass(frozen=True)
 class NewtonSchur(Method):
     """Newton's method with a balanced Schur complement; see :func:`solve_schur`.
 
-    It takes all laws but rigid contact, on many processes.
+    It supports all laws but rigid contact, on many processes.
 
     Parameters
     ----------
     parts, after_step
-        As of :class:`Method`.
+        As in :class:`Method`.
     tolerance : float
-        Bound on the largest force out of balance relative to the largest nodal load (without
-        load: to the largest prestress); dimensionless. What rounding makes unavoidable is
-        allowed for; ``residual`` is the one reached.
-    max_iterations : int, limit of Newton steps for one load
-    team : ProcessGroup, optional, as of :class:`LatinMethod`
+        Bound on the largest residual force relative to the largest nodal load (without load: to
+        the largest prestress); dimensionless. Rounding may raise it; ``residual`` is the value
+        reached.
+    max_iterations : int, limit of Newton steps for a load
+    team : ProcessGroup, optional, as in :class:`LatinMethod`
     callback : callable, optional
-        Called as ``callback(iteration, residual, iterate)`` with a :class:`SchurIterate`. All
-        processes give one, or none.
+        Called as ``callback(iteration, residual, iterate)`` with a :class:`SchurIterate`. Either
+        all processes have a callback, or none.
     """
 
     name: ClassVar[str] = "Newton-Schur"
@@ -107,18 +107,18 @@ def solve_schur(
     Parameters
     ----------
     problem, load_factor
-        As of :func:`solve_latin`.
+        As in :func:`solve_latin`.
     options
-        Of :class:`NewtonSchur`.
+        Parameters of :class:`NewtonSchur`.
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and the
-        later ones are not tried. ``iterations`` counts the Newton steps, ``krylov_iterations`` the
+        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
+        later steps are not tried. ``iterations`` counts the Newton steps, ``krylov_iterations`` the
         iterations of the linear solver in all of them. Attributes: ``unknowns``,
-        ``shared_unknowns``, ``coarse_unknowns``, ``substructures``, ``interfaces`` and, of a step
-        that failed, ``failure``, as in :func:`solve_latin`, which lists the fields of joints.
+        ``shared_unknowns``, ``coarse_unknowns``, ``substructures``, ``interfaces`` and, if a step
+        failed, ``failure``, as in :func:`solve_latin`, which lists the fields of joints.
 
     Raises
     ------
@@ -129,61 +129,61 @@ def solve_schur(
     -----
     The tangent is condensed onto the unknowns that substructures share. Conjugate gradients,
     preconditioned by BDDC, solve for them; the resultants of edges and all forces of
-    cross-points are in balance in every iteration. A joint belongs to its second substructure.
-    If its tangent is not symmetric, as with friction, GMRES takes the place of conjugate
-    gradients. Each system is solved the more accurately the closer the solution is.
+    cross-points are in equilibrium in every iteration. A joint belongs to its second substructure.
+    If its tangent is not symmetric, as with friction, GMRES replaces conjugate gradients. The
+    tolerance of the linear systems decreases with the residual.
 
-    Without joints the step is exact along every direction; see :func:`solve_static`.
+    Without joints the line search is exact; see :func:`solve_static`.
 
     References
     ----------
     .. [1] C. R. Dohrmann, SIAM J. Sci. Comput. 25 (2003) 246-258,
        doi:10.1137/S1064827502412887.
     .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
-       doi:10.1137/0917003, on how accurately to solve.
+       doi:10.1137/0917003, on the tolerance of the linear systems.
     """
     return NewtonSchur(**options).solve(problem, load_factor)
 
 
 class _Factored(NamedTuple):
-    """A tangent, condensed; its Schur complements in one table; and its preconditioner."""
+    """A condensed tangent."""
 
     condensed: CondensedStiffness
-    schur: np.ndarray
-    balancing: Balancing
+    schur: np.ndarray  # Schur complements, (substructures, w, w)
+    balancing: Balancing  # preconditioner
     symmetric: bool
 
 
 class SchurSolver:
-    """Newton-Schur on a structure, step by step; a process holds some of the substructures."""
+    """Newton-Schur on a structure, step by step; each process has some of the substructures."""
 
     def __init__(self, problem: CutProblem, method: NewtonSchur) -> None:
         self.problem, self.method, self.team = problem, method, method.team or Alone()
         perfect, inner = _move_joints_inside(problem)
-        mine = share(len(perfect.substructures), self.team)
-        self.stack = stack_parts(perfect, mine)
-        self.unknown = np.concatenate([perfect.substructures[part].unknown for part in mine])
+        local = share(len(perfect.substructures), self.team)
+        self.stack = stack_substructures(perfect, local)
+        self.unknown = np.concatenate([perfect.substructures[owner].unknown for owner in local])
 
         # shared and coarse unknowns
-        self.parts = split(self.stack.start, self.stack.shared)
+        self.split = split(self.stack.start, self.stack.shared)
         sides, slot = lay_out_sides(perfect), np.zeros(self.stack.n, dtype=int)
-        slot[self.stack.trace.indices] = sides.slot[sides.start[mine[0]] : sides.start[mine.stop]]
-        self.slot = slot[self.parts.edge]
+        slot[self.stack.trace.indices] = sides.slot[sides.start[local[0]] : sides.start[local.stop]]
+        self.slot = slot[self.split.edge]
         basis = coarse_basis(perfect)
-        self.layout = lay_out(self.parts, self.slot, basis, perfect.interfaces, mine, self.team)
+        self.layout = lay_out(self.split, self.slot, basis, perfect.interfaces, local, self.team)
         self.attributes = {
             "shared_unknowns": self.layout.n_shared,
             "coarse_unknowns": self.layout.n_coarse,
         }
 
         # joints inside the substructures of this process
-        places = [place for place, (owner, _) in enumerate(inner) if owner in mine]
+        places = [place for place, (owner, _) in enumerate(inner) if owner in local]
         joints = [problem.joints[place] for place in places]
         self.points = np.r_[(slice(0), *(problem.points[place] for place in places))]
         laws = [joint.law for joint in joints if joint.law]
         counts = [joint.weight.size for joint in joints]
         self.law = lay_side_by_side(laws, counts, problem.gap[self.points])
-        jumps = [self._placed(inner[at][1], inner[at][0] - mine[0]) for at in places]
+        jumps = [self._placed(inner[at][1], inner[at][0] - local[0]) for at in places]
         self.bodies = Assembled(
             self.stack.stiffness,
             self.stack.load,
@@ -192,6 +192,7 @@ class SchurSolver:
             np.zeros((self.stack.n, 0)),
         )
 
+        # factors, and the end of the last step
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors = Factors(), Factors()
@@ -199,10 +200,10 @@ class SchurSolver:
         self.key = np.full(links.stiffness.size + 1, np.nan)
         self.reached = np.zeros(problem.n), np.zeros(self.stack.n), np.zeros(links.stiffness.size)
 
-    def _placed(self, operator: csr_array, part: int) -> csr_array:
-        """Extend an operator on one substructure to the unknowns of all."""
+    def _placed(self, operator: csr_array, owner: int) -> csr_array:
+        """Extend an operator on a substructure to the unknowns of all substructures."""
         shape = (operator.shape[0], self.stack.n)
-        columns = operator.indices + self.stack.start[part]
+        columns = operator.indices + self.stack.start[owner]
         return csr_array((operator.data, columns, operator.indptr), shape=shape)
 
     def assemble(self, force: np.ndarray) -> np.ndarray:
@@ -214,7 +215,7 @@ class SchurSolver:
         return float(self.team.total(np.array([value], dtype=float))[0])
 
     def carried(self, elastic: np.ndarray) -> np.ndarray:
-        """Change of the tension of the links, N, from that without slack."""
+        """Change of the tension of the links, N, from the change without slack."""
         links = self.stack.links
         lower, upper = links.lower - links.prestress, links.upper - links.prestress
         return np.asarray(np.clip(elastic, lower, upper))
@@ -231,11 +232,11 @@ class SchurSolver:
 
     @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
     def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
-        """Newton's method for one load."""
+        """Newton's method for a load."""
         clock, method, links = perf_counter(), self.method, self.stack.links
-        # unknowns of the substructures and tensions go on from the step before
-        known, u, elastic = self.reached
-        if state.unknowns is not known:
+        # start from the unknowns of the substructures and the tensions of the step before
+        last, u, elastic = self.reached
+        if state.unknowns is not last:
             u = state.unknowns[self.unknown]
             elastic = links.stiffness * (links.operator @ u)
         balance = _CutEquilibrium(self, self.stack.load @ factor, state)
@@ -252,6 +253,8 @@ class SchurSolver:
             latest[0] = place
 
         here, best = find_equilibrium(balance, here, run, note)
+
+        # result
         iterate = SchurIterate(self, here)
         self.reached = iterate.displacement(), here.value, here.elastic
         tension = iterate.tension()
@@ -279,15 +282,15 @@ class SchurSolver:
         best: Place,
         balance: "_CutEquilibrium",
     ) -> str:
-        """Explain why a step failed, from where it was closest to a solution."""
+        """Explain the failure of a step by the iterate closest to a solution."""
         load, pressure = self.problem.load(factor), -self.joined(best.traction)[0]
         if slide := find_slide(self.problem, load, state.pressure, pressure):
             return str(slide)
         if balance.unfinished:
             return (
-                f"{run.status.value}; {balance.unfinished} of its linear systems were left "
-                f"unfinished after {KRYLOV} iterations, so cut the structure into fewer or more "
-                f"compact parts"
+                f"{run.status.value}; {balance.unfinished} of its linear systems did not converge "
+                f"in {KRYLOV} iterations, so cut the structure into fewer or more compact "
+                f"substructures"
             )
         return run.status.value
 
@@ -298,23 +301,23 @@ class SchurSolver:
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
             B = self.bodies.jump
             matrix += B.T @ block_array(blocks, format="csr") @ B
-        matrix = csr_array(matrix + HELD * diags_array(self.taut))
+        matrix = csr_array(matrix + LENT * diags_array(self.taut))
         symmetric = not self.total(not np.array_equal(tangent, tangent.transpose(1, 0, 2)))
         inside, coarse = self.factors if symmetric else (factorise, factorise)
-        condensed = together(self.team, lambda: condense(matrix, self.parts, inside))
+        condensed = together(self.team, lambda: condense(matrix, self.split, inside))
         schur = self.layout.gather(condensed.blocks)
         added = np.zeros(self.layout.shared.shape)
         lent = WITH_JOINTS if self.problem.joints else REGULAR
-        added[self.parts.owner, self.parts.column] = lent * self.taut[self.parts.edge]
+        added[self.split.owner, self.split.column] = lent * self.taut[self.split.edge]
         balancing = prepare_balancing(self.layout, schur, added, coarse)
         return _Factored(condensed, schur, balancing, symmetric)
 
     def solve_shared(
         self, factored: _Factored, force: np.ndarray, accuracy: float
     ) -> tuple[np.ndarray, int, bool]:
-        """Displacement of the shared unknowns by a preconditioned Krylov method.
+        """Solve for the shared unknowns by a preconditioned Krylov method.
 
-        Also the number of its iterations, and whether it was left unfinished.
+        Returns their displacement, the number of iterations, and whether it did not converge.
         """
         layout, n, count = self.layout, self.layout.n_shared, 0
         if not n:
@@ -335,18 +338,18 @@ class SchurSolver:
             restarted = {"restart": RESTART, "maxiter": KRYLOV // RESTART}
             krylov, options = gmres, options | restarted | {"callback_type": "pr_norm"}
         edge, info = krylov(S, right, **options)
-        return edge, count, bool(info)  # Newton's residual judges the worth of such a direction
+        return edge, count, bool(info)  # an inaccurate direction shows in Newton's residual
 
 
 class _CutEquilibrium(Equilibrium):
-    r"""Balance of a structure in parts under one load.
+    r"""Equilibrium of a cut structure under a load.
 
     .. math::
         \sum_E R_E^T \left( K u_E + B^T P(\tau^0 + k B u_E) + J^T w\, t(J u_E) - f_E \right) = 0,
         \qquad u_E = R_E u,    \tag{1}
 
-    with the links and joints of every substructure :math:`E`. Without joints steps are exact along
-    every direction.
+    with the links and joints of every substructure :math:`E`. Without joints the line search is
+    exact.
     """
 
     def __init__(self, cut: SchurSolver, load: np.ndarray, state: JointState) -> None:
@@ -378,20 +381,20 @@ class _CutEquilibrium(Equilibrium):
         return float(np.abs(self.cut.assemble(force)).max(initial=0.0))
 
     def largest(self, here: Place) -> float:
-        """Size of the forces that cancel in the balance, N."""
+        """Size of the forces that cancel in equilibrium, N."""
         forces = self.magnitude @ np.abs(here.value)
         return self._most(np.append(forces, self.cut.tension(here.elastic)))
 
-    def dot(self, one: np.ndarray, other: np.ndarray) -> float:
+    def dot(self, first: np.ndarray, second: np.ndarray) -> float:
         """Work in all substructures, J."""
-        return self.cut.total(float(one @ other))
+        return self.cut.total(float(first @ second))
 
     def anywhere(self, flag: bool) -> bool:
         """Whether a flag is set in any process."""
         return bool(self.cut.total(flag))
 
     def residual(self, here: Place) -> float:
-        """Largest force out of balance relative to the load; infinite if its square is."""
+        """Largest residual force relative to the load; infinite if its square is infinite."""
         residual = super().residual(here)
         return residual if residual <= OVERFLOW else np.inf
 
@@ -400,7 +403,7 @@ class _CutEquilibrium(Equilibrium):
         cut, residual = self.cut, self.residual(here)
         if self.lending.exhausted:
             return None
-        # links: their status, and the stiffness that is lent to the slack ones
+        # status of the links, and the stiffness lent to slack links
         carries = cut.carried(here.elastic) == here.elastic
         if self.known is not None and not cut.total(np.count_nonzero(carries != self.known)):
             self.lending.reset()
@@ -415,8 +418,8 @@ class _CutEquilibrium(Equilibrium):
                 carried = np.where(carries, 1.0, self.lending.share)
                 factored = cut.factorise(here.tangent + lent, carried)
                 cut.factored, cut.key = factored, key
-            # the closer the solution, the more accurate the direction
-            accuracy = min(LOOSE, residual)
+            # the tolerance of the linear system decreases with the residual
+            accuracy = min(COARSEST, residual)
             accuracy = max(accuracy, 0.1 * cut.method.tolerance / residual, FINEST)
             edge, count, unfinished = cut.solve_shared(factored, -here.gradient, accuracy)
         except (MultiscaleError, np.linalg.LinAlgError):
@@ -425,9 +428,9 @@ class _CutEquilibrium(Equilibrium):
         return np.asarray(factored.condensed.expand(-here.gradient, edge[cut.slot]))
 
     def step(self, here: Place, direction: np.ndarray) -> Place:
-        """Take an exact step along links, a searched one along links and joints, else a whole one.
+        """Move by an exact line search with links, an approximate search with links and joints.
 
-        The length along links and joints is that of the least energy.
+        Without links the step is a full Newton step. Line searches minimise the energy.
         """
         if not self.cut.problem.n_links:
             return super().step(here, direction)
@@ -442,11 +445,11 @@ class _CutEquilibrium(Equilibrium):
         return self.move(here, length, direction)
 
     def _exact_step(self, here: Place, direction: np.ndarray) -> float:
-        """Step to the least energy; what is linear counts as one more link that never slackens."""
+        """Step to the least energy; linear stiffness counts as a further link without limits."""
         links, team = self.links, self.cut.team
         curvature = self.dot(direction, self.bodies.stiffness @ direction)
         no_bound = np.array([np.inf]) if curvature > 0.0 else NO_LINKS
-        rest = np.full(no_bound.size, curvature)
+        linear = np.full(no_bound.size, curvature)
         elastic, growth, stiffness, lower, upper = (
             team.concatenate(value)
             for value in (
@@ -459,9 +462,9 @@ class _CutEquilibrium(Equilibrium):
         )
         return float(
             exact_step(
-                np.append(elastic, 0.0 * rest),
-                np.append(growth, rest),
-                np.append(stiffness, rest),
+                np.append(elastic, 0.0 * linear),
+                np.append(growth, linear),
+                np.append(stiffness, linear),
                 np.append(lower, -no_bound),
                 np.append(upper, no_bound),
                 -self.dot(direction, here.gradient),
@@ -487,46 +490,49 @@ class SchurIterate:
 
 
 def _move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[tuple[int, csr_array]]]:
-    """Add every joint to its second side, and to it the unknowns of the first side on the joint.
+    """Add every joint to its second substructure, with the unknowns of the first on the joint.
 
-    A joint between two substructures becomes a perfect interface, on the first side of the joint,
-    between one of them and the other with the joint: its stiffness, from none to rigid, is a
-    stiffness of this substructure.
+    The first side of the joint becomes a perfect interface between the first substructure and the
+    second with the joint, so that the stiffness of the joint, from zero to rigid, belongs to the
+    second substructure.
     """
-    parts = list(problem.substructures)
+    # add unknowns of the first side
+    widened = list(problem.substructures)
     for joint in problem.joints:
         first, second = joint.sides
         touched = np.unique(joint.trace[0].indices)
-        new = ~np.isin(problem.substructures[first].unknown[touched], parts[second].unknown)
-        parts[second] = _widen(parts[second], problem.substructures[first], touched[new])
+        new = ~np.isin(problem.substructures[first].unknown[touched], widened[second].unknown)
+        widened[second] = _widen(widened[second], problem.substructures[first], touched[new])
+
+    # jump of each joint from the unknowns of its second substructure
     inner = []
     for joint in problem.joints:
         first, second = joint.sides
-        part, lower, upper = parts[second], problem.substructures[first], joint.trace[1]
-        order = np.argsort(part.unknown)
+        owner, lower, upper = widened[second], problem.substructures[first], joint.trace[1]
+        order = np.argsort(owner.unknown)
         place = np.zeros(lower.n, dtype=int)
         touched = np.unique(joint.trace[0].indices)
-        place[touched] = order[np.searchsorted(part.unknown[order], lower.unknown[touched])]
+        place[touched] = order[np.searchsorted(owner.unknown[order], lower.unknown[touched])]
         rows = joint.trace[0].tocoo()
         below = csr_array(
-            (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, part.n)
+            (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, owner.n)
         )
-        above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, part.n))
+        above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, owner.n))
         if joint.law is None or not joint.law.compliant:
             raise CaseError(
                 f"a joint of substructures {joint.sides} needs a law that gives the traction of a "
-                f"jump; solve_latin takes rigid contact as well"
+                f"jump; solve_latin supports rigid contact"
             )
         inner.append((second, csr_array(above - below)))
-    return CutProblem(tuple(parts), problem.position, problem.expansion), inner
+    return CutProblem(tuple(widened), problem.position, problem.expansion), inner
 
 
-def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:
+def _widen(substructure: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:
     """Append unknowns of another substructure."""
-    n, added = part.n + unknowns.size, unknowns.size
-    K = part.stiffness
+    n, added = substructure.n + unknowns.size, unknowns.size
+    K = substructure.stiffness
     start = np.append(K.indptr, np.full(added, K.indptr[-1]))
-    links = part.links
+    links = substructure.links
     if links is not None:
         B = links.operator
         links = replace(
@@ -534,9 +540,9 @@ def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Sub
         )
     return Substructure(
         csr_array((K.data, K.indices, start), shape=(n, n)),
-        np.concatenate([part.load, np.zeros((added, part.load.shape[1]))]),
-        np.append(part.unknown, other.unknown[unknowns]),
-        np.concatenate([part.position, other.position[unknowns]]),
-        np.append(part.component, other.component[unknowns]),
+        np.concatenate([substructure.load, np.zeros((added, substructure.load.shape[1]))]),
+        np.append(substructure.unknown, other.unknown[unknowns]),
+        np.concatenate([substructure.position, other.position[unknowns]]),
+        np.append(substructure.component, other.component[unknowns]),
         links,
     )

@@ -1,4 +1,4 @@
-"""Processes, and all substructures of a process: block-diagonal operators on long vectors."""
+"""Groups of processes, and block-diagonal operators of the substructures of a process."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ __all__ = [
     "lay_out_sides",
     "share",
     "split_columns",
-    "stack_parts",
+    "stack_substructures",
     "together",
     "world",
 ]
@@ -39,25 +39,14 @@ LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """Sides of all interfaces, in the order of their substructures.
+    """Sides of all interfaces, in the order of their substructures, in m rows."""
 
-    Attributes
-    ----------
-    place : tuple of tuple of slice, rows of every side, by interface
-    start : ndarray of int, shape (substructures + 1,)
-        Rows of a substructure: from ``start[E]`` to ``start[E + 1]``.
-    slot : ndarray of int, shape (m,), unknown of the interface that a row is one side of
-    count : ndarray of int, shape (slots,), number of sides of every such unknown
-    perfect : ndarray of bool, shape (m,), whether the interface has no law
-    joints : ndarray of int, shape (2, 3, points), rows of both sides of the interfaces with a law
-    """
-
-    place: tuple[tuple[slice, ...], ...]
-    start: np.ndarray
-    slot: np.ndarray
-    count: np.ndarray
-    perfect: np.ndarray
-    joints: np.ndarray
+    place: tuple[tuple[slice, ...], ...]  # rows of every side, by interface
+    start: np.ndarray  # first row of every substructure, and m, (substructures + 1,)
+    slot: np.ndarray  # interface unknown of every row, (m,)
+    count: np.ndarray  # number of sides of every interface unknown, (slots,)
+    perfect: np.ndarray  # of bool, whether the interface has no law, (m,)
+    joints: np.ndarray  # rows of both sides of the interfaces with a law, (2, 3, points)
 
     @property
     def m(self) -> int:
@@ -65,18 +54,18 @@ class Sides:
         return self.slot.size
 
     def mean(self, value: np.ndarray) -> np.ndarray:
-        """Mean over the sides, given back to every side."""
+        """Mean over the sides, on every side."""
         return np.asarray((np.bincount(self.slot, value) / self.count)[self.slot])
 
 
 def lay_out_sides(problem: CutProblem) -> Sides:
-    """Give every side of every interface its rows."""
-    parts, interfaces = problem.substructures, problem.interfaces
+    """Lay out the rows of every side of every interface."""
+    interfaces = problem.interfaces
     first_slot = np.cumsum([0, *(face.size for face in interfaces)])
     place: list[list[slice]] = [[slice(0)] * len(face.sides) for face in interfaces]
     slots, perfect, start, row = [], [np.zeros(0, dtype=bool)], [0], 0
-    for mine in _sides_of(interfaces, len(parts)):
-        for index, side in mine:
+    for sides_of_one in _sides_of(interfaces, len(problem.substructures)):
+        for index, side in sides_of_one:
             size = interfaces[index].size
             place[index][side] = slice(row, row + size)
             slots.append(np.arange(first_slot[index], first_slot[index + 1]))
@@ -100,7 +89,7 @@ def lay_out_sides(problem: CutProblem) -> Sides:
 
 
 def _sides_of(interfaces: Sequence[CutInterface], count: int) -> list[list[tuple[int, int]]]:
-    """Interface and side that every substructure has."""
+    """Interfaces and sides of every substructure."""
     sides: list[list[tuple[int, int]]] = [[] for _ in range(count)]
     for index, face in enumerate(interfaces):
         for side, owner in enumerate(face.sides):
@@ -111,26 +100,15 @@ def _sides_of(interfaces: Sequence[CutInterface], count: int) -> list[list[tuple
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    r"""Block-diagonal operators of some substructures.
+    r"""Block-diagonal operators of some substructures."""
 
-    Attributes
-    ----------
-    start : ndarray of int, shape (substructures + 1,), unknowns of a substructure
-    stiffness : csr_array, shape (n, n), :math:`K`
-    load : ndarray, shape (n, cases)
-    trace : csr_array, shape (m, n), displacement of all sides of these substructures
-    links : Links, all links; without any, of no rows
-    one_sided : ndarray of bool, shape (rows,), links that may go slack
-    shared : ndarray of bool, shape (n,), unknowns on perfect interfaces
-    """
-
-    start: np.ndarray
-    stiffness: csr_array
-    load: np.ndarray
-    trace: csr_array
-    links: Links
-    one_sided: np.ndarray
-    shared: np.ndarray
+    start: np.ndarray  # first unknown of every substructure, and n, (substructures + 1,)
+    stiffness: csr_array  # K, (n, n), N/m
+    load: np.ndarray  # (n, cases), N
+    trace: csr_array  # displacement of all sides of these substructures, (m, n)
+    links: Links  # of all substructures; empty without links
+    one_sided: np.ndarray  # of bool, links that may go slack, (rows,)
+    shared: np.ndarray  # of bool, unknowns on perfect interfaces, (n,)
 
     @property
     def n(self) -> int:
@@ -147,7 +125,7 @@ class Stack:
 
 
 class Factors:
-    """Cholesky factors of matrices of one pattern; the pattern is analysed once."""
+    """Cholesky factors of matrices of the same pattern; the pattern is analysed once."""
 
     def __init__(self) -> None:
         self.pattern: tuple[np.ndarray, np.ndarray] | None = None
@@ -172,13 +150,13 @@ class Factors:
         return self.factorise(upper.data, False)
 
 
-def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
-    """Put substructures side by side."""
-    chosen = [problem.substructures[part] for part in parts]
+def stack_substructures(problem: CutProblem, numbers: Sequence[int]) -> Stack:
+    """Stack substructures of given, consecutive numbers."""
+    chosen = [problem.substructures[number] for number in numbers]
     none = np.zeros(0)
     links = [
-        part.links or Links(csr_array((0, part.n)), none, none, none, none, np.zeros(0, int))
-        for part in chosen
+        each.links or Links(csr_array((0, each.n)), none, none, none, none, np.zeros(0, int))
+        for each in chosen
     ]
     joined = Links(
         on_diagonal(item.operator for item in links),
@@ -187,17 +165,17 @@ def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
             for name in ("stiffness", "prestress", "lower", "upper", "number")
         ),
     )
-    start = np.cumsum([0, *(part.n for part in chosen)])
+    start = np.cumsum([0, *(substructure.n for substructure in chosen)])
     shared = np.zeros(start[-1], dtype=bool)
     for face in problem.interfaces:
         for owner, trace in zip(face.sides, face.trace, strict=True):
-            if owner in parts and face.law is None:
-                shared[start[owner - parts[0]] + trace.indices] = True
+            if owner in numbers and face.law is None:
+                shared[start[owner - numbers[0]] + trace.indices] = True
     return Stack(
         start,
-        on_diagonal(part.stiffness for part in chosen),
-        np.concatenate([part.load for part in chosen]),
-        _traces(problem.interfaces, chosen, parts),
+        on_diagonal(substructure.stiffness for substructure in chosen),
+        np.concatenate([substructure.load for substructure in chosen]),
+        _traces(problem.interfaces, chosen, numbers),
         joined,
         np.isfinite(joined.lower) | np.isfinite(joined.upper),
         shared,
@@ -207,32 +185,32 @@ def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
 def split_columns(
     matrix: csr_array, start: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Columns that each block of rows uses, and its entries in them as a full matrix."""
+    """Columns with entries in each block of rows, and the block on them as a dense matrix."""
     blocks = [matrix[first:last] for first, last in pairwise(start)]
     used = [np.unique(block.indices) for block in blocks]
     return used, [block[:, at].toarray() for block, at in zip(blocks, used, strict=True)]
 
 
 def _traces(
-    interfaces: Sequence[CutInterface], chosen: Sequence[Substructure], parts: Sequence[int]
+    interfaces: Sequence[CutInterface], chosen: Sequence[Substructure], numbers: Sequence[int]
 ) -> csr_array:
     """Traces in the order of :class:`Sides`."""
     blocks = []
-    sides = _sides_of(interfaces, max(parts) + 1)
-    for number, part in zip(parts, chosen, strict=True):
-        mine = [interfaces[index].trace[side] for index, side in sides[number]]
-        blocks.append(vstack(mine) if mine else csr_array((0, part.n)))
+    sides = _sides_of(interfaces, max(numbers) + 1)
+    for number, substructure in zip(numbers, chosen, strict=True):
+        traces = [interfaces[index].trace[side] for index, side in sides[number]]
+        blocks.append(vstack(traces) if traces else csr_array((0, substructure.n)))
     return on_diagonal(blocks)
 
 
 class ProcessGroup(Protocol):
-    """Group of processes. Each owns some substructures; every process has all interfaces."""
+    """Group of processes. Each has some substructures; every process has all interfaces."""
 
     size: int
     rank: int
 
     def concatenate(self, value: np.ndarray) -> np.ndarray:
-        """Join the parts of all processes, in their order, on every process."""
+        """Join the arrays of all processes, in their order, on every process."""
         ...
 
     def collect(self, items: list[Any]) -> list[Any]:
@@ -245,7 +223,7 @@ class ProcessGroup(Protocol):
 
 
 class Alone:
-    """One process."""
+    """A single process."""
 
     size, rank = 1, 0
 
@@ -279,7 +257,7 @@ class Ranks:
 
     def collect(self, items: list[Any]) -> list[Any]:
         """Gather lists of anything."""
-        return [item for part in self.communicator.allgather(items) for item in part]
+        return [item for gathered in self.communicator.allgather(items) for item in gathered]
 
     def total(self, value: np.ndarray) -> np.ndarray:
         """Sum in the order of the ranks, so that every process gets the same digits."""
@@ -290,14 +268,14 @@ class Ranks:
 
 
 def world() -> ProcessGroup:
-    """Return the processes that ``mpiexec`` has started, or this one alone.
+    """Return the processes that ``mpiexec`` has started, or a single process.
 
-    Without ``mpiexec`` nothing of MPI is loaded.
+    MPI is loaded only under ``mpiexec``.
 
     Raises
     ------
     CaseError
-        If it was started by ``mpiexec`` and mpi4py is missing.
+        If ``mpiexec`` has started the process and mpi4py is missing.
     """
     if not any(name in environ for name in LAUNCHERS):
         return Alone()
@@ -314,14 +292,15 @@ def share(count: int, team: ProcessGroup) -> range:
     """Substructures of this process: consecutive, as equal in number as possible."""
     if count < team.size:
         raise CaseError(
-            f"{team.size} processes cannot share {count} substructures; start fewer, or cut finer"
+            f"{team.size} processes cannot share {count} substructures; start fewer processes, or "
+            f"cut finer"
         )
     bounds = np.linspace(0, count, team.size + 1).round().astype(int)
     return range(bounds[team.rank], bounds[team.rank + 1])
 
 
 def together(team: ProcessGroup, task: Callable[[], T]) -> T:
-    """Run a task that may fail; if it fails on one process, raise on all, so that none waits."""
+    """Run a task; if it fails on a process, raise on all processes, which avoids a deadlock."""
     error: Exception | None = None
     try:
         result = task()

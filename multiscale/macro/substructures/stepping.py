@@ -1,12 +1,12 @@
-r"""Follow a path of loads step by step, whatever solves a step: bolts are tightened, then locked.
+r"""Follow a path of loads step by step with any method; bolts are tightened, then locked.
 
-While a bolt is tightened, a pair of forces F pulls its washers together and the shank is left out.
-A locked bolt is a substructure, the shank, which shares the middles of the washers. With
+While a bolt is tightened, a pair of forces F pulls its washers together and its shank has no
+stiffness. A locked bolt is a substructure, the shank, which shares the centres of the washers. With
 the distance :math:`\delta` of the washers and its value :math:`\delta_0` when the force was F,
 
 .. math:: N = (F - k \delta_0) + k \delta,    \tag{1}
 
-so that the pair of forces is :math:`F - k \delta_0` from then on.
+so that the pair of forces is :math:`F - k \delta_0` while it is locked.
 """
 
 from collections.abc import Callable
@@ -37,26 +37,26 @@ __all__ = [
 ALONG = np.array([[0.0], [1.0], [1.0]])
 """Picks the tangential components of a jump."""
 
-LOOSE = 1e-9
-"""Force of a bolt, relative to the largest of its path, up to which it is none."""
+NO_FORCE = 1e-9
+"""Force of a bolt, relative to the largest of its path, up to which it is zero."""
 
 ALIKE = 0.1
-"""Difference of the slipping share of a first loading and of the slabs that slip in a step, up to
-which the first one, which is continuous, counts."""
+"""Difference of the slipping share of a first loading and of the slabs that slip in a step up to
+which the former counts, because it is continuous."""
 
 NOT_TRIED = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
 """Cost of a step after a failure."""
 
 FIELDS = ("displacement", "tension", "slack", "jump", "traction", "bolt_force")
-"""Fields that a step that failed does not have."""
+"""Fields that are NaN in a step that failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointState:
     """Committed state at the end of a step.
 
-    Tangential jumps of the next step count from here: on a stiff law, sums of long slips round
-    away what changes.
+    Tangential jumps of the next step count from here: on a stiff law, the change in a step would
+    be rounded away in sums of long slips.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class JointState:
     traction : ndarray, shape (3, points), Pa
     tightening : float, factor of the load case that tightens the bolts
     pull : ndarray, shape (bolts,)
-        Tension of each bolt less that of the stretch of its shank, N, while it is locked.
+        Tension of each bolt less the force of the stretch of its shank, N, while it is locked.
     """
 
     unknowns: np.ndarray
@@ -105,12 +105,12 @@ class JointState:
     def advance(
         self, law: InterfaceLaw, unknowns: np.ndarray, jump: np.ndarray, traction: np.ndarray
     ) -> tuple["JointState", Sliding]:
-        """Commit a step to a jump whose tangential part counts from this state.
+        """Commit a step to a jump with tangential components that count from this state.
 
         Raises
         ------
         ConvergenceError
-            If the step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
+            If the step gains energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
         """
         account = law.sliding(jump, self.history)
         along = ALONG * jump
@@ -126,30 +126,21 @@ class JointState:
 
 
 class StepAnswer(NamedTuple):
-    """End of a step.
+    """End of a step; tangential jumps count from the state before the step."""
 
-    Attributes
-    ----------
-    unknowns : ndarray, shape (n,), displacement, m
-    jump, traction : ndarray, shape (3, points)
-        m and Pa; tangential jumps count from the state before the step.
-    report : dict
-        ``converged``, ``failure``, ``residual``, ``iterations``, ``wall_time`` and what else a
-        solver adds to the dataset.
-    """
-
-    unknowns: np.ndarray
-    jump: np.ndarray
-    traction: np.ndarray
+    unknowns: np.ndarray  # displacement, (n,), m
+    jump: np.ndarray  # (3, points), m
+    traction: np.ndarray  # (3, points), Pa
+    # converged, failure, residual, iterations, wall_time and further fields of the dataset
     report: dict[str, Any]
 
 
 class StepSolver(Protocol):
-    """A method that has been prepared for a structure; it has no path."""
+    """A method prepared for a structure, without the path."""
 
     @property
     def attributes(self) -> dict[str, int]:
-        """Attributes that it adds to a dataset."""
+        """Attributes of the method in a dataset."""
 
     def step(
         self,
@@ -157,15 +148,15 @@ class StepSolver(Protocol):
         factor: np.ndarray,
         near: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> StepAnswer:
-        """Go from a committed state to factors of the load cases.
+        """Solve a step from a committed state to factors of the load cases.
 
-        The change of unknowns and jump, m, in a step of a path under other laws is a first guess.
+        The change of unknowns and jump, m, in the same step under other laws is a first guess.
         """
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to solve an assembly.
+    """Method for an assembly.
 
     Parameters
     ----------
@@ -177,8 +168,8 @@ class Method:
 
     name: ClassVar[str]
     condenses: ClassVar[bool] = False
-    """Whether bodies are condensed onto their joints before a path. Its steps may then begin as
-    those of another path do."""
+    """Whether bodies are condensed onto their joints before a path. Its steps may then start from
+    the steps of another path."""
 
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10
@@ -211,7 +202,7 @@ class PreparedStructure:
 
     @cached_property
     def tightened(self) -> StepSolver:
-        """Solver of the structure whose bolts, if any, have given forces."""
+        """Solver of the structure with given forces of its bolts, if any."""
         return self.method.start(self.problem)
 
     @cached_property
@@ -222,12 +213,12 @@ class PreparedStructure:
 
 @dataclass(frozen=True, eq=False)
 class FollowedPath:
-    """A path that has been followed. All arrays are NaN from the first step that failed on.
+    """A solved path. All arrays are NaN from the first failed step on.
 
     Attributes
     ----------
     problem : CutProblem
-    start, end : JointState, before the first step, and after the last that converged
+    start, end : JointState, before the first step, and after the last step that converged
     result : Dataset, follows ``MACRO_RESULT``
     unknowns : ndarray, shape (steps, n), m
     slipping : ndarray, shape (steps, points), share of the pressure that slips in the step
@@ -261,7 +252,7 @@ def follow(
     near: FollowedPath | None = None,
     note: Callable[[int, JointState], object] | None = None,
 ) -> FollowedPath:
-    """Follow factors of the load cases, one row for each step, from rest or from a state.
+    """Follow factors of the load cases, a row for each step, from rest or from a state.
 
     Bolts are tightened where the first factor changes, and locked elsewhere. A path ends with its
     first failure.
@@ -271,18 +262,19 @@ def follow(
     prepared : PreparedStructure
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
     after : JointState, optional, the end of an earlier path, maybe under other loads
-    near : FollowedPath, optional, the same steps under other laws, as which steps may begin
+    near : FollowedPath, optional, the same steps under other laws, as initial guesses
     note : callable, optional
         Called as ``note(step, state)`` after every step that converged.
 
     Raises
     ------
     CaseError
-        If load factors do not fit the load cases, or do not tighten the bolts, or the state is of
-        another structure.
+        If load factors do not fit the load cases, or do not tighten the bolts, or the state belongs
+        to another structure.
     ConvergenceError
-        If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
+        If a step gains energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
     """
+    # check factors and state
     problem, method = prepared.problem, prepared.method
     factors, law, bolts = _load_factors(problem, load_factor), problem.law, problem.bolts
     if bolts and not np.all(factors[:, 0] > 0.0):
@@ -297,6 +289,8 @@ def follow(
             f"the earlier path has {sizes[0]} unknowns and {sizes[1]} points of joints, where the "
             f"structure has {expected[0]} and {expected[1]}; cut it as before"
         )
+
+    # first guesses, and forces of the bolts
     changes = near.changes() if near else []
     pulls = np.array([bolt.pull(problem.n) for bolt in bolts]).reshape(-1, problem.n)
     stiffness, preload = (
@@ -321,19 +315,19 @@ def follow(
             stretched = -stiffness * (pulls @ answer.unknowns)
             force = state.pull + stretched if locks else factor[0] * preload
             largest = max(largest, float(np.abs(force).max()))
-            loose = np.flatnonzero(force <= LOOSE * largest)
-            if loose.size:
-                names = " and ".join(bolts[place].name for place in loose)
+            unloaded = np.flatnonzero(force <= NO_FORCE * largest)
+            if unloaded.size:
+                names = " and ".join(bolts[place].name for place in unloaded)
                 reason = f"the load leaves {names} loose, as its force falls to zero; tighten it "
                 column |= {"converged": 0, "failure": f"{reason}harder, or lower the load"}
         elif locks:
-            parted = _say_parted(problem, factor, state.pressure, force)
-            column["failure"] = parted or column["failure"]
+            opened = _explain_opening(problem, factor, state.pressure, force)
+            column["failure"] = opened or column["failure"]
         columns.append(column | ({"bolt_force": force} if bolts else {}))
         if not column["converged"]:
             break
 
-        # commit it
+        # commit the step
         state, account = state.advance(law, answer.unknowns, answer.jump, answer.traction)
         if bolts and not locks:
             state = replace(state, tightening=float(factor[0]), pull=force - stretched)
@@ -348,40 +342,40 @@ def follow(
 
 
 def sliding_share(law: InterfaceLaw, jump: np.ndarray, account: Sliding) -> np.ndarray:
-    """Share of the pressure of every point whose contacts slip in a step."""
+    """Share of the pressure of every point that slips in a step."""
     reached = law.slipping_load(jump, account.state)
     return np.where(np.abs(reached - account.slipping) <= ALIKE, reached, account.slipping)
 
 
 def _load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.ndarray:
-    """One row of factors for each step, shape (steps, cases)."""
+    """Factors of each step in a row, shape (steps, cases)."""
     factors = np.asarray(load_factor, dtype=float)
     cases = problem.n_cases
     if factors.ndim < 2 and cases == 1:
         factors = factors.reshape(-1, 1)
     if factors.ndim != 2 or factors.shape[1] != cases or not np.isfinite(factors).all():
         raise CaseError(
-            f"load_factor must have one finite column for each of {cases} load cases, got shape "
+            f"load_factor must have a finite column for each of {cases} load cases, got shape "
             f"{np.shape(load_factor)}"
         )
     return factors
 
 
-def _say_parted(
+def _explain_opening(
     problem: CutProblem, factor: np.ndarray, pressure: np.ndarray, tension: np.ndarray
 ) -> str:
-    """Report a load that parts what bolts of given tensions, N, clamp; nothing if it does not."""
+    """Explain that a load opens faces clamped by bolts of given tensions, N; empty if not."""
     load = problem.load(factor)
     slide = find_slide(problem, load, pressure)
     if slide is None or slide.joints:
         return ""
-    component = np.concatenate([part.component for part in problem.substructures])
-    force = np.bincount(component, load, minlength=3)  # the pulls of bolts cancel each other
+    component = np.concatenate([each.component for each in problem.substructures])
+    force = np.bincount(component, load, minlength=3)  # the forces of bolts cancel
     along = ", ".join(f"{1e-3 * amount:.4g}" for amount in force)
     bolts = ", ".join(f"{1e-3 * amount:.4g}" for amount in tension)
     return (
         f"the load opens the faces that the bolts clamp: it is {along} kN along x, y and z, and "
-        f"the bolts hold {bolts} kN at the step before; tighten them harder, or lower the load"
+        f"the bolts carry {bolts} kN at the step before; tighten them harder, or lower the load"
     )
 
 
@@ -391,10 +385,11 @@ def _assemble_result(
     columns: list[dict[str, Any]],
     attributes: dict[str, int],
 ) -> Dataset:
-    """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN.
+    """Join the columns of all steps in a dataset after ``MACRO_RESULT``; failed steps are NaN.
 
     A path ends with its first failure: later steps have no column.
     """
+    # repeat the column of the failed step
     failure = columns[-1]["failure"]
     columns = [*columns, *[columns[-1] | NOT_TRIED] * (len(factors) - len(columns))]
     values: dict[str, Any] = {
@@ -406,6 +401,8 @@ def _assemble_result(
         values[name][values["converged"] == 0] = np.nan
     if factors.shape[1] == 1:
         values["load_factor"] = factors[:, 0]
+
+    # places of nodes and points
     values["position"] = problem.position
     if "jump" in values:
         values |= {

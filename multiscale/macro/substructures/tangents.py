@@ -1,4 +1,4 @@
-"""Stiffness of a structure against small changes of its loads, at a state of its path."""
+"""Tangent stiffness of a structure under its loads at a state of its path."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,13 +19,14 @@ from multiscale.numerics.factorisation import Solve, factorise
 __all__ = ["Tangents"]
 
 SMALL = 1e-8
-"""Change of the traction, relative to the largest pressure, that shows what slips."""
+"""Probing change of the traction, relative to the largest pressure, which decides which points
+slip."""
 
 SETTLED = 1e-7
-"""Change of tangents and work, relative to them, up to which they have settled."""
+"""Relative change of tangents and work at which they have converged."""
 
 DIRECT, ITERATIONS = 8, 60
-"""Solves after which ways are averaged, and their largest number."""
+"""Solves after which directions are averaged, and limit of solves."""
 
 
 class Tangents:
@@ -34,7 +35,7 @@ class Tangents:
     def __init__(self, problem: CutProblem) -> None:
         self.problem, self.whole = problem, assemble(problem)
         cases = list(range(problem.n_cases))
-        # locked bolts bear every load but the first, which tightens them
+        # bolts are locked under every load but the first, which tightens them
         self.structures = [(self.whole, cases)]
         if problem.bolts:
             locked = assemble(problem.with_locked_bolts())
@@ -42,21 +43,21 @@ class Tangents:
         self.factors = Factors()
 
     def work(self, state: JointState, rise: np.ndarray | None = None) -> np.ndarray:
-        r"""Work of each load at the factor one on the displacement that it makes by itself, J.
+        r"""Work of each load at the factor 1 on its displacement, J, shape (2, 3, cases).
 
-        The shape is (2, 3, cases): without slip, then with the sign by which each load rises, if
-        given; of loads, joints and bodies.
+        First axis: without slip; with slip under a rise of the load, by signs of the loads, if
+        given. Second axis: work of loads, joints and bodies.
 
         Notes
         -----
         With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights
-        :math:`w` and the jump :math:`B u`, bodies and interfaces stand in series,
+        :math:`w` and the jump :math:`B u`, bodies and interfaces are in series,
 
         .. math::
             f \cdot u = B u \cdot w k B u + u \cdot K u, \qquad (K + B^T w k B)\, u = f.    \tag{1}
 
-        The tangents are those at the jump reached or, if a load goes on, a little further along
-        :math:`B u`: a fixed point, since what sticks and what slips depends on u.
+        The tangents without slip are evaluated at the state, those with slip a little further along
+        :math:`B u`: a fixed-point problem, because sticking and slipping points depend on u.
         """
         work = np.full((2, 3, self.problem.n_cases), np.nan)
         for structure, cases in self.structures:
@@ -71,13 +72,13 @@ class Tangents:
             if rise is None:
                 continue
             for column, case in enumerate(cases):
-                work[1, :, case] = at.further(load[:, column], u[:, column], float(rise[case]))
+                work[1, :, case] = at.rise(load[:, column], u[:, column], float(rise[case]))
         return work
 
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A structure at a step of its path; tangential jumps count from there."""
+    """A structure at a step of its path; tangential jumps count from this step."""
 
     structure: Assembled
     law: SideBySide
@@ -86,7 +87,7 @@ class _Place:
 
     @cached_property
     def stuck(self) -> np.ndarray:
-        """Tangents of the laws with which no point slips, shape (3, 3, points), Pa/m."""
+        """Tangents of the laws without slip, shape (3, 3, points), Pa/m."""
         return self.law.respond(self.jump, self.law.unsheared(self.state)).tangent
 
     @property
@@ -95,7 +96,7 @@ class _Place:
         return bool(np.all(self.law.friction_limit(np.ones(self.structure.weight.size)) > 0.0))
 
     def stiffness(self, tangent: np.ndarray) -> csr_array:
-        """Stiffness of all joints of some tangents, N/m."""
+        """Stiffness of all joints for given tangents, N/m."""
         B = self.structure.jump
         blocks = [[diags_array(self.structure.weight * entry) for entry in row] for row in tangent]
         return csr_array(B.T @ csr_array(block_array(blocks, format="csr")) @ B)
@@ -103,7 +104,7 @@ class _Place:
     def solve(
         self, tangent: np.ndarray, load: np.ndarray, factorise: Callable[[csr_array], Solve]
     ) -> np.ndarray:
-        """Displacement under loads, m; where a load moves freely, a little stiffness is lent."""
+        """Displacement under loads, m; if the stiffness is singular, soft points get a little."""
         K = self.structure.stiffness
         whole = csr_array(K + self.stiffness(tangent))
         try:
@@ -111,33 +112,34 @@ class _Place:
         except MultiscaleError:
             lent = FLOOR * self.structure.resistance
             soft = np.abs(np.einsum("iip->ip", tangent)) < lent
-            held = self.stiffness(lent * np.eye(3)[:, :, None] * soft)
-            return factorise(csr_array(whole + held))(load)
+            support = self.stiffness(lent * np.eye(3)[:, :, None] * soft)
+            return factorise(csr_array(whole + support))(load)
 
     def works(self, tangent: np.ndarray, load: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Work of loads, joints and bodies, (1), J; infinite where what is lent bears a load."""
+        """Work of loads, joints and bodies, (1), J; infinite where lent stiffness carries loads."""
         work = _works(self.structure, self.stiffness(tangent), load, u)
         free = work[1] + work[2] < 0.5 * work[0]
         work[:2] = np.where(free, np.inf, work[:2])
         return work
 
-    def further(self, load: np.ndarray, ahead: np.ndarray, sign: float) -> np.ndarray:
-        """Work of one load, joints and bodies, J, from its displacement if nothing slips, m."""
+    def rise(self, load: np.ndarray, ahead: np.ndarray, sign: float) -> np.ndarray:
+        """Work of a rising load, joints and bodies, J, from its displacement without slip, m."""
         pressure = -self.law.respond(self.jump, self.state).traction[0].min(initial=0.0)
         tangent, u, last = self.stuck, ahead, np.inf
         most = SETTLED * np.abs(self.stuck).max(initial=0.0)
         for iteration in range(ITERATIONS):
+            # a small change of the jump along the displacement
             opened = (self.structure.jump @ ahead).reshape(self.jump.shape)
             change = np.abs(np.einsum("ijp,jp->ip", self.stuck, opened)).max(initial=0.0)
             small = sign * SMALL * pressure / change if change > 0.0 else 0.0
-            # what sticks, slips, loads and unloads along the way
+            # tangents of sticking, slipping, loading and unloading points
             now = self.law.respond(self.jump + small * opened, self.state).tangent
             work = float(load @ u)
             if np.abs(now - tangent).max(initial=0.0) <= most or abs(work - last) <= SETTLED * work:
                 return self.works(tangent, load, u)
+            # displacement with these tangents; averages stop cycling
             tangent, last = now, work
             u = self.solve(tangent, load, factorise)
-            # the mean of two ways, where they go round in circles
             ahead = u if iteration < DIRECT else 0.5 * (ahead + u)
         return np.full(3, np.nan)
 

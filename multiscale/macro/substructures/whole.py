@@ -1,11 +1,12 @@
-r"""The structure in one piece: assembled, condensed onto what its joints touch, and solved.
+r"""The whole structure: assembled, condensed onto the unknowns of its joints, and solved.
 
-With the kept unknowns b of a substructure and those inside it, i, a displacement under loads is
+With the boundary unknowns b and the inside unknowns i of a substructure, a displacement under loads
+of factors :math:`\lambda` is
 
 .. math:: u_i = -K_{ii}^{-1} K_{ib} u_b + K_{ii}^{-1} f_i \lambda,    \tag{1}
 
 so that constraint modes and modes of the loads span it for all laws of the joints and forces of the
-bolts. Modes of both kinds do no work on each other.
+bolts. Both kinds of modes are orthogonal in energy.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,11 +40,11 @@ __all__ = [
 ]
 
 DENSE = 1500
-"""Kept unknowns up to which bodies are condensed onto them: every Newton step then factorises a
-full matrix of this size in place of the sparse one of the whole."""
+"""Boundary unknowns up to which bodies are condensed: every Newton step then factorises a dense
+matrix of this size in place of the sparse matrix of the whole."""
 
 SAME = 1e-12
-"""Work of a combination of loads on itself, relative to the work of each, that is rounding."""
+"""Eigenvalue of the work of normalised loads on each other up to which it is rounding."""
 
 UNMOVED = 3
 """Component of unknowns that do not move with a rigid body."""
@@ -51,17 +52,17 @@ UNMOVED = 3
 
 @dataclass(frozen=True, eq=False)
 class CondensedProblem:
-    """A problem of few unknowns, and the way back.
+    """A problem of few unknowns, and the transformation to the whole problem.
 
     Attributes
     ----------
     whole, small : CutProblem
-        The same joints and bolts; every unknown of the small one is a node, along x. Both are
-        one object where nothing is condensed.
+        Both have the same joints and bolts; every unknown of the small problem is a node, along x.
+        They are the same object if nothing is condensed.
     insides : sequence of CondensedStiffness, of each substructure
     modes : sequence of ndarray, shape (unknowns inside, modes)
-        Displacement inside each substructure by the modes of its loads, which follow the kept
-        unknowns, dimensionless.
+        Displacement inside each substructure by the modes of its loads, dimensionless. Their
+        amplitudes follow the boundary unknowns.
     """
 
     whole: CutProblem
@@ -70,37 +71,37 @@ class CondensedProblem:
     modes: Sequence[np.ndarray] = ()
 
     def keep(self, u: np.ndarray) -> np.ndarray:
-        """Unknowns of the small problem, shape (small.n,), from all of them, (whole.n,), m."""
+        """Unknowns of the small problem, shape (small.n,), from the whole, (whole.n,), m."""
         if self.small is self.whole:
             return u
         small = np.zeros(self.small.n)
-        for large, part, inside, modes in self._parts():
+        for large, reduced, inside, modes in self._substructures():
             moved, k = u[large.unknown], large.stiffness.diagonal().mean()
             amplitude = modes.T @ (large.stiffness @ moved)[inside.split.inside] / k
-            small[part.unknown] = np.concatenate([moved[inside.split.edge], amplitude])
+            small[reduced.unknown] = np.concatenate([moved[inside.split.edge], amplitude])
         return small
 
     def expand(self, small: np.ndarray) -> np.ndarray:
-        """All unknowns, shape (whole.n, ...), from the unknowns of the small problem, m."""
+        """Unknowns of the whole, shape (whole.n, ...), from the small problem, m."""
         if self.small is self.whole:
             return small
         u = np.zeros((self.whole.n, *small.shape[1:]))
-        for large, part, inside, modes in self._parts():
+        for large, reduced, inside, modes in self._substructures():
             split = inside.split
-            edge, amplitude = np.split(small[part.unknown], [split.edge.size])
+            edge, amplitude = np.split(small[reduced.unknown], [split.edge.size])
             u[large.unknown[split.edge]] = edge
             u[large.unknown[split.inside]] = modes @ amplitude - inside.solve(inside.back @ edge)
         return u
 
     def with_loads(self, load: np.ndarray) -> "CondensedProblem":
-        """Return the problem with further load cases, shape (whole.n, cases), N, after its own."""
+        """Return the problem with additional load cases at the end, shape (whole.n, cases), N."""
         whole = self.whole
         share = load / whole.shares[:, None]
-        parts = [
-            replace(part, load=np.column_stack([part.load, share[part.unknown]]))
-            for part in whole.substructures
+        substructures = [
+            replace(each, load=np.column_stack([each.load, share[each.unknown]]))
+            for each in whole.substructures
         ]
-        problem = replace(whole, substructures=tuple(parts))
+        problem = replace(whole, substructures=tuple(substructures))
         condensed = self.small is not whole
         return _reduce(problem, self.insides) if condensed else CondensedProblem(problem, problem)
 
@@ -118,10 +119,10 @@ class CondensedProblem:
             node=range(len(self.whole.position))
         )
 
-    def _parts(self) -> Iterator[tuple[Any, ...]]:
-        """Each substructure, large and small, its condensation, and its modes."""
-        parts = self.whole.substructures, self.small.substructures
-        return zip(*parts, self.insides, self.modes, strict=True)
+    def _substructures(self) -> Iterator[tuple[Any, ...]]:
+        """Iterate over substructures, whole and condensed, their condensations and modes."""
+        both = self.whole.substructures, self.small.substructures
+        return zip(*both, self.insides, self.modes, strict=True)
 
 
 def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
@@ -130,7 +131,7 @@ def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
     Raises
     ------
     CaseError
-        If a law is one of rigid contact, which has no stiffness, or as :func:`cut_assembly`.
+        If a law is rigid contact, which has no stiffness, or as :func:`cut_assembly`.
     """
     if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
@@ -142,60 +143,70 @@ def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
 
 def condense_problem(
     problem: CutProblem,
-    kept: Sequence[int] = (),
+    boundary: Sequence[int] = (),
     *,
     largest: int | None = None,
     insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
-    """Condense each substructure, unless joints are missing or too many unknowns would be kept."""
-    parts, wanted = problem.substructures, problem.shares > 1.0
-    wanted[[*kept, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
-    keeps = [wanted[part.unknown] for part in parts]
+    """Condense each substructure onto shared unknowns, joints, bolts and given unknowns.
+
+    The problem stays as it is without joints, or if that would keep too many unknowns.
+    """
+    # boundary unknowns of the structure, then of each substructure
+    substructures, shared = problem.substructures, problem.shares > 1.0
+    shared[[*boundary, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
+    edges = [shared[substructure.unknown] for substructure in substructures]
     for joint in problem.joints:
         for side, trace in zip(joint.sides, joint.trace, strict=True):
-            keeps[side][trace.indices] = True
-    left = np.unique(
-        np.concatenate([part.unknown[keep] for part, keep in zip(parts, keeps, strict=True)])
-    )
-    little = problem.n - left.size <= problem.n_cases * len(parts)  # modes may be as many
-    if not problem.joints or left.size > (DENSE if largest is None else largest) or little:
+            edges[side][trace.indices] = True
+    size = _boundary_unknowns(problem, edges).size
+    little = problem.n - size <= problem.n_cases * len(substructures)  # modes may be as many
+    if not problem.joints or size > (DENSE if largest is None else largest) or little:
         return CondensedProblem(problem, problem)
     insides = insides or [
-        condense_body(part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure")
-        for part, keep in zip(parts, keeps, strict=True)
+        condense_body(each.stiffness, np.flatnonzero(edge), name="the stiffness of the structure")
+        for each, edge in zip(substructures, edges, strict=True)
     ]
     return _reduce(problem, insides)
 
 
+def _boundary_unknowns(problem: CutProblem, edges: Sequence[np.ndarray]) -> np.ndarray:
+    """Unknowns of the structure that are boundary unknowns of a substructure, rising."""
+    pairs = zip(problem.substructures, edges, strict=True)
+    return np.unique(np.concatenate([each.unknown[edge] for each, edge in pairs]))
+
+
 def _reduce(problem: CutProblem, insides: Sequence[CondensedStiffness]) -> CondensedProblem:
-    """Put the condensed substructures and the modes of their loads together."""
-    parts = problem.substructures
+    """Assemble the problem of the condensed substructures and the modes of their loads."""
+    # number the boundary unknowns
     edges = [inside.split.edge for inside in insides]
-    left = np.unique(
-        np.concatenate([part.unknown[edge] for part, edge in zip(parts, edges, strict=True)])
-    )
+    boundary = _boundary_unknowns(problem, edges)
     number = np.full(problem.n, -1)
-    number[left] = np.arange(left.size)
-    modes, small, last = [], [], left.size
-    for part, edge, inside in zip(parts, edges, insides, strict=True):
-        motion, load = _load_modes(inside, part)
-        stiffness = [inside.blocks[0], np.eye(load.shape[0]) * part.stiffness.diagonal().mean()]
+    number[boundary] = np.arange(boundary.size)
+
+    # condensed substructures, with the amplitudes of the modes as further unknowns
+    modes, small, last = [], [], boundary.size
+    for large, edge, inside in zip(problem.substructures, edges, insides, strict=True):
+        motion, load = _load_modes(inside, large)
+        stiffness = [inside.blocks[0], np.eye(load.shape[0]) * large.stiffness.diagonal().mean()]
         new = last + np.arange(load.shape[0])
         last += new.size
-        nowhere = np.tile(part.position.mean(axis=0), (new.size, 1))
+        centre = np.tile(large.position.mean(axis=0), (new.size, 1))
         small.append(
             Substructure(
                 on_diagonal(stiffness),
-                np.concatenate([inside.reduce(part.load), load]),
-                np.concatenate([number[part.unknown[edge]], new]),
-                np.concatenate([part.position[edge], nowhere]),
-                np.concatenate([part.component[edge], np.full(new.size, UNMOVED)]),
+                np.concatenate([inside.reduce(large.load), load]),
+                np.concatenate([number[large.unknown[edge]], new]),
+                np.concatenate([large.position[edge], centre]),
+                np.concatenate([large.component[edge], np.full(new.size, UNMOVED)]),
             )
         )
         modes.append(motion)
+
+    # nodes, joints and bolts
     position = np.zeros((last, 3))
-    for part in small:
-        position[part.unknown] = part.position
+    for reduced in small:
+        position[reduced.unknown] = reduced.position
     place = np.full((last, 3), -1)
     place[:, 0] = np.arange(last)
     joints = tuple(
@@ -211,38 +222,40 @@ def _reduce(problem: CutProblem, insides: Sequence[CondensedStiffness]) -> Conde
     bolts = tuple(
         replace(bolt, unknown=tuple(number[list(bolt.unknown)].tolist())) for bolt in problem.bolts
     )
-    reduced = CutProblem(tuple(small), position, expand_numbers(place), joints, bolts)
-    return CondensedProblem(problem, reduced, insides, modes)
+    condensed = CutProblem(tuple(small), position, expand_numbers(place), joints, bolts)
+    return CondensedProblem(problem, condensed, insides, modes)
 
 
-def _load_modes(condensed: CondensedStiffness, part: Substructure) -> tuple[np.ndarray, np.ndarray]:
+def _load_modes(
+    condensed: CondensedStiffness, substructure: Substructure
+) -> tuple[np.ndarray, np.ndarray]:
     """Modes of the loads inside, (inside, modes), and the forces of the loads on them, N.
 
     Each mode has the mean stiffness of the unknowns of the substructure.
     """
-    force = part.load[condensed.split.inside]
+    force = substructure.load[condensed.split.inside]
     moved = condensed.solve(force)
     work = force.T @ moved
     size = np.sqrt(work.diagonal())
     acts = size > 0.0
     share, vector = np.linalg.eigh(work[np.ix_(acts, acts)] / np.outer(size[acts], size[acts]))
     vector = vector[:, share > SAME] / size[acts, None] / np.sqrt(share[share > SAME])
-    vector *= np.sqrt(part.stiffness.diagonal().mean())
+    vector *= np.sqrt(substructure.stiffness.diagonal().mean())
     return moved[:, acts] @ vector, vector.T @ work[acts]
 
 
 def _extend(trace: csr_array, edge: np.ndarray, n: int) -> csr_array:
-    """Trace of the kept unknowns, among all of the small substructure."""
+    """Trace of the boundary unknowns in the n unknowns of a condensed substructure."""
     few = csr_array(trace[:, edge])
     return csr_array((few.data, few.indices, few.indptr), shape=(few.shape[0], n))
 
 
 def assemble(problem: CutProblem) -> Assembled:
-    """Add up the substructures of a problem.
+    """Assemble the substructures of a problem.
 
     Parameters
     ----------
-    problem : CutProblem, its links, if any, are left out
+    problem : CutProblem, without its links, if any
 
     Examples
     --------
@@ -254,14 +267,14 @@ def assemble(problem: CutProblem) -> Assembled:
     >>> assemble(cut_assembly(Assembly((body,)), (2, 1))).stiffness.shape
     (36, 36)
     """
-    parts, n = problem.substructures, problem.n
-    place = _placement(np.concatenate([part.unknown for part in parts]), n)
-    K = place.T @ on_diagonal(part.stiffness for part in parts) @ place
-    load = place.T @ np.concatenate([part.load for part in parts])
+    substructures, n = problem.substructures, problem.n
+    place = _placement(problem.numbers, n)
+    K = place.T @ on_diagonal(each.stiffness for each in substructures) @ place
+    load = place.T @ np.concatenate([each.load for each in substructures])
     jumps = []
     for joint in problem.joints:
         first, second = (
-            trace @ _placement(parts[side].unknown, n)
+            trace @ _placement(substructures[side].unknown, n)
             for side, trace in zip(joint.sides, joint.trace, strict=True)
         )
         jumps.append(csr_array(second - first))
@@ -269,14 +282,14 @@ def assemble(problem: CutProblem) -> Assembled:
 
 
 def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
-    """Join the normal jumps of all joints, then each tangential one, from n unknowns."""
-    parts = [(jump, jump.shape[0] // 3) for jump in jumps]
-    blocks = [jump[k * size : (k + 1) * size] for k in range(3) for jump, size in parts]
+    """Stack the normal jumps of all joints, then both tangential jumps, from n unknowns."""
+    sized = [(jump, jump.shape[0] // 3) for jump in jumps]
+    blocks = [jump[k * size : (k + 1) * size] for k in range(3) for jump, size in sized]
     return csr_array(vstack([csr_array((0, n)), *blocks]))
 
 
 def _placement(unknown: np.ndarray, n: int) -> csr_array:
-    """Pick some unknowns out of all n unknowns of the structure."""
+    """Select some of the n unknowns of the structure."""
     return csr_array((np.ones(unknown.size), (np.arange(unknown.size), unknown)), (unknown.size, n))
 
 
@@ -284,7 +297,7 @@ def _placement(unknown: np.ndarray, n: int) -> csr_array:
 class AssembledNewton(Method):
     """Newton's method on the whole, uncut: the fastest where its factors fit into memory.
 
-    It takes all laws but rigid contact, on one process; see :func:`solve_whole`.
+    It supports all laws but rigid contact, on one process; see :func:`solve_whole`.
     """
 
     name: ClassVar[str] = "Newton's method on the whole"
@@ -300,38 +313,38 @@ def solve_whole(
     load_factor: float | np.ndarray = 1.0,
     **options: Any,
 ) -> Dataset:
-    """Solve elastic bodies in one piece, with the same answer for every cut.
+    """Solve elastic bodies as an uncut whole; the result does not depend on the cut.
 
     Parameters
     ----------
     problem, load_factor
-        As of :func:`solve_latin`; :func:`multiscale.macro.solve_static` takes links.
+        As in :func:`solve_latin`; :func:`multiscale.macro.solve_static` is for links.
     options
-        Of :class:`AssembledNewton`; see :func:`~multiscale.macro.monolithic.solve_interface`.
+        Parameters of :class:`AssembledNewton`; see
+        :func:`~multiscale.macro.monolithic.solve_interface`.
 
     Returns
     -------
-    Dataset, as of :func:`solve_latin`
+    Dataset, as from :func:`solve_latin`
 
     Raises
     ------
     CaseError
-        If load factors do not fit the load cases, there are links, or a joint is one of rigid
-        contact.
+        If load factors do not fit the load cases, there are links, or a joint has rigid contact.
     """
     return AssembledNewton(**options).solve(problem, load_factor)
 
 
 class _WholeSolver:
-    """Newton's method on a structure whose bodies are condensed onto its joints, if few."""
+    """Newton's method on a structure, with bodies condensed onto its joints if these are few."""
 
     def __init__(self, problem: CutProblem, method: AssembledNewton) -> None:
         if problem.n_links:
-            raise CaseError("links are not solved as bodies in one piece; solve_static takes them")
+            raise CaseError("bodies must not have links; solve_static is for structures of links")
         if not all(joint.law and joint.law.compliant for joint in problem.joints):
             raise CaseError(
-                "a joint needs a law that gives the traction of a jump; solve_latin takes rigid "
-                "contact as well"
+                "a joint needs a law that gives the traction of a jump; solve_latin supports rigid "
+                "contact"
             )
         self.problem, self.method = problem, method
         self.bodies = condense_problem(problem)
@@ -344,7 +357,7 @@ class _WholeSolver:
         factor: np.ndarray,
         near: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> StepAnswer:
-        """Solve a step as the path that is near, else from where this one stands."""
+        """Solve a step from the change in a near path, else from the committed state."""
         clock, law = perf_counter(), self.problem.law
         starts = [(state.unknowns, state.jump)]
         if near is not None:

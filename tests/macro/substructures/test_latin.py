@@ -246,7 +246,7 @@ def test_a_cut_bar_of_a_porous_solid_stretches_and_shears_with_its_whole_complia
 
 
 def test_bad_cuts_are_refused(grid):
-    with pytest.raises(CaseError, match="one entry per link"):
+    with pytest.raises(CaseError, match="owner must have an entry for each link"):
         cut_links(grid, np.zeros(3, dtype=int))
     owner = np.zeros(grid.n_links, dtype=int)
     owner[:] = 2 * (split_grid(grid, (2, 2)) == 3)

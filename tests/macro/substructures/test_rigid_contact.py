@@ -151,7 +151,7 @@ def test_pressed_blocks_without_a_gap_are_one_block():
 
 def test_rigid_contact_is_refused_where_a_jump_must_tell_the_traction():
     law = RigidContact(0.3)
-    with pytest.raises(CaseError, match="solve_latin takes rigid contact"):
+    with pytest.raises(CaseError, match="solve_latin supports rigid contact"):
         solve_schur(console(law, 1))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(E, 0.0)] * 2, [law])
     with pytest.raises(CaseError, match="rigid contact has no stiffness to measure"):

@@ -108,7 +108,7 @@ def test_condensation_solves_a_system_that_is_not_symmetric():
 def test_preconditioned_eigenvalues_lie_between_one_and_a_small_number(parts):
     method = NewtonSchur().start(thin_plate(parts))
     matrix = method.stack.matrix(np.zeros(0), None)
-    condensed = condense(matrix, method.parts, Factors())
+    condensed = condense(matrix, method.split, Factors())
     schur = method.layout.gather(condensed.blocks)
     nothing, coarse = np.zeros(method.layout.shared.shape), Factors()
     balancing = prepare_balancing(method.layout, schur, nothing, coarse)
@@ -141,4 +141,4 @@ def test_linear_systems_left_unfinished_are_told(monkeypatch):
     monkeypatch.setattr("multiscale.macro.substructures.schur.KRYLOV", 1)
     result = solve_schur(thin_plate(4), max_iterations=3)
     assert result.converged == 0
-    assert "3 of its linear systems were left unfinished after 1 iterations" in result.failure
+    assert "3 of its linear systems did not converge in 1 iterations" in result.failure
