@@ -16,11 +16,12 @@ GROUND = (None, None)
 """Body and boundary of the first side of an interface with the rigid ground."""
 
 NEAR, FINE = 3.0, 0.1
-"""Distance from a defined point of a map, in its spacings and relative to the size of an interface,
-up to which it covers a place."""
+"""Largest distance of the interface from defined points of a map, in spacings of the map and
+relative to the size of the interface."""
 
 PLAUSIBLE = 0.02
-"""Largest range of a gap relative to the size of the interface; more is another unit."""
+"""Largest range of a gap relative to the size of the interface; a larger range suggests a wrong
+unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class GapMap:
     Raises
     ------
     CaseError
-        If it has fewer than three defined points.
+        If the map has fewer than three defined points.
     """
 
     position: np.ndarray
@@ -62,12 +63,13 @@ class GapMap:
         Raises
         ------
         CaseError
-            If the map does not cover the interface, by its extents or by undefined points, or its
-            gap is too large for the interface, as in another unit.
+            If the map does not cover the interface, because of its extents or undefined points, or
+            its gap is too large for the interface, which suggests a wrong unit.
         """
         from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
         from scipy.spatial import cKDTree
 
+        # places in the plane of the interface, and coverage by defined points
         axes = np.sort(np.argsort(np.ptp(place, axis=0))[1:])
         x, defined = place[:, axes], np.isfinite(self.gap)
         points = self.position[defined]
@@ -80,6 +82,8 @@ class GapMap:
                 f"{_extents(points)}, and the interface {_extents(x)}; give a map of the whole "
                 f"interface in the coordinates of the structure, and its unit"
             )
+
+        # linear inside the map, nearest point at its edge
         values = self.gap[defined]
         gap = LinearNDInterpolator(points, values)(x)
         gap = np.where(np.isnan(gap), NearestNDInterpolator(points, values)(x), gap)
@@ -103,9 +107,9 @@ class Interface:
 
     Where the nodes of the boundaries do not match, or elements are of second order, the law acts on
     averages of the jump about the corners of the facets of side 2 (of side 1 where the facets of
-    side 2 are more than four times as large), so that a patch under even stress is exact. Of
-    boundaries that do not match, at least half of the smaller one must lie on the other: of plates
-    that lap, the parts that meet are separate boundaries.
+    side 2 are more than four times as large), so that a patch under uniform stress is exact. If the
+    boundaries do not match, at least half of the smaller boundary must lie on the other: plates
+    that overlap need a separate boundary for the overlap.
 
     Attributes
     ----------
@@ -115,8 +119,8 @@ class Interface:
     boundaries : tuple of str, name of the boundary in each body; None of the ground
     law : InterfaceLaw, of any kind: frictionless, with sliders, hysteretic, damaged, rigid
     quadrature_order : int, optional
-        The law acts at Gauss points that integrate this degree exactly, of boundaries that match;
-        at nodes or averages if not given, where the tractions of stiff laws do not oscillate.
+        On matching boundaries the law acts at Gauss points that integrate this degree exactly; at
+        nodes or averages if not given, where the tractions of stiff laws do not oscillate.
     gap : GapMap, optional, initial gap in addition to the gap of the law
     """
 
@@ -136,19 +140,18 @@ class Assembly:
     bodies : sequence of Body, linear elastic, in three dimensions, with supports that do not move
     interfaces : sequence of Interface, laws between the bodies
     times : sequence of float, default (1.0,)
-        One load case for each: the tractions of the bodies and the forces of the platens at that
+        A load case for each: the tractions of the bodies and the forces of the platens at that
         time.
     areas : sequence of float, optional
-        Of the face on which each load case acts, m²; where displacements of loaded faces are
-        wanted, as in :func:`~multiscale.macro.substructures.load_joint`.
+        Areas of the loaded faces of all load cases, m², for displacements of loaded faces as in
+        :func:`~multiscale.macro.substructures.load_joint`.
     platens : sequence of Platen, rigid plates on the bodies
     bolts : sequence of Bolt
-        Their tightening, all together, is a load case before the others: steps that change its
-        factor tighten, or loosen, the bolts to that factor times their preloads, and steps that
-        keep it find them locked.
+        The first load case tightens them together: steps that change its factor tighten, or
+        loosen, the bolts to that factor times their preloads; in other steps they are locked.
     sections : sequence of BoltSection
-        Cuts through bolts that are meshed, tightened by the same load case; their tension does
-        not change with other loads.
+        Cuts through meshed bolts, tightened by the same load case; their tension does not change
+        with other loads.
 
     Raises
     ------
@@ -176,10 +179,10 @@ class Assembly:
         shanks: list[Bolt | BoltSection] = [*self.bolts, *self.sections]
         for i, bolt in enumerate(shanks):
             named += [(f"bolt {i}", *end) for end in zip(bolt.sides, bolt.boundaries, strict=True)]
-        for part, body, boundary in named:
+        for name, body, boundary in named:
             if body is None or boundary is None or not 0 <= body < len(self.bodies):
                 raise CaseError(
-                    f"{part} names body {body}; there are {len(self.bodies)}, counted from 0"
+                    f"{name} names body {body}; there are {len(self.bodies)}, counted from 0"
                 )
             self.bodies[body].check_boundary(boundary)
         for bolt in self.bolts:
@@ -187,5 +190,5 @@ class Assembly:
         cases = len(self.times) + bool(self.bolts or self.sections)
         if self.areas and len(self.areas) != cases:
             raise CaseError(
-                f"areas must be one for each of {cases} load cases, got {len(self.areas)}"
+                f"areas must have an entry for each of {cases} load cases, got {len(self.areas)}"
             )

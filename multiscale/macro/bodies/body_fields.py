@@ -1,4 +1,4 @@
-"""What the elements of bodies feel: stress and strain energy from the displacement."""
+"""Stress and strain energy of the elements of bodies from the displacement."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -23,10 +23,10 @@ def add_body_fields(
     Parameters
     ----------
     result : Dataset
-        Follows ``MACRO_RESULT``: what a solver has given for :func:`cut_assembly` of these bodies.
+        Follows ``MACRO_RESULT``: solution of :func:`cut_assembly` of these bodies.
     bodies : sequence of Body, elastic, all of tetrahedra or all of hexahedra
     damage : sequence of float
-        Damage of every body, to be kept with its elements; their laws have it already.
+        Damage of every body, to be stored with its elements; their laws already contain it.
 
     Returns
     -------
@@ -37,11 +37,11 @@ def add_body_fields(
     Raises
     ------
     CaseError
-        If the result is not one of these bodies, or their elements are of two kinds.
+        If the result belongs to other bodies, or their elements are of two kinds.
 
     Notes
     -----
-    The stress of an element is the mean over its volume; of its deviator :math:`s` the
+    The stress of an element is the mean over its volume; with its deviator :math:`s` the
     equivalent stress is :math:`\sqrt{3/2}\, |s|`. The density is the mean of
     :math:`\sigma : \nabla u / 2`.
     """
@@ -66,7 +66,7 @@ def add_body_fields(
 
 
 def list_elements(bodies: Sequence[Body]) -> dict[str, np.ndarray]:
-    """Return ``corners`` and ``element_body`` of ``MACRO_RESULT``, of bodies one after the other.
+    """Return ``corners`` and ``element_body`` of ``MACRO_RESULT`` for bodies in turn.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def list_elements(bodies: Sequence[Body]) -> dict[str, np.ndarray]:
         If their elements are of two kinds.
     """
     if len({body.mesh.t.shape[0] for body in bodies}) > 1:
-        raise CaseError("the bodies have elements of two kinds; mesh all by one kind")
+        raise CaseError("the bodies have elements of two kinds; mesh all with the same kind")
     first = np.cumsum([0, *(body.basis.N for body in bodies)])
     count = [body.mesh.t.shape[1] for body in bodies]
     corners = [element_corners(body) + start for body, start in zip(bodies, first, strict=False)]
@@ -95,7 +95,7 @@ def element_stress(body: Body, displacement: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (steps, elements, 6)
-        xx, yy, zz, yz, xz, xy, Pa. An element bears its ``share`` of it.
+        xx, yy, zz, yz, xz, xy, Pa. The ``share`` of an element multiplies it.
     """
     stress = np.stack([_mean_fields(body, u)[0] for u in displacement])
     i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T

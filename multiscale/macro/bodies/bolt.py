@@ -1,4 +1,4 @@
-"""Rigid plates, and bolts: two rigid washers with an elastic shank, or a shank that is meshed."""
+"""Rigid plates, and bolts: two rigid washers with an elastic shank, or a meshed shank."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,18 +12,18 @@ from multiscale.macro.continuum.body import Body, Value
 __all__ = ["Bolt", "BoltSection", "Platen", "shank_stiffness"]
 
 ASIDE = 0.01
-"""Distance of the middles of both washers across the axis, relative to their size, and share of a
-normal across it, that are rounding of the mesh."""
+"""Misalignment up to which washers are opposite: distance of their centres across the axis relative
+to their size, and 1 less the cosine of their normals to the axis."""
 
 
 @dataclass(frozen=True)
 class Platen:
     """A rigid plate on a boundary of a body, which moves along one axis and may tilt.
 
-    Along the other axes the nodes of the boundary are free, or held by the supports of the body. A
-    plate that is guided has one unknown, its displacement. One that tilts has three, which are its
-    displacements at its middle and at the ends of its half-lengths along the two other axes, so
-    that they move with a rigid body as the displacements of nodes do.
+    Along the other axes the nodes of the boundary are free, or fixed by supports of the body. The
+    unknown of a guided plate is its displacement. A tilting plate has three unknowns, the
+    displacements of its centre and of the ends of its half-lengths along the two other axes, so
+    that they transform in rigid motions as displacements of nodes do.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Platen:
     boundary : str
     force : float or callable, along the axis, N; in the form of the tractions of a body
     point : tuple of float, optional
-        Where the force acts, m: the plate tilts freely. It is guided if not given.
+        Point of action of the force, m: the plate tilts freely. It is guided if not given.
     axis : int, default 2, along which it moves
     """
 
@@ -42,7 +42,7 @@ class Platen:
     axis: int = 2
 
     def positions(self, body: Body) -> np.ndarray:
-        """Points of the plate whose displacements along the axis are its unknowns, (3, k), m."""
+        """Points of the unknowns of the plate, displacements along the axis, (3, k), m."""
         nodes = body.basis.doflocs[:, body.nodes(self.boundary)]
         low, high = nodes.min(axis=1), nodes.max(axis=1)
         middle = 0.5 * (low + high)
@@ -53,7 +53,7 @@ class Platen:
         return np.column_stack([middle, middle + ends[0], middle + ends[1]])
 
     def motion(self, body: Body, position: np.ndarray) -> np.ndarray:
-        """Displacement along the axis that its unknowns give to points (3, m), shape (m, k)."""
+        """Displacement along the axis of points (3, m) from the unknowns, shape (m, k)."""
         unknowns = self.positions(body)
         if self.point is None:
             return np.ones((position.shape[1], 1))
@@ -63,7 +63,7 @@ class Platen:
         return np.asarray(np.column_stack([1.0 - tilts.sum(axis=1), tilts]))
 
     def arm(self, body: Body) -> np.ndarray:
-        """Displacement of the force that its unknowns give, shape (k,)."""
+        """Displacement of the point of the force from the unknowns, shape (k,)."""
         at = self.positions(body)[:, 0] if self.point is None else np.array(self.point)
         return np.asarray(self.motion(body, at[:, None])[0])
 
@@ -77,20 +77,20 @@ class Bolt:
 
     .. math:: N = F + k (\delta - \delta_0)    \tag{1}
 
-    follows the distance :math:`\delta` of the washers from where they were when it was locked.
+    follows the distance :math:`\delta` of the washers and its value :math:`\delta_0` at locking.
 
     Parameters
     ----------
     sides : tuple of int, the bodies under head and nut
     boundaries : tuple of str
-        Plane faces under the washers, whose normals point away from each other along x, y or z.
+        Plane faces under the washers, with normals away from each other along x, y or z.
     stiffness : float, axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`
-    preload : float, force :math:`F` at the factor one of the tightening, N
+    preload : float, force :math:`F` at the factor 1 of the tightening, N
 
     Raises
     ------
     CaseError
-        If stiffness or preload are not positive, or both sides are one body.
+        If stiffness or preload are not positive, or both sides are the same body.
     """
 
     sides: tuple[int, int]
@@ -105,8 +105,8 @@ class Bolt:
             )
         if self.sides[0] == self.sides[1]:
             raise CaseError(
-                f"a bolt between two faces of body {self.sides[0]} clamps nothing; give a face of "
-                f"another body to one side"
+                f"a bolt between two faces of body {self.sides[0]} clamps nothing; choose faces of "
+                f"two bodies"
             )
         if not 0.0 < self.preload < np.inf:
             raise CaseError(
@@ -120,13 +120,14 @@ class Bolt:
         return f"the bolt from {' to '.join(bodies[k].face_name(face, k) for k, face in ends)}"
 
     def washers(self, bodies: Sequence[Body]) -> tuple[Platen, Platen]:
-        """Rigid plates under the bolt, along its axis the first one first.
+        """Rigid plates under the bolt, in the order of their positions along its axis.
 
         Raises
         ------
         CaseError
             If the washers are not opposite each other.
         """
+        # centres and normals of both faces, in the order along the axis
         washers = []
         for body, name in zip(self.sides, self.boundaries, strict=True):
             face = face_of(bodies[body].mesh, name)
@@ -137,14 +138,16 @@ class Bolt:
         axis = int(np.argmax(np.abs(apart)))
         if apart[axis] < 0.0:
             washers.reverse()
+
+        # distance of the centres across the axis, and directions of the normals
         aside = float(np.linalg.norm(np.delete(apart, axis)))
         (_, down, size, *_), (_, up, other, *_) = washers
         facing = [0.0 - down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
         if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
             raise CaseError(
-                f"{self.name(bodies)} goes through nothing: its washers must look away from each "
+                f"{self.name(bodies)} goes through nothing: its washers must face away from each "
                 f"other along {'xyz'[axis]} (cosines {facing[0]:.2g} and {facing[1]:.2g}) and lie "
-                f"above each other (middles {aside:.2g} m aside)"
+                f"above each other (centres {aside:.2g} m aside)"
             )
         first, second = (
             Platen(body, name, 0.0, tuple(middle.tolist()), axis)
@@ -158,24 +161,24 @@ class BoltSection:
     r"""Cut across the meshed shank of a bolt, where its force acts.
 
     With the mean :math:`\bar u_1` of the displacement along the axis over the nodes of side 1, and
-    the displacement s of the middle of side 2, the nodes of side 2 move as the nodes of side 1, but
+    the displacement s of the centre of side 2, the nodes of side 2 move as the nodes of side 1, but
     along the axis by
 
     .. math:: u_2 = u_1 - \bar u_1 + s.    \tag{1}
 
-    The tension pulls s and :math:`\bar u_1` together and stays as it is: the bolt bends and shears
+    The tension pulls s and :math:`\bar u_1` together and is constant: the bolt bends and shears
     with the bodies, and does not resist their change of thickness.
 
     Parameters
     ----------
     sides : tuple of int, the bodies
-    boundaries : tuple of str, plane faces of the cut, across x, y or z, whose nodes match
-    preload : float, tension at the factor one of the tightening, N
+    boundaries : tuple of str, plane faces of the cut, across x, y or z, with matching nodes
+    preload : float, tension at the factor 1 of the tightening, N
 
     Raises
     ------
     CaseError
-        If both sides are one body, or the preload is not positive.
+        If both sides are the same body, or the preload is not positive.
     """
 
     sides: tuple[int, int]
@@ -190,9 +193,9 @@ class BoltSection:
             )
 
     def nodes(self, bodies: Sequence[Body]) -> tuple[np.ndarray, np.ndarray, int, float]:
-        """Find the nodes of both sides at the same places, and the axis across the cut.
+        """Return matching nodes of both sides, the axis, and the direction of the normal of side 2.
 
-        The last is 1 if side 2 looks along the axis, else -1.
+        The direction is 1 along the axis, else -1.
 
         Raises
         ------
@@ -214,7 +217,7 @@ class BoltSection:
                 f"the cut through a bolt, {lower.face_name(self.boundaries[0], self.sides[0])} and "
                 f"{upper.face_name(self.boundaries[1], self.sides[1])}, has {first.size} and "
                 f"{second.size} nodes up to {max(apart.max(), extent[axis]):.2g} m apart; mesh "
-                f"both faces alike, in one plane across an axis"
+                f"both faces alike, in a plane across an axis"
             )
         face = face_of(upper.mesh, self.boundaries[1])
         direction = float(np.sign(face.normals.sum(axis=0)[axis]))
@@ -232,7 +235,7 @@ def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> fl
     Raises
     ------
     CaseError
-        If one of them is not positive.
+        If a parameter is not positive.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Builders of bodies with rough joints: stacked blocks, and a bolted lap joint meshed by gmsh."""
+"""Bodies with rough joints: stacked blocks, and a bolted lap joint meshed by gmsh."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -89,20 +89,21 @@ def stacked_blocks(
 ) -> Assembly:
     """Stack equal blocks along z, with a rough joint below each but the first.
 
-    The first is clamped below. The others are guided on their front face (no motion along y) and
-    held only by the joints; pressure and shear, along x, act on the top of the last.
+    The first block is clamped below. The other blocks are guided on their front face (no motion
+    along y) and supported only by the joints; pressure and shear, along x, act on the top of the
+    last block.
 
     Parameters
     ----------
     size : tuple of float, lengths of a block along x, y and z, m
     elements : tuple of int, hexahedra of a block along each axis
-    materials : sequence of Elastic or AnisotropicElastic, one for each block, two or more
-    laws : sequence of InterfaceLaw, one for each joint, from below
+    materials : sequence of Elastic or AnisotropicElastic, of each block, two or more
+    laws : sequence of InterfaceLaw, of each joint, from below
 
     Raises
     ------
     CaseError
-        If there are fewer than two blocks, or not one law for each joint.
+        If there are fewer than two blocks, or the number of laws is not one less.
     """
     count = len(materials)
     if count < 2 or len(laws) != count - 1:
@@ -114,9 +115,9 @@ def stacked_blocks(
     for place, material in enumerate(materials):
         mesh = box_mesh(size, elements, origin=(0.0, 0.0, place * size[2]))
         clamped = {"bottom": (0.0, 0.0, 0.0)}
-        held = clamped if place == 0 else {"front": (None, 0.0, None)}
+        supports = clamped if place == 0 else {"front": (None, 0.0, None)}
         load = {"top": (1.0, 0.0, partial(_fading, -1.0))} if place == count - 1 else {}
-        bodies.append(Body(mesh, material, supports=held, tractions=load, bends=True))
+        bodies.append(Body(mesh, material, supports=supports, tractions=load, bends=True))
     interfaces = [Interface((i, i + 1), ("top", "bottom"), law) for i, law in enumerate(laws)]
     area = size[0] * size[1]
     return Assembly(tuple(bodies), tuple(interfaces), TIMES, (area, area))
@@ -128,12 +129,12 @@ def lap_joint(
     law: InterfaceLaw,
     shank: float | None = None,
 ) -> Assembly:
-    """Two plates that overlap, with a bolt hole through both and a rough joint between.
+    """Mesh two plates that overlap, with a bolt hole through both and a rough joint between.
 
     The bolt is a pressure under its washers, on the ring around the hole on both outer faces, which
     does not change with the load, or, with a shank, a :class:`Bolt`. It carries no shear. The lower
-    plate is clamped at its far end. The far end of the upper plate is guided along x, where the
-    shear pulls.
+    plate is clamped at its far end. The far end of the upper plate is guided along x, and the shear
+    acts there.
 
     Parameters
     ----------
@@ -172,24 +173,22 @@ def lap_joint(
 
 
 def _fading(direction: float, position: np.ndarray, time: float) -> np.ndarray:
-    """Traction of 1 Pa at time 0 that is gone at time 1; workers must be able to import it."""
+    """Traction that falls from 1 Pa at time 0 to zero at time 1; worker processes import it."""
     return np.full(position.shape[1], direction * (1.0 - time))
 
 
 def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
-    """Mesh both plates by hexahedra; their faces match where they meet, at z = 0.
+    """Mesh both plates by hexahedra; their faces match in the overlap, at z = 0.
 
-    Notes
-    -----
-    One plane mesh of quadrilaterals covers the overlap and the rest of each plate. Each plate is
-    its part of it, drawn out downwards or upwards.
+    A plane mesh of quadrilaterals covers the overlap and the rest of each plate. Each plate is an
+    extrusion of its elements, downwards or upwards.
     """
     points, quads = _plan(shape)
     middle = points[0, quads].mean(axis=0)
     half = 0.5 * shape.overlap
     return (
-        _draw_out(shape, points, quads[:, middle < half], -1.0),
-        _draw_out(shape, points, quads[:, middle > -half], 1.0),
+        _extrude(shape, points, quads[:, middle < half], -1.0),
+        _extrude(shape, points, quads[:, middle > -half], 1.0),
     )
 
 
@@ -210,7 +209,7 @@ def _plan(shape: LapShape) -> tuple[np.ndarray, np.ndarray]:
         occ.cut([(2, washer)], [(2, hole)], tag=RING)
         occ.fragment([(2, sheets[0]), (2, OVERLAP), (2, sheets[2])], [(2, RING)])
         occ.synchronize()
-        # the recombination leaves triangles, which a subdivision of all makes quadrilaterals
+        # recombination leaves triangles; subdivision turns all elements into quadrilaterals
         for name, value in (("RecombineAll", 1), ("SubdivisionAlgorithm", 1)):
             gmsh.option.setNumber(f"Mesh.{name}", value)
         gmsh.option.setNumber("Mesh.MeshSizeMax", 2.0 * shape.element)
@@ -218,6 +217,8 @@ def _plan(shape: LapShape) -> tuple[np.ndarray, np.ndarray]:
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         corners = gmsh.model.mesh.getElementsByType(QUAD)[1]
+
+    # number nodes from 0, and turn all elements anticlockwise
     place = np.full(int(tags.max()) + 1, -1)
     place[tags] = np.arange(tags.size)
     points, quads = coordinates.reshape(-1, 3).T[:2], place[corners].reshape(-1, 4).T
@@ -226,10 +227,11 @@ def _plan(shape: LapShape) -> tuple[np.ndarray, np.ndarray]:
     return points, np.where(ax * by > ay * bx, quads, quads[::-1])
 
 
-def _draw_out(shape: LapShape, points: np.ndarray, quads: np.ndarray, way: float) -> "Mesh":
-    """Make a plate of hexahedra from z = 0 upwards (way 1) or downwards (way -1)."""
+def _extrude(shape: LapShape, points: np.ndarray, quads: np.ndarray, way: float) -> "Mesh":
+    """Extrude a plate of hexahedra from z = 0 upwards (way 1) or downwards (way -1)."""
     from skfem import MeshHex
 
+    # layers of hexahedra
     used, local = np.unique(quads, return_inverse=True)
     local, plan, n = local.reshape(quads.shape), points[:, used], used.size
     heights = way * np.linspace(0.0, shape.thickness, shape.layers + 1)
@@ -241,6 +243,8 @@ def _draw_out(shape: LapShape, points: np.ndarray, quads: np.ndarray, way: float
     ]
     t = np.concatenate(layers, axis=1)[HEX_ORDER]
     mesh = MeshHex(np.ascontiguousarray(p), np.ascontiguousarray(t))
+
+    # boundaries: the joint at z = 0, the ring under the washer, the far end
     corners = mesh.p[:, mesh.facets]  # (3, 4, facets)
     close, half = CLOSE * shape.overlap, 0.5 * shape.overlap
     inner, outer = np.abs(corners[2]) < close, np.abs(corners[2] - heights[-1]) < close

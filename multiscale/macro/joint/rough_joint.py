@@ -1,4 +1,4 @@
-"""Two elastic blocks pressed together through a rough interface, under even pressure."""
+"""Two elastic blocks pressed together through a rough interface, under uniform pressure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 __all__ = ["Block", "RoughJoint", "press_joint", "pressed_blocks", "soften"]
 
 TOLERANCE = 1e-8
-"""Error of the pressure at the gap that a law was inverted to, relative to the preload."""
+"""Error of the pressure at the gap of an inverted law, relative to the preload."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """One elastic block of a joint.
+    """Elastic block of a joint.
 
     Parameters
     ----------
@@ -38,8 +38,7 @@ class Block:
     poissons_ratio : float, dimensionless
     layers : int, default 4, number of elements over the height
     effective : AnisotropicElastic, optional
-        Elasticity of the block with cavities or cracks, if it differs from the elasticity of its
-        solid; its moduli then do not count; see :func:`soften`.
+        Elasticity of the block with cavities or cracks, in place of its moduli; see :func:`soften`.
 
     Raises
     ------
@@ -60,12 +59,12 @@ class Block:
 
     @property
     def shear_compliance(self) -> float:
-        """Displacement under an even shear along its face and no bending, m/Pa: h/G."""
+        """Displacement under a uniform shear along its face without bending, m/Pa: h/G."""
         return 2.0 * (1.0 + self.poissons_ratio) * self.height / self.youngs_modulus
 
     @property
     def compliance(self) -> float:
-        """Shortening under an even pressure along z and no other stress, m/Pa."""
+        """Shortening under a uniform pressure along z and no other stress, m/Pa."""
         if self.effective is None:
             return self.height / self.youngs_modulus
         return self.height * float(np.linalg.inv(self.effective.stiffness)[2, 2])
@@ -105,7 +104,7 @@ class RoughJoint:
     element : Element, optional, scalar scikit-fem element for hexahedra; 8 nodes if not given
     quadrature_order : int, default 3
         Degree that the quadrature of the interface integrates exactly; higher for a joint that
-        opens in part.
+        opens locally.
 
     Raises
     ------
@@ -125,7 +124,7 @@ class RoughJoint:
         if not min(self.section) > 0.0:
             raise CaseError(f"section must have positive lengths (m), got {self.section}")
         if min(self.elements) < 1:
-            raise CaseError(f"elements must be at least one along x and y, got {self.elements}")
+            raise CaseError(f"elements must be at least 1 along x and y, got {self.elements}")
         if self.quadrature_order < 1:
             raise CaseError(f"quadrature_order must be at least 1, got {self.quadrature_order}")
         for arm, length in zip(self.eccentricity or (0.0, 0.0), self.section, strict=True):
@@ -149,20 +148,20 @@ def soften(block: Block, stiffness: float | np.ndarray) -> Block:
     block : Block, sound, or softened before
     stiffness : float or ndarray
         A factor of its stiffness, above 0 and up to 1, such as 1 - D, the same in all directions.
-        Or the tensor of a representative volume, shape (6, 6), Pa, whose axes are the axes of the
-        joint, in place of its moduli.
+        Or, in place of its moduli, the tensor of a representative volume in the axes of the joint,
+        shape (6, 6), Pa.
 
     Raises
     ------
     CaseError
-        If the share is outside its range, or the volume is cut through.
+        If the factor is outside its range, or the volume is cut through.
     """
     if isinstance(stiffness, np.ndarray):
         return replace(block, effective=AnisotropicElastic(stiffness))
     if not 0.0 < stiffness <= 1.0:
         raise CaseError(
             f"the stiffness factor of a block must lie above 0 and up to 1, got {stiffness:g}; a "
-            f"block without stiffness carries no joint"
+            f"block without stiffness cannot support a joint"
         )
     share = float(stiffness)
     return replace(
@@ -184,23 +183,23 @@ def press_joint(
 
     Parameters
     ----------
-    joint : RoughJoint, its force is not eccentric
+    joint : RoughJoint, without eccentricity
     law : GapLaw, in its first loading
     preloads : ndarray, shape (steps,), nominal pressures :math:`p > 0`, Pa: force over section
     samples : sequence of GapLaw
-        Bootstrap samples of the law; each gives one row of ``joint_stiffness_sample``.
+        Bootstrap samples of the law; each gives a row of ``joint_stiffness_sample``.
     extrapolate : bool
-        Whether steps far outside the data of the law keep what it extrapolates; see
+        Whether steps far outside the data of the law have the values that the law extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
 
     Returns
     -------
     Dataset
         Follows ``MACRO_RESULT``. ``joint_stiffness`` is the tangent :math:`\mathrm{d}p /
-        \mathrm{d}a`, Pa/m, and ``solid_stiffness`` belongs to the same blocks without a jump
-        between them. A gap to which the law was not inverted is NaN with ``converged`` 0, a step
-        far outside the data of the law is NaN with ``known`` 0. A law with an unloading branch
-        also gives ``unloading_stiffness``, under a preload which begins to fall and comes back.
+        \mathrm{d}a`, Pa/m, and ``solid_stiffness`` the stiffness of the same blocks bonded to each
+        other. Where the inversion of the law failed, the step is NaN with ``converged`` 0; far
+        outside the data of the law it is NaN with ``known`` 0. A law with an unloading branch also
+        gives ``unloading_stiffness``, for small cycles of the preload below its value.
 
     Raises
     ------
@@ -209,9 +208,9 @@ def press_joint(
 
     Notes
     -----
-    Between guided platens without friction, and without friction in the interface, an even
-    pressure p and uniaxial stress satisfy all equations, and a pressure that falls with the gap
-    allows no other solution. With the heights :math:`h_i` and moduli :math:`E_i` of the blocks
+    Between guided platens without friction, and without friction in the interface, a uniform
+    pressure p and uniaxial stress satisfy all equations; the solution is unique because the
+    pressure falls with the gap. With the heights :math:`h_i` and moduli :math:`E_i` of the blocks
     along z (of an anisotropic block :math:`1/S_{zzzz}`), the initial gap :math:`g_0`, and gap
     :math:`g(p)` and stiffness :math:`K(p)` of the law,
 
@@ -222,12 +221,14 @@ def press_joint(
     begin = perf_counter()
     if joint.eccentricity is not None:
         raise CaseError(
-            "an eccentric force presses unevenly, which has no closed form; solve the assembly "
-            "pressed_blocks(joint, law) by solve_assembly"
+            "an eccentric force gives a nonuniform pressure, which has no closed form; solve the "
+            "assembly pressed_blocks(joint, law) by solve_assembly"
         )
     p = np.asarray(preloads, dtype=float)
     if not np.all((p > 0.0) & np.isfinite(p)):
         raise CaseError(f"preloads must be positive and finite (Pa), got {p}")
+
+    # gap at each preload, and (1)
     compliance = joint.lower.compliance + joint.upper.compliance  # m/Pa
     normal = law.first_loading
     gap = normal.gap_at(p)
@@ -239,6 +240,8 @@ def press_joint(
         "mean_gap": gap,
         "closed_fraction": np.ones(p.size),
     }
+
+    # stiffness of the bootstrap samples
     rows = [_stiffness(sample, p, compliance) for sample in samples]
     sampled = {
         f"{name}_sample": np.array([row[name] for row in rows])
@@ -252,13 +255,14 @@ def press_joint(
         "residual": residual,
         "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
     }
+
     # share of the load outside the data of the law
     ends = data_ends(law)
     shares = load_shares(p[:, None], np.ones(1), ends)
     result = with_load_shares(
         MACRO_RESULT.build(values), shares[..., None], np.array([ends]), extrapolate=extrapolate
     )
-    solid = np.full(p.size, 1.0 / compliance)  # no law enters it
+    solid = np.full(p.size, 1.0 / compliance)  # independent of the law
     return MACRO_RESULT.assign(result, {"solid_stiffness": solid})
 
 
@@ -274,24 +278,23 @@ def _stiffness(law: GapLaw, p: np.ndarray, compliance: float) -> dict[str, np.nd
 
 
 def pressed_blocks(joint: RoughJoint, law: InterfaceLaw) -> Assembly:
-    """Press the upper block of a joint on the lower one by a rigid platen.
+    """Press the upper block of a joint on the lower block by a rigid platen.
 
-    The platens are frictionless. Each block is held on its platen at one corner along x and y and
-    at another along y, so that an even pressure gives uniaxial stress. The load case is a nominal
-    pressure of 1 Pa.
+    The platens are frictionless. On its platen each block is fixed along x and y at a corner and
+    along y at another corner, so that a uniform pressure gives uniaxial stress. The load case is a
+    nominal pressure of 1 Pa.
 
     Parameters
     ----------
     joint : RoughJoint
-    law : InterfaceLaw, a law of any kind, with friction too
+    law : InterfaceLaw, of any kind, also with friction
     """
     x, y = (0.5 * length for length in joint.section)
-    stands: Supports = {"bottom": (None, None, 0.0)}
-    lifts: Supports = {}
+    on_platen: Supports = {"bottom": (None, None, 0.0)}
     bodies = []
     for block, base, plate, supports in (
-        (joint.lower, -joint.lower.height, -joint.lower.height, stands),
-        (joint.upper, 0.0, joint.upper.height, lifts),
+        (joint.lower, -joint.lower.height, -joint.lower.height, on_platen),
+        (joint.upper, 0.0, joint.upper.height, {}),
     ):
         mesh = box_mesh(
             (*joint.section, block.height), (*joint.elements, block.layers), origin=(-x, -y, base)

@@ -1,4 +1,4 @@
-"""A rubber block that slides on the ground under load: its footprint and its braking force."""
+"""Footprint and braking force of a rubber block that slides on the ground under load."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_
 
 @dataclass(frozen=True)
 class TreadBlock:
-    """An elastic block, bonded above to a rigid carcass that is pressed down and does not tilt.
+    """Elastic block, bonded above to a rigid carcass that is pressed down and does not tilt.
 
     Parameters
     ----------
@@ -58,17 +58,16 @@ class TreadBlock:
 
 @dataclass(frozen=True, eq=False)
 class CondensedTread:
-    """A block prepared to slide under many laws.
+    """A block condensed once for many laws.
 
     Attributes
     ----------
     block : TreadBlock
     whole : Assembled
-        Condensed onto the face and the displacement of the carcass along z, which is the last
-        unknown. Side 1 of the jump is the ground; the load case is a nominal pressure of 1 Pa.
-    lifted : ndarray, shape (kept,)
-        These unknowns where all nodes are displaced along z alike, dimensionless.
-    position : ndarray, shape (2, points), x and y, from the middle of the face, m
+        Its unknowns are displacements of the face and, last, of the carcass along z. Side 1 of the
+        jump is the ground; the load case is a nominal pressure of 1 Pa.
+    lifted : ndarray, shape (n,), unknowns in a unit translation along z, dimensionless
+    position : ndarray, shape (2, points), x and y of the points from the centre of the face, m
     """
 
     block: TreadBlock
@@ -90,7 +89,7 @@ class Footprint:
     ----------
     traction, jump : ndarray, shape (3, points), normal, along and across the motion; Pa and m
     weight : ndarray, shape (points,), m²
-    solution : Solution, why the solver stopped
+    solution : Solution, with the reason why the solver stopped
     """
 
     traction: np.ndarray
@@ -126,23 +125,24 @@ def sliding_block(block: TreadBlock, law: InterfaceLaw) -> Assembly:
 
 def condense_tread(block: TreadBlock) -> CondensedTread:
     """Condense a block onto its face, once for all laws of :func:`slide_tread`."""
-    problem = cut_assembly(sliding_block(block, RigidContact()))  # no law enters the matrices
+    # the matrices do not depend on the law
+    problem = cut_assembly(sliding_block(block, RigidContact()))
     small = condense_problem(problem, [problem.n - 1], largest=problem.n).small
-    (part,), (joint,) = small.substructures, small.joints
+    (substructure,), (joint,) = small.substructures, small.joints
     lifted = np.zeros(small.n)
-    lifted[part.unknown] = part.component == 2
+    lifted[substructure.unknown] = substructure.component == 2
     return CondensedTread(block, assemble(small), lifted, joint.position.T[:2])
 
 
 def slide_tread(
     tread: CondensedTread, law: SteadySliding, pressure: float, *, tolerance: float = 1e-9
 ) -> Footprint:
-    r"""Press a block by a mean pressure and let it slide steadily.
+    r"""Solve the steady sliding of a block under a mean pressure.
 
     Parameters
     ----------
     tread : CondensedTread
-    law : SteadySliding, law of the ground, with a velocity along x and y
+    law : SteadySliding, law of the contact, with a velocity along x and y
     pressure : float, nominal, Pa
     tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
 
@@ -153,12 +153,12 @@ def slide_tread(
 
     Notes
     -----
-    In the frame of the carcass the block is at rest, whatever it was on the way. With its condensed
-    stiffness K, the jump B u against the ground and the force :math:`f` on the carcass
+    In the frame of the carcass the block is at rest. With its condensed stiffness K, the jump B u
+    against the ground and the force :math:`f` on the carcass
 
     .. math:: K u + B^T (w\, t(B u)) = f.
 
-    Friction bends the block about the edge that leads, so that pressure moves there. Where friction
+    Friction bends the block about its leading edge, where the pressure is largest. Where friction
     shears the block by about a third of its height or more, there may be no steady state: see the
     ``detail`` of a solution that did not converge.
     """
@@ -171,19 +171,19 @@ def slide_tread(
     )
     jump = solution.jump
     if not solution.converged:
-        solution = replace(solution, detail=_describe(tread.block, law, pressure))
+        solution = replace(solution, detail=_describe_shear(tread.block, law, pressure))
         return Footprint(np.full(jump.shape, np.nan), jump, tread.weight, solution)
     traction = law.respond(jump, np.empty((0, tread.weight.size))).traction
     return Footprint(traction, jump, tread.weight, solution)
 
 
-def _describe(block: TreadBlock, law: SteadySliding, pressure: float) -> str:
-    """Sentence on the shear of a block by the friction of an even pressure, Pa."""
+def _describe_shear(block: TreadBlock, law: SteadySliding, pressure: float) -> str:
+    """Describe the shear of a block by friction at a uniform pressure, Pa."""
     speed = np.array(np.linalg.norm(law.velocity))
     mu = float(law.friction.coefficient(np.array(pressure), speed))
     strain = 2.0 * (1.0 + block.poissons_ratio) * mu * pressure / block.youngs_modulus
     return (
         f"a friction coefficient of {mu:.3g} at {pressure:.3g} Pa would shear the block by "
-        f"{strain:.2g} of its height and bends it over the edge that leads, where no steady "
-        f"sliding was found; lower the friction or the pressure, or take stiffer rubber"
+        f"{strain:.2g} of its height and bends it over its leading edge, and steady sliding did "
+        f"not converge; lower the friction or the pressure, or use stiffer rubber"
     )

@@ -330,7 +330,7 @@ def test_springs_in_series_equal_the_blocks_of_elements(law, upper):
         ),
         pytest.param(
             lambda: steel_joint(elements=(0, 4)),
-            r"elements must be at least one along x and y, got \(0, 4\)",
+            r"elements must be at least 1 along x and y, got \(0, 4\)",
             id="elements",
         ),
         pytest.param(
@@ -350,7 +350,7 @@ def test_springs_in_series_equal_the_blocks_of_elements(law, upper):
         ),
         pytest.param(
             lambda: press_joint(steel_joint(eccentricity=(0.01, 0.0)), EXPONENTIAL, PRELOADS),
-            "an eccentric force presses unevenly",
+            "an eccentric force gives a nonuniform pressure",
             id="uneven",
         ),
     ],
