@@ -1,4 +1,4 @@
-"""Shares of the load outside the data of the laws; answers are unknown where they are large."""
+"""Shares of the load outside the data of the laws; results are unknown where they are large."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -43,7 +43,7 @@ INPUT_VARIABLES = frozenset(
         "load_far",
     }
 )
-"""Variables of a step that are input or cost, and stay if the answers are unknown."""
+"""Variables of a step that are input or cost, and stay if the results are unknown."""
 
 
 def data_ends(law: "InterfaceLaw") -> tuple[float, float, float]:
@@ -126,12 +126,12 @@ def _cautions(
         if near.size:
             step = near[np.argmax((below + above)[near, number])]
             sides = {"below": below[step, number], "above": above[step, number]}
-            parts = (
+            outside = (
                 f"{100.0 * share:.3g} % of the load lies {side}"
                 for side, share in sides.items()
                 if share > 0.0
             )
             yield (
-                f"the law extrapolates: up to {' and '.join(parts)} {range_}, at step {step} with "
-                f"{loads[step]}"
+                f"the law extrapolates: up to {' and '.join(outside)} {range_}, at step {step} "
+                f"with {loads[step]}"
             )

@@ -1,18 +1,18 @@
-r"""Newton's method for elastic bodies joined by an interface law, whatever their matrices.
+r"""Newton's method for elastic bodies joined by an interface law.
 
-On a law much stiffer than the bodies, or with friction, the energy along a Newton step bends within
-a small share of the step, so that a line search crawls. There the bodies take the whole step, and
-the law goes on from another jump: from the traction :math:`t^*` of its tangent at the jump
-:math:`y` and the new jump :math:`j` of the bodies, along the search direction of the stiffness k of
-the bodies, to the next :math:`y` on the law,
+On a law much stiffer than the bodies, or with friction, the gradient of the energy changes within a
+small share of a Newton step, so that line searches take tiny steps. There the bodies take the full
+step, and the law is linearised at another jump: from the traction :math:`t^*` of its tangent at the
+jump :math:`y_0` and the new jump :math:`j` of the bodies, along the search direction of the
+stiffness k of the bodies, to the next :math:`y` on the law,
 
 .. math:: t(y) + k y = t^* + k j, \qquad t^* = t(y_0) + D(y_0) (j - y_0).    \tag{1}
 
-The next tangent is that at y. This is the local stage of LATIN with the tangent of the law as the
-direction of its linear stage; at the solution y = j. On the way the bodies are out of balance with
-the traction of the law at y by :math:`k (j - y)` per area, so that one residual measures both the
-distance of the traction and of the jump from the solution, however stiff the law is. A step is
-shortened, in bodies and law together, while the residual does not fall.
+The next tangent is evaluated at y. This is the local stage of LATIN with the tangent of the law as
+the direction of its linear stage; at the solution y = j. The residual force of the bodies with the
+traction of the law at y contains :math:`k (j - y)` per area, so that it measures the distance of
+both traction and jump from the solution for a law of any stiffness. A step is shortened, in bodies
+and law together, while the residual does not fall.
 """
 
 from collections.abc import Callable
@@ -45,12 +45,12 @@ __all__ = [
 ]
 
 PATIENCE = 30
-"""Iterations without a smaller residual after which the solver gives up."""
+"""Iterations without a smaller residual after which the solver stops."""
 
 SOFT = 0.25
-"""Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides stand in
-series, and the material around a node gives way. With the whole stiffness, iterations on metal that
-flows and slips go round in circles."""
+"""Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides are in series,
+and the material around a node deforms. With the full stiffness, iterations on metal with plastic
+flow and slip cycle."""
 
 FLOOR = 1e-8
 """Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
@@ -58,12 +58,11 @@ stiffness of the bodies."""
 
 STIFFEST = 1e8
 """Stiffness of a tangent over the stiffness of the bodies, above which a spring in series softens
-it: beside a stiffer one, the stiffness of the bodies is rounded away."""
+it: next to a stiffer tangent, the stiffness of the bodies would be rounded away."""
 
 GROWTH, ROUNDS = 1e4, 8
-"""Factor of the residual beyond which a whole step has left all that is known of the law, and steps
-without a smaller residual after which the iteration may go round in circles: the length of the step
-is then that of the least energy."""
+"""Factor of the residual above which a full step has left the range of the tangent, and steps
+without a smaller residual after which the iteration may cycle: a line search follows."""
 
 PARTS = 4
 """Parts in which a load is brought up after Newton's method has stalled: each solution is the start
@@ -73,22 +72,22 @@ RIGID = 1e4
 """Largest stiffness of the bodies at a point, relative to the mean: supports may hold a point."""
 
 FREE, EXACT = 1e-9, 1e-12
-"""Largest force of a free rigid motion, relative to the stiffness, before and after rounding in it
-is taken away."""
+"""Largest force of a free rigid motion, relative to the stiffness, before and after its rounding is
+removed."""
 
 HALVINGS = 6
-"""Tries to shorten a step of the law and the bodies together."""
+"""Limit of reductions of a step of the law and the bodies together."""
 
 SHARE = 0.1
-"""Share of the fall of the residual along a step that is enough."""
+"""Sufficient decrease of the residual along a step, relative to a full decrease."""
 
 UNSURE = 1e-8
-"""Largest residual that rounding excuses: without a limit, a body that runs away would count as
-in balance."""
+"""Largest residual ascribed to rounding: without a limit, a body that moves away would count as in
+equilibrium."""
 
 FEW, FULL = 2000, 0.1
-"""Unknowns, and share of the entries of a matrix that are not zero, up to and above which it is
-taken as a full matrix."""
+"""A matrix is stored as a dense matrix up to this number of unknowns, or above this share of
+nonzero entries."""
 
 NO_LINKS = np.zeros(0)
 
@@ -100,8 +99,8 @@ class InterfaceSolution(Solution):
     Attributes
     ----------
     jump : ndarray, shape (d, points)
-        m. It is summed up over the steps, because the difference of both sides rounds: on a law a
-        million times as stiff as the bodies, a rounding of displacements is 1e-10 of the traction.
+        m. It is summed over the steps, because the difference of both sides rounds: on a law a
+        million times as stiff as the bodies, rounding of displacements is 1e-10 of the traction.
     """
 
     jump: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -133,8 +132,8 @@ def solve_interface(
     Parameters
     ----------
     stiffness : csr_array or ndarray, shape (n, n)
-        :math:`K` of the bodies, N/m, supports already taken out. It may be singular as long as
-        the closed interface holds the bodies.
+        :math:`K` of the bodies, N/m, supports already eliminated. It may be singular as long as
+        the closed interface supports the bodies.
     load : ndarray, shape (n,), external force :math:`f`, N
     jump_operator : csr_array, shape (d * points, n)
         :math:`B`, dimensionless: all normal jumps first, then each tangent. Opening positive.
@@ -149,12 +148,12 @@ def solve_interface(
     max_iterations : int, iteration limit
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
-        residual); dimensionless. What rounding makes unavoidable is allowed for, up to 1e-8.
+        residual); dimensionless. Rounding may raise it up to 1e-8.
     callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
     -------
-    InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; the law's traction is at ``jump``
+    InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; the law is evaluated at ``jump``
 
     Raises
     ------
@@ -163,12 +162,12 @@ def solve_interface(
 
     Notes
     -----
-    A Newton step that lowers the derivative of the energy along it is taken as it is. After any
-    other the law goes on from a jump that is not the bodies', (1) of this module, which laws
-    without energy and laws of any stiffness allow; the residual is that of the traction there. The
-    least energy gives the length of the step, from the iterate of the smallest residual, where a
-    small stiffness holds bodies that an open interface does not, where the residual explodes, and
-    where it has not fallen for some steps.
+    A Newton step that lowers the derivative of the energy along it is accepted. After any other
+    step the law is linearised at a jump that differs from the jump of the bodies, (1) of this
+    module, which also works for laws without energy and laws of any stiffness; the residual is
+    evaluated with the traction there. A line search for the least energy, from the iterate of the
+    smallest residual, follows where a small stiffness supports bodies on an open interface, where
+    the residual grows too much, and where it has not fallen for some steps.
     """
     check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size
@@ -192,23 +191,13 @@ def solve_interface(
 
 @dataclass(frozen=True, eq=False)
 class Assembled:
-    """Elastic bodies in one piece, prepared for many laws and loads.
+    """Assembled elastic bodies, prepared for many laws and loads."""
 
-    Attributes
-    ----------
-    stiffness : csr_array or ndarray, shape (n, n), stiffness of all linear parts, N/m
-    load : ndarray or csr_array, shape (n, cases), N
-    jump : csr_array, shape (d * points, n)
-        Normal jump at all points of all joints, then each tangential one.
-    weight : ndarray, shape (points,), area of these points, m²
-    motions : ndarray, shape (n, motions), rigid motions of the bodies, m
-    """
-
-    stiffness: csr_array | np.ndarray
-    load: np.ndarray | csr_array
-    jump: csr_array
-    weight: np.ndarray
-    motions: np.ndarray
+    stiffness: csr_array | np.ndarray  # of all linear elements, (n, n), N/m
+    load: np.ndarray | csr_array  # (n, cases), N
+    jump: csr_array  # normal jumps of all points, then each tangential jump, (d * points, n)
+    weight: np.ndarray  # area of these points, (points,), m²
+    motions: np.ndarray  # rigid motions of the bodies, (n, motions), m
 
     def solve(
         self,
@@ -222,16 +211,16 @@ class Assembled:
         tolerance: float = 1e-10,
         callback: Callable[[int, float], None] | None = None,
     ) -> InterfaceSolution:
-        """Find the unknowns, m, for factors of the load cases; see :func:`solve_interface`."""
-        limits, load, points = (
-            Limits(max_iterations, tolerance, callback),
-            self.load @ factor,
-            self.weight.size,
-        )
+        """Solve for the unknowns, m, at factors of the load cases; see :func:`solve_interface`."""
+        limits = Limits(max_iterations, tolerance, callback)
+        load, points = self.load @ factor, self.weight.size
+        # bodies without joints
         if not points:
             u = self._solve(load)
             residual = float(norm(self.stiffness @ u - load)) / (float(norm(load)) or 1.0)
             return InterfaceSolution(u, Status.CONVERGED, (1.0, residual), jump=np.zeros((3, 0)))
+
+        # Newton's method
         u = np.zeros(load.size) if start is None else np.array(start, dtype=float)
         state = np.zeros((law.n_state, points)) if state is None else state
         jump = (self.jump @ u).reshape(-1, points) if jump is None else jump
@@ -267,7 +256,7 @@ class Assembled:
 
     @cached_property
     def flexible(self) -> "FlexibleBodies | None":
-        """Bodies condensed onto their jumps; None if sparse, or if more than motions are free."""
+        """Bodies condensed onto their jumps; None if sparse, or singular beyond rigid motions."""
         n = self.load.shape[0]
         matrix = csr_array(self.stiffness)
         if n > FEW and matrix.nnz <= FULL * n**2:
@@ -295,47 +284,29 @@ class Assembled:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Bodies at some unknowns, with the tangent of the law at a jump that need not be theirs.
+    """Iterate: bodies at some unknowns, and the tangent of the law at the same or another jump.
 
-    Jumps and tensions are summed up over the steps: the difference of both sides would round them.
-
-    Attributes
-    ----------
-    value, gradient : ndarray, shape (n,)
-        Unknowns, m, and forces out of balance with the tangent, N.
-    jump, at : ndarray, shape (d, points), jump of the bodies, and jump on the law, m
-    elastic : ndarray, shape (links,), change of tension without slack, N
-    traction : ndarray, shape (d, points), of the law, Pa
-    tangent : ndarray, shape (d, d, points)
-        Tangent of the law, times the weights of the points, N/m.
-    imbalance : float, size of the forces out of balance with the traction of the law, N
-    softened : bool, whether the law is stiffer than its tangent somewhere, so that it must go on
+    Jumps and tensions are summed over the steps: the difference of both sides would round them.
     """
 
-    value: np.ndarray
-    gradient: np.ndarray
-    jump: np.ndarray
-    at: np.ndarray
-    elastic: np.ndarray
-    traction: np.ndarray
-    tangent: np.ndarray
-    imbalance: float
-    softened: bool
+    value: np.ndarray  # unknowns, (n,), m
+    gradient: np.ndarray  # residual forces with the tangent of the law, (n,), N
+    jump: np.ndarray  # of the bodies, (d, points), m
+    at: np.ndarray  # jump at which the law is evaluated, (d, points), m
+    elastic: np.ndarray  # change of tension without slack, (links,), N
+    traction: np.ndarray  # of the law, (d, points), Pa
+    tangent: np.ndarray  # of the law, times the weights of the points, (d, d, points), N/m
+    imbalance: float  # size of the residual forces with the traction of the law, N
+    softened: bool  # whether the tangent is softer than the law somewhere
 
 
 class Equilibrium:
-    """Bodies under a load that are joined by a law: K u + B^T (w t(B u)) = f.
+    """Equilibrium of bodies joined by a law under a load: K u + B^T (w t(B u)) = f.
 
-    The bodies find Newton directions; a structure that has been cut adds up over its parts.
-
-    Attributes
-    ----------
-    bodies : Assembled or FlexibleBodies
-    load, law, state
-        As of :func:`solve_interface`.
-    resists : bool, whether more than the law resists, so that the law may go on by itself
-    descends : bool, whether every step lowers the energy, so that none needs a search
-    scale : float, force to which residuals are relative, N
+    The bodies solve for Newton directions; for a cut structure sums run over its substructures.
+    Residuals are relative to the force ``scale``, N. ``resists`` is False if only the law resists
+    at some points, and (1) of this module must not be used; ``descends`` is True if every step
+    lowers the energy, so that no further line search is needed.
     """
 
     def __init__(
@@ -357,16 +328,16 @@ class Equilibrium:
         return NO_LINKS
 
     def size(self, force: np.ndarray) -> float:
-        """Norm of forces, N; those on rigid motions are sums of them."""
+        """Norm of forces, N, without the forces on rigid motions, which are sums of them."""
         return float(norm(force[: self.bodies.motions.shape[0]]))
 
     def largest(self, here: Place) -> float:
-        """Size of the forces that cancel in the balance, N."""
+        """Size of the forces that cancel in equilibrium, N."""
         return float(norm(self.magnitude @ np.abs(here.value)))
 
-    def dot(self, one: np.ndarray, other: np.ndarray) -> float:
+    def dot(self, first: np.ndarray, second: np.ndarray) -> float:
         """Work of forces on a displacement, J."""
-        return float(one @ other)
+        return float(first @ second)
 
     def anywhere(self, flag: bool) -> bool:
         """Whether a flag is set in any process."""
@@ -378,7 +349,7 @@ class Equilibrium:
         return abs(self.bodies.stiffness)
 
     def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
-        """Newton direction, m; None if the tangent is singular, even with a floor of the law's."""
+        """Newton direction, m; None if the tangent is singular, even with a floor of the law."""
         tangent = here.tangent.copy()
         lent = floor * self.bodies.resistance * self.bodies.weight
         tangent[range(len(tangent)), range(len(tangent))] += lent
@@ -395,8 +366,8 @@ class Equilibrium:
     ) -> Place:
         """Evaluate the law and the imbalance K u + B^T (w t) - f, N.
 
-        The law is taken at the jump of the bodies if no other jump is given, and t is the traction
-        of the tangent there.
+        The law is evaluated at the jump of the bodies if no other jump is given, and t is the
+        traction of its tangent there.
         """
         at = jump if at is None else at
         exact = self.law.respond(at, self.state)
@@ -423,17 +394,17 @@ class Equilibrium:
         return here.imbalance / self.scale
 
     def rounding(self, here: Place) -> float:
-        """Residual that rounding makes unavoidable where bodies move far on a soft law."""
+        """Residual due to rounding where bodies move far on a soft law."""
         return min(8.0 * float(np.finfo(float).eps) * self.largest(here) / self.scale, UNSURE)
 
     def move(self, here: Place, step: float, direction: np.ndarray) -> Place:
-        """Take a step of the bodies, m."""
+        """Move the bodies by a step, m."""
         opened = (self.bodies.jump @ direction).reshape(here.jump.shape)
         elastic = here.elastic + step * self.stretch(direction)
         return self.place(here.value + step * direction, here.jump + step * opened, elastic=elastic)
 
     def step(self, here: Place, direction: np.ndarray) -> Place:
-        """Take a whole step, after which the law may go on from a jump that is not the bodies'."""
+        """Full step, after which the law may be linearised at a jump that differs by (1)."""
         there = self.move(here, 1.0, direction)
         first, last = (self.dot(direction, place.gradient) for place in (here, there))
         if (enough(first, last) and not here.softened) or not self.resists:
@@ -448,17 +419,17 @@ class Equilibrium:
             following = self.move(here, share, direction) if best else there
             try:
                 at = np.asarray(law.resolvent(begin + share * change, k, self.state))
-            except ConvergenceError:  # a whole step may end where the law has no numbers
+            except ConvergenceError:  # a full step may end where the law overflows
                 at = following.jump
             following = self.place(following.value, following.jump, at, following.elastic)
             if self.residual(following) < (1.0 - SHARE * share) * self.residual(here):
                 return following
             best, share = best or following, 0.5 * share
-        assert best is not None  # the whole step
+        assert best is not None  # the full step
         return best
 
     def search(self, here: Place, direction: np.ndarray) -> Place:
-        """Take the step to the least energy."""
+        """Line search for the least energy."""
 
         def slope(step: float) -> float:
             return self.dot(direction, self.move(here, step, direction).gradient)
@@ -476,7 +447,7 @@ def find_equilibrium(
 ) -> tuple[Place, Place]:
     """Newton's method from a start; see :func:`solve_interface`.
 
-    Returns the last place and the one of the smallest residual.
+    Returns the last iterate and the iterate of the smallest residual.
     """
     closest = best = here
     note(here)
@@ -484,7 +455,7 @@ def find_equilibrium(
         if not run.since_best:
             best = here
             closest = here if here.at is here.jump else closest
-        # a whole step; a tangent that is singular at a jump of the law's is held a little
+        # full step; a tangent that is singular at another jump of the law gets a small stiffness
         direction = problem.direction(here)
         if direction is None and here.at is not here.jump:
             direction = problem.direction(here, FLOOR)
@@ -494,7 +465,7 @@ def find_equilibrium(
             strays = not residual < last and run.since_best > ROUNDS
             there = None if strays or not residual <= GROWTH * last else there
         if there is None:
-            # from a jump that is not the bodies', the law would mislead the search
+            # line search, from an iterate with the law at the jump of the bodies
             direction = problem.direction(closest)
             if direction is None:
                 direction = problem.direction(closest, FLOOR)
@@ -509,41 +480,33 @@ def find_equilibrium(
 
 @dataclass(frozen=True, eq=False)
 class FlexibleBodies:
-    r"""Bodies of a full stiffness, whose jumps and rigid motions are the unknowns of a Newton step.
+    r"""Bodies of a dense stiffness, condensed onto jumps and rigid motions in a Newton step.
 
     With the free rigid motions N of the bodies, :math:`K N = 0`, displacements are
     :math:`u = v + N a`, :math:`N^T v = 0`. With :math:`\hat K = K + k N N^T` and the compliance
-    :math:`C = B \hat K^{-1} B^T`, a step of the jumps j and the motions a balances the forces
-    :math:`r` out of balance by
+    :math:`C = B \hat K^{-1} B^T`, a step of the jumps j and the motions a balances the residual
+    forces :math:`r` by
 
     .. math::
         j + C w D j - B N a = B \hat K^{-1} r, \qquad (B N)^T w D j = N^T r, \qquad
         v = \hat K^{-1} (r - B^T w D j). \tag{1}
 
-    However stiff the law is, no stiffness of the bodies is lost beside it; however soft it is, the
-    forces :math:`K v` in the bodies do not round as their motion would make them.
-
-    Attributes
-    ----------
-    stiffness : ndarray, shape (n + m, n + m), of v and a, N/m; the motions have none
-    jump : csr_array, shape (d * points, n + m)
-    weight, motions : ndarray, shape (points,) and (n, m)
-    solve : callable, with :math:`\hat K`
-    compliance : ndarray, shape (d * points, d * points), C, m/N
+    On stiff laws the stiffness of the bodies is not rounded away; on soft laws rounding of the
+    motions does not enter the forces :math:`K v` in the bodies.
     """
 
-    stiffness: np.ndarray
-    jump: csr_array
-    weight: np.ndarray
-    motions: np.ndarray
-    solve: Solve
-    compliance: np.ndarray
+    stiffness: np.ndarray  # of v and a, zero for a, (n + m, n + m), N/m
+    jump: csr_array  # (d * points, n + m)
+    weight: np.ndarray  # (points,), m²
+    motions: np.ndarray  # N, (n, m)
+    solve: Solve  # with K + k N N^T
+    compliance: np.ndarray  # C, (d * points, d * points), m/N
 
     @cached_property
     def resistance(self) -> np.ndarray:
-        """Stiffness of the bodies against a traction at each point by itself, (d, points), Pa/m."""
-        own = (self.compliance.diagonal().reshape(-1, self.weight.size)) * self.weight
-        return np.asarray(SOFT / np.maximum(own, own.mean() / RIGID))
+        """Stiffness of the bodies against a traction at a single point, (d, points), Pa/m."""
+        flexibility = self.compliance.diagonal().reshape(-1, self.weight.size) * self.weight
+        return np.asarray(SOFT / np.maximum(flexibility, flexibility.mean() / RIGID))
 
     def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Newton direction (1), m, of v and a, from the tangent, (d, d, points), N/m."""
@@ -553,8 +516,10 @@ class FlexibleBodies:
         change = tangent / size
         # C w D and (B N)^T w D
         rows = np.concatenate([self.compliance, self.jump[:, n:].toarray().T])
-        parts = rows.reshape(points + m, *size.shape)
-        product = np.einsum("rip,ijp->rjp", parts, change).reshape(points + m, points)
+        blocks = rows.reshape(points + m, *size.shape)
+        product = np.einsum("rip,ijp->rjp", blocks, change).reshape(points + m, points)
+
+        # (1), with scaled jumps and rows of the motions
         matrix = np.zeros((points + m, points + m))
         matrix[:, :points] = product
         matrix[np.arange(points), np.arange(points)] += 1.0 / size.ravel()
@@ -562,7 +527,7 @@ class FlexibleBodies:
         right = np.append(B @ self.solve(force[:n]), force[n:])
         scale = np.abs(matrix[points:]).max(axis=1)
         if not np.all(scale > 0.0):
-            raise MultiscaleError("a rigid motion meets no stiffness of the law")
+            raise MultiscaleError("the law does not resist a rigid motion")
         matrix[points:] /= scale[:, None]
         right[points:] /= scale
         opened, motion = np.split(factorise(matrix, name="the tangent compliance")(right), [points])
@@ -583,9 +548,9 @@ class FlexibleBodies:
 def _prepare_flexible(
     stiffness: np.ndarray, jump: csr_array, weight: np.ndarray, motions: np.ndarray
 ) -> FlexibleBodies | None:
-    """Condense bodies of full matrices onto their jumps; None if more than motions are free."""
+    """Condense bodies of dense matrices onto their jumps; None if singular beyond motions."""
     mean = np.abs(stiffness.diagonal()).mean()
-    # rigid motions that leave no force but rounding: orthonormal, then to all digits
+    # free rigid motions: orthonormal, with forces up to rounding, then refined
     basis, length, _ = svd(motions, full_matrices=False)
     basis = basis[:, length > FLOOR * length.max(initial=0.0)]
     force = abs(stiffness) @ abs(basis)
@@ -595,11 +560,11 @@ def _prepare_flexible(
         if N.shape[1]:
             N = qr(N - factorise(stiffness + mean * (N @ N.T))(stiffness @ N))[0]
             N = N[:, np.abs(stiffness @ N).max(axis=0) <= EXACT * mean]
-        held = stiffness + mean * (N @ N.T)
-        solve = factorise(held, name="the held bodies")
-        nothing = np.zeros((N.shape[1],) * 2)
+        regular = stiffness + mean * (N @ N.T)
+        solve = factorise(regular, name="the supported bodies")
+        zero = np.zeros((N.shape[1],) * 2)
         return FlexibleBodies(
-            block_diag([held, nothing]).toarray(),
+            block_diag([regular, zero]).toarray(),
             csr_array(hstack([jump, csr_array(jump @ N)])),
             weight,
             N,
@@ -610,7 +575,7 @@ def _prepare_flexible(
 
 
 def soften_tangent(response: Response, stiffness: float | np.ndarray) -> Response:
-    """Put a spring in series with the tangent where it is far stiffer than the bodies, Pa/m."""
+    """Soften the tangent by a spring in series where it is far stiffer than the bodies, Pa/m."""
     most = STIFFEST * float(np.max(stiffness))
     largest = np.abs(response.tangent).max(axis=(0, 1))
     stiff = (most > 0.0) & (largest > most) & np.isfinite(largest)
@@ -625,13 +590,13 @@ def soften_tangent(response: Response, stiffness: float | np.ndarray) -> Respons
 
 
 def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np.ndarray:
-    """Traction of the tangent of a law at one jump, for another, shape (d, points), Pa."""
+    """Traction of the tangent of a law at a jump, for another jump, shape (d, points), Pa."""
     change = np.einsum("ijp,jp->ip", response.tangent, jump - at)
     return np.asarray(response.traction + change)
 
 
 def face_stiffness(diagonal: np.ndarray, normal_jump: csr_array, weight: np.ndarray) -> float:
-    """Stiffness of bodies per area of an interface, Pa/m, from those of its unknowns, N/m."""
+    """Stiffness of bodies per area of an interface, Pa/m, from the diagonal stiffness, N/m."""
     if not weight.size:
         return 0.0
     touched = abs(normal_jump).T @ weight

@@ -158,15 +158,15 @@ def test_modes_that_do_not_exist_mass_that_lacks_and_unstable_rest_are_refused()
     with pytest.raises(CaseError, match=r"density of body 0 must be positive \(kg/m3\), got 0"):
         structure_mass(rest.free, [bar], [0.0])
     mass, K = structure_mass(rest.free, [bar], [DENSITY]), rest.tangent()
-    with pytest.raises(CaseError, match="mode 19 is wanted, and the model has 18 modes"):
+    with pytest.raises(CaseError, match="mode 19 is requested, and the model has 18 modes"):
         tangent_modes(rest.free, K, mass, 19)
     with pytest.raises(CaseError, match="unstable: its tangent has the negative eigenvalue -"):
         tangent_modes(rest.free, csr_array(K - 1e11 * mass), mass, 1)
 
 
 def test_too_many_points_are_refused_before_a_full_matrix_is_made(monkeypatch):
-    monkeypatch.setattr("multiscale.macro.vibration.preloaded.MOST", 30)
-    with pytest.raises(CaseError, match="keep so many of 40 unknowns that bodies"):
+    monkeypatch.setattr("multiscale.macro.vibration.preloaded.LARGEST", 30)
+    with pytest.raises(CaseError, match="too many of 40 unknowns to condense"):
         press_structure(block_between_friction(4), np.array([[1.0]]))
 
 

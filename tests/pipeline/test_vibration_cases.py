@@ -76,7 +76,7 @@ REFUSED = {
     "falling": ('"0.1 um"', '"1 nm"', "must rise from one to the next"),
     "twice": ("modes = [1, 2]", "modes = [2, 2]", "modes should name mode 2 once"),
     "cycles": ("[vibration]", '[cycles]\nload = "press"\ncycles = 1\n[vibration]', "takes"),
-    "beyond": ("modes = [1, 2]", "modes = [109]", "mode 109 is wanted, and the model has 108"),
+    "beyond": ("modes = [1, 2]", "modes = [109]", "mode 109 is requested, and the model has 108"),
     "too wide": (
         "friction = 0.2",
         'friction = "0.2 +- 200 %"',
@@ -130,7 +130,7 @@ def test_a_free_structure_and_an_amplitude_that_slides_are_told(meshes):
     assert found["converged"].values.tolist() == [1, 0]
     assert np.isnan(found["damping"].values[1])
     said = VIBRATING_BODIES.failure(found)
-    assert re.search(r"mode 1 has no answer from the modal amplitude .* kg.1/2 m on", said)
+    assert re.search(r"mode 1 has no solution from the modal amplitude .* kg.1/2 m on", said)
 
 
 def test_intervals_follow_the_budget_of_the_law(meshes):

@@ -8,9 +8,9 @@ the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` 
     \zeta(q) = \frac{D}{2 \pi \omega^2 q^2}, \qquad
     D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right), \tag{1}
 
-with the energy E that bodies and joints store. By Masing's rule every slider slips twice as far in
+with the energy E stored in bodies and joints. By Masing's rule every slider slips twice as far in
 each half of a cycle as in the loading, so that the loss D of a cycle is four times the loss of the
-loading while the normal load of the joints is constant; otherwise the cycle is solved for
+loading if the normal load of the joints is constant; otherwise the cycle is solved for
 :math:`D = \oint \alpha\, \mathrm{d}q`. The usual form of (1),
 :math:`8 \int \alpha\, \mathrm{d}q' - 4 \alpha q`, counts elastic curvature as a loss.
 
@@ -43,10 +43,10 @@ SPRING = 1e3
 """Stiffness of the spring on the modal amplitude that drives a mode, relative to the mode."""
 
 FIRST = 0.1
-"""Amplitude of the first step, relative to the smallest wanted."""
+"""Amplitude of the first step, relative to the smallest requested amplitude."""
 
 SLID = 0.99
-"""Slipping share of the load of an interface from which it slides away."""
+"""Slipping share of the load of an interface at which it slides without limit."""
 
 OPENS = 0.01
 """Share of the pressure at rest below which a point opens, and smallest share of open area."""
@@ -58,7 +58,7 @@ ABSCISSAE, WEIGHTS = (0.5 * rule for rule in np.polynomial.legendre.leggauss(6))
 """Gauss points about the middle of an interval of length 1, for the energy of normal laws."""
 
 MIDDLE = 1e-3
-"""Middle of a cycle, relative to its amplitude."""
+"""Displacement in the middle of a cycle, relative to its amplitude: a load serves as a scale."""
 
 TOLERANCE = 1e-9
 """Residual of a step, relative to the load that drives the mode."""
@@ -85,16 +85,16 @@ class Amplitudes:
         """Rising amplitudes of the loading curve, and the positions of ``values`` among them."""
         ends = np.array([FIRST * self.values[0], *self.values])
         counts = np.ceil(np.log(ends[1:] / ends[:-1]) / np.log(self.ratio) - 1e-9).astype(int)
-        parts = [
+        segments = [
             np.geomspace(low, high, count + 1)[1:]
             for low, high, count in zip(ends, ends[1:], counts, strict=False)
         ]
-        return np.append(ends[0], np.concatenate(parts)), np.cumsum(counts)
+        return np.append(ends[0], np.concatenate(segments)), np.cumsum(counts)
 
 
 @dataclass(frozen=True, eq=False)
 class Backbone:
-    """Frequency and damping of one mode against its amplitude; NaN where it slides away.
+    """Frequency and damping of a mode against its amplitude; NaN where joints slide away.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Backbone:
     opens : ndarray of bool, shape (amplitudes,), whether contact opens in one direction
     sheared : bool
         Whether the preload leaves shear in the joints, so that loading curves depend on it.
-    failure : str, reason why the last amplitudes have no answer, or empty
+    failure : str, reason why the last amplitudes have no solution, or empty
     """
 
     frequency: np.ndarray
@@ -137,49 +137,31 @@ class TractionChange(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump on the law and on a search direction."""
+        """Return the jump on the law and on a search direction."""
         return self.law.resolvent(source + self.rest, stiffness, state)
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point of the path of a mode.
+    """A point of the path of a mode."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (n,), change of the displacement since rest, m
-    amplitude, force : float, q, kg^1/2 m, and alpha, kg^1/2 m/s2
-    state : JointState, committed state of the joints
-    slipping : ndarray, shape (points,), share of the pressure that slips in the last step
-    sheared : float, energy that the tangential tractions of the joints store, J
-    failure : str, reason why the step to the next amplitude failed, or empty
-    """
-
-    value: np.ndarray
-    amplitude: float
-    force: float
-    state: JointState
-    slipping: np.ndarray
-    sheared: float
-    failure: str = ""
+    value: np.ndarray  # change of the displacement since rest, (n,), m
+    amplitude: float  # q, kg^1/2 m
+    force: float  # alpha, kg^1/2 m/s2
+    state: JointState  # committed
+    slipping: np.ndarray  # share of the pressure that slips in the last step, (points,)
+    sheared: float  # energy stored by the tangential tractions of the joints, J
+    failure: str = ""  # reason why the step to the next amplitude failed
 
 
 @dataclass(frozen=True, eq=False)
 class _Mode:
-    """One mode of a structure at rest, driven by a spring on its amplitude.
-
-    Attributes
-    ----------
-    rest : Preloaded
-    structure : Assembled, condensed structure with the spring, loaded by the spring
-    law : TractionChange, change of the traction of all joints since rest
-    square : float, squared frequency at rest, s⁻²
-    """
+    """A mode of a structure at rest, driven by a spring on its amplitude."""
 
     rest: Preloaded
-    structure: Assembled
-    law: TractionChange
-    square: float
+    structure: Assembled  # condensed, with the spring, loaded by the spring
+    law: TractionChange  # of all joints
+    square: float  # squared frequency at rest, s⁻²
 
     @property
     def start(self) -> _Point:
@@ -190,7 +172,7 @@ class _Mode:
         return _Point(nothing, 0.0, 0.0, state, np.zeros(state.jump.shape[1]), stored)
 
     def follow(self, point: _Point, amplitudes: Sequence[float]) -> Iterator[_Point]:
-        """Follow the mode to one amplitude after the other, until a step fails."""
+        """Follow the mode through amplitudes, until a step fails."""
         for amplitude in amplitudes:
             point = self._step(point, amplitude)
             yield point
@@ -198,7 +180,7 @@ class _Mode:
                 return
 
     def _step(self, point: _Point, amplitude: float) -> _Point:
-        """Solve a step to an amplitude, which is met exactly only if nothing slips in the step."""
+        """Solve a step to an amplitude, which is reached exactly only without slip in the step."""
         spring = SPRING * self.square
         force = point.force + self.square * (amplitude - point.amplitude)
         reach = amplitude + force / spring
@@ -221,6 +203,8 @@ class _Mode:
                 break
         else:
             return replace(point, failure=solution.status.value)
+
+        # amplitude reached, and committed state
         q = float(self.structure.load[:, 0] @ solution.value) / spring
         state, account = state.advance(law, solution.value, solution.jump, state.traction)
         slipping = sliding_share(law, solution.jump, account)
@@ -228,10 +212,11 @@ class _Mode:
         return _Point(solution.value, q, spring * (reach - q), state, slipping, sheared)
 
     def stored(self, point: _Point) -> float:
-        """Energy that bodies and joints store at a point of the path since rest, J."""
+        """Energy stored in bodies and joints at a point of the path since rest, J."""
         u, rest = point.value, self.rest.state
         spring = SPRING * self.square * point.amplitude**2
         bodies = 0.5 * (float(u @ (self.structure.stiffness @ u)) - spring)
+        # work of the normal tractions by Gauss quadrature over the jump
         opened, normal = point.state.jump[0] - rest.jump[0], 0.0
         for at, weight in zip(0.5 + ABSCISSAE, WEIGHTS, strict=True):
             jump = np.concatenate([[rest.jump[0] + at * opened], rest.jump[1:]])
@@ -245,7 +230,7 @@ class _Mode:
         return np.asarray(-self.rest.law.respond(state.jump, state.history).traction[0])
 
     def sliding(self, point: _Point) -> str:
-        """Return the reason why the path ends here: a failed step, or an interface that slides."""
+        """Return the reason for the end of the path, a failed step or a sliding interface."""
         if point.failure:
             return f"no equilibrium was found ({point.failure})"
         rubs = self.rest.law.friction_limit(np.ones(point.slipping.size)) > 0.0
@@ -267,7 +252,7 @@ def follow_backbone(
     amplitudes: Amplitudes,
     progress: Callable[[], None] = lambda: None,
 ) -> Backbone:
-    """Follow one mode over its amplitudes, in both directions from rest.
+    """Follow a mode over its amplitudes, in both directions from rest.
 
     Parameters
     ----------
@@ -281,9 +266,9 @@ def follow_backbone(
     square, points = float(modes.square[mode]), rest.state.jump.shape[1]
     count = len(amplitudes.values)
     if not points:
-        none, nothing = np.zeros((2, count, 0)), np.zeros(count)
+        empty, zero = np.zeros((2, count, 0)), np.zeros(count)
         constant = np.full(count, modes.frequency[mode])
-        return Backbone(constant, nothing, none, none, nothing > 0.0, False, "")
+        return Backbone(constant, zero, empty, empty, zero > 0.0, False, "")
     driven = _drive(rest, load[:, mode], square)
     grid, places = amplitudes.curve()
     pressure, slipping = np.full((2, 2, count, points), np.nan)
@@ -306,7 +291,7 @@ def follow_backbone(
         ends.append([path[place + 1] for place in places if place + 1 < len(path)])
         failures.append(failure)
 
-    # loss and stiffness by their mean, in which odd terms in q cancel
+    # loss and stiffness of the mean of both directions, in which odd terms in q cancel
     both = min(curve.shape[1] for curve in curves)
     q, alpha = 0.5 * (curves[0][:, :both] + curves[1][:, :both])
     n = min(map(len, ends))
@@ -325,7 +310,7 @@ def follow_backbone(
     if np.isnan(lost).any():
         why = next(filter(None, failures), "a cycle found no equilibrium")
         failure = (
-            f"mode {mode + 1} has no answer from the modal amplitude "
+            f"mode {mode + 1} has no solution from the modal amplitude "
             f"{amplitudes.values[int(np.argmax(np.isnan(lost)))]:.4g} kg^1/2 m on: {why}; "
             f"ask for smaller amplitudes"
         )
@@ -363,7 +348,7 @@ def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[fl
     from scipy.integrate import simpson
 
     path = closed_cycle(steps)
-    path = amplitude * np.where(path == 0.0, MIDDLE, path)  # a load is needed as a scale
+    path = amplitude * np.where(path == 0.0, MIDDLE, path)
     points = [end, *driven.follow(end, path.tolist())]
     if points[-1].failure:
         return np.nan, np.nan, np.nan
@@ -371,7 +356,7 @@ def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[fl
     half = 2 * steps
     span = q[-1] - q[half]
     secant = (alpha[-1] - alpha[half]) / span
-    # work by Simpson's rule on both branches; a line does none
+    # work by Simpson's rule on both branches, less the secant, which does no work
     branches = (slice(0, half + 1), slice(half, None))
     lost = sum(simpson((alpha - secant * q)[branch], x=q[branch]) for branch in branches)
     return float(lost), 0.5 * span, secant
@@ -384,7 +369,7 @@ def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.
     -----
     With the deficit :math:`d = \omega_0^2 - \alpha/q`, the work is
     :math:`\tfrac12 \omega_0^2 q^2 - \int d\, q'\, \mathrm{d}q'`. Between two points d is a power of
-    q, as in micro-slip; the power below the first point is that above it.
+    q, as in micro-slip; below the first point it has the power of the first interval.
 
     Examples
     --------
@@ -428,6 +413,7 @@ def vibrate(
         Follows ``VIBRATION``; a step is an amplitude of a mode. Steps at which a mode slides away
         are NaN with ``converged`` 0, and the attribute ``failure`` gives the reason.
     """
+    # backbone of each mode
     total, finished = 2 * sum(len(wanted.values) for wanted in amplitudes.values()), 0
 
     def count() -> None:
@@ -440,6 +426,8 @@ def vibrate(
         follow_backbone(rest, modes, load, mode, wanted, count)
         for mode, wanted in amplitudes.items()
     ]
+
+    # dataset
     shape = modes.nodal(rest.free)
     largest = np.linalg.norm(shape, axis=2).max(axis=1)
     number = np.repeat([*amplitudes], [len(wanted.values) for wanted in amplitudes.values()])
@@ -468,23 +456,25 @@ def vibrate(
     )
     if rest.state.jump.size:
         result = result.assign_coords(direction=list(COMPONENTS))
+
+    # cautions
     cautions = [
         f"mode {mode + 1}: contact opens at amplitudes from "
         f"{wanted.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule does "
-        f"not hold: the loss is that of a full cycle, and both directions differ"
+        f"not hold: the loss belongs to a full cycle, and both directions differ"
         for (mode, wanted), curve in zip(amplitudes.items(), curves, strict=True)
         if curve.opens.any()
     ]
     cautions += [
-        f"modes {', '.join(str(mode + 1) for mode in group)} have one frequency, and any sum of "
-        f"their shapes is a mode: the shapes are chosen to move along the axes"
+        f"modes {', '.join(str(mode + 1) for mode in group)} have the same frequency, and any sum "
+        f"of their shapes is a mode: the shapes are chosen to move along the axes"
         for group in modes.coinciding
     ]
     if any(curve.sheared for curve in curves):
         cautions.append(
             "the preload leaves shear in the joints, so that both directions differ and Masing's "
-            "rule does not hold: frequency and loss are those of full cycles; a preload without "
-            "friction leaves none"
+            "rule does not hold: frequency and loss belong to full cycles; a preload without "
+            "friction leaves no shear"
         )
     result = with_cautions(result, str(rest.path.attrs.get("cautions", "")), *cautions)
     failures = [curve.failure for curve in curves if curve.failure]

@@ -1,4 +1,4 @@
-r"""Modes of small vibration about a preload, of structures that supports hold or leave free."""
+r"""Modes of small vibration about a preload, of supported or free structures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ FEW = 600
 """Unknowns up to which a dense solver computes all modes."""
 
 MORE = 2
-"""Modes computed beyond the last that is wanted, to detect coinciding frequencies."""
+"""Modes computed beyond the last requested mode, to detect coinciding frequencies."""
 
 COINCIDE = 1e-4
 """Distance of two frequencies, relative to them, up to which their shapes are not determined."""
@@ -36,11 +36,11 @@ NAMES = ("along x", "along y", "along z", "about x", "about y", "about z")
 def find_free_motions(
     problem: CutProblem, stiffness: csr_array
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Find the rigid motions of all bodies together that the stiffness does not resist.
+    """Determine the rigid motions of all bodies together that the stiffness does not resist.
 
     Returns the displacement of the unknowns in them, shape (n, motions), m; as many unknowns that
-    fix these motions and nothing else if they are fixed, so that loads that balance each other
-    have no reaction there; and names such as ``"along x"`` and ``"about z"``.
+    constrain only these motions if they are fixed, so that loads in equilibrium have no reaction
+    there; and names such as ``"along x"`` and ``"about z"``.
     """
     rigid = rigid_motions(*problem.places())
     motion = free_motions(stiffness, rigid)
@@ -53,7 +53,7 @@ def find_free_motions(
         if free_motions(stiffness, single[:, None]).size
     ]
     others = motion.shape[1] - len(names)
-    screws = [f"{others} that turn and move at once"] if others else []
+    screws = [f"{others} with rotation and translation"] if others else []
     return motion, pins, (*names, *screws)
 
 
@@ -95,9 +95,9 @@ class TangentModes:
     shape : ndarray, shape (n, modes)
         Shapes of unit modal mass, :math:`\phi^T M \phi = 1`, kg^-1/2, with a positive largest
         displacement.
-    rigid : tuple of str, motions that no stiffness resists, which are left out
+    rigid : tuple of str, free rigid motions, which are not among the modes
     coinciding : tuple of tuple of int
-        Groups of modes of one frequency, counted from 0; their shapes move along the axes.
+        Groups of modes with the same frequency, counted from 0; their shapes move along the axes.
     """
 
     square: np.ndarray
@@ -118,11 +118,11 @@ class TangentModes:
 def tangent_modes(
     problem: CutProblem, stiffness: csr_array, mass: csr_array, count: int
 ) -> TangentModes:
-    r"""Find the lowest modes of a structure, without its rigid motions.
+    r"""Compute the lowest modes of a structure, without its rigid motions.
 
     Parameters
     ----------
-    problem : CutProblem, gives the places of the unknowns
+    problem : CutProblem, with the positions of the unknowns
     stiffness : csr_array, shape (n, n), symmetric tangent K with bolts and joints, N/m
     mass : csr_array, shape (n, n), M, kg
     count : int, number of modes
@@ -136,14 +136,14 @@ def tangent_modes(
     CaseError
         If the model has fewer modes, or the tangent is not positive: the preload is unstable.
     MultiscaleError
-        If a part moves without force.
+        If the tangent with the springs below is singular: bodies move without force.
 
     Notes
     -----
     With the free rigid motions R, :math:`R^T M R = 1`, and the stiffness :math:`\hat K` with as
     many springs to the ground as there are motions, modes belong to the largest eigenvalues of
-    :math:`P \hat K^{-1} P^T M`, :math:`P = 1 - R R^T M`: loads that balance each other have no
-    reaction in the springs.
+    :math:`P \hat K^{-1} P^T M`, :math:`P = 1 - R R^T M`: loads in equilibrium have no reaction in
+    the springs.
     """
     rigid, pins, names = find_free_motions(problem, stiffness)
     n = stiffness.shape[0]
@@ -151,7 +151,7 @@ def tangent_modes(
         rigid = rigid @ np.linalg.inv(np.linalg.cholesky(rigid.T @ (mass @ rigid))).T
     if not 1 <= count <= n - rigid.shape[1]:
         raise CaseError(
-            f"mode {count} is wanted, and the model has {n - rigid.shape[1]} modes; count them "
+            f"mode {count} is requested, and the model has {n - rigid.shape[1]} modes; count them "
             f"from 1, or give finer meshes"
         )
     wanted = min(count + MORE, n - rigid.shape[1])
@@ -162,8 +162,8 @@ def tangent_modes(
     else:
         springs = np.zeros(n)
         springs[pins] = stiffness.diagonal().mean()
-        held = csr_array(stiffness + diags_array(springs))
-        solve = factorise(held, name="the tangent stiffness of the structure")
+        supported = csr_array(stiffness + diags_array(springs))
+        solve = factorise(supported, name="the tangent stiffness of the structure")
 
         def balanced(force: np.ndarray) -> np.ndarray:
             u = solve(force - mass @ (rigid @ (rigid.T @ force)))
@@ -177,18 +177,18 @@ def tangent_modes(
     if square[0] <= 0.0:
         raise CaseError(
             f"the preloaded structure is unstable: its tangent has the negative eigenvalue "
-            f"{square[0]:.3g} s-2, so that it leaves its rest by itself; check the laws of the "
+            f"{square[0]:.3g} s-2, so that its rest is not stable; check the laws of the "
             f"interfaces and the preload"
         )
-    # modes of one frequency, and signs of the shapes
+    # modes of the same frequency, and signs of the shapes
     groups = np.split(
         np.arange(square.size), 1 + np.flatnonzero(np.diff(square) > 2.0 * COINCIDE * square[1:])
     )
     for group in groups:
-        if group.size > 1:  # rotated by the shares of their masses that move along the axes
-            lean = (1.0 + problem.places()[1] % 3)[:, None]
+        if group.size > 1:  # principal directions of the mass weighted by the axis of motion
+            axis_weight = (1.0 + problem.places()[1] % 3)[:, None]
             together = shape[:, group]
-            axes = np.linalg.eigh(together.T @ (lean * (mass @ together)))[1]
+            axes = np.linalg.eigh(together.T @ (axis_weight * (mass @ together)))[1]
             shape[:, group] = together @ axes
     largest = np.argmax(np.abs(shape), axis=0)
     shape = shape * np.sign(shape[largest, np.arange(square.size)])

@@ -1,4 +1,4 @@
-"""A structure at rest under its preload: from here on it vibrates."""
+"""Rest of a structure under its preload, from which it vibrates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,9 +27,9 @@ from multiscale.schema import Dataset
 
 __all__ = ["Preloaded", "press_structure", "require_joined"]
 
-MOST = 6000
-"""Largest number of unknowns that bodies are condensed onto: their full matrix is factorised once,
-and a matrix of half its size in every step."""
+LARGEST = 6000
+"""Limit of the boundary unknowns of condensed bodies: their dense matrix is factorised once, and a
+matrix of half its size in every step."""
 
 STIFFEST = 1e5
 """Stiffness of a law, relative to the bodies, above which a joint counts as rigid in modes: a
@@ -44,9 +44,9 @@ class Preloaded:
     ----------
     free : CutProblem, the structure on its supports, if any
     condensed : CondensedProblem
-        The same, with springs against rigid motions of the whole that are free.
+        The same structure with springs against free rigid motions of the whole.
     path : Dataset, follows ``MACRO_RESULT``, the steps of the preload on the small problem
-    law : SideBySide, laws of all joints for further loads, which flow no more
+    law : SideBySide, laws of all joints for further loads, without plastic flow
     state : JointState, at the end of the preload
     """
 
@@ -57,9 +57,9 @@ class Preloaded:
     state: JointState
 
     def tangent(self) -> csr_array:
-        """Stiffness of the whole against small changes, with locked bolts, no point slipping, N/m.
+        """Stiffness of the whole against small changes, N/m, shape (whole.n, whole.n).
 
-        Shape (whole unknowns, whole unknowns).
+        Bolts are locked, and no point slips.
         """
         whole, law = assemble(self.free.with_locked_bolts()), self.law
         tangent = law.respond(self.state.jump, law.unsheared(self.state.history)).tangent
@@ -86,11 +86,11 @@ def press_structure(
     Parameters
     ----------
     assembly : Assembly
-        Supports, interfaces and bolts hold its bodies to each other; the whole may be free, if its
-        loads balance each other.
-    factors : ndarray, shape (steps, cases), factors of its loads, with bolts of their preloads
+        Supports, interfaces and bolts connect its bodies; the whole may be free if its loads are in
+        equilibrium.
+    factors : ndarray, shape (steps, cases), factors of its loads, with bolts first of the preloads
     preload_laws : sequence of InterfaceLaw, optional
-        Laws of the interfaces during the preload, such as frictionless ones, with the same states.
+        Laws of the interfaces during the preload, such as frictionless laws, with the same states.
     extrapolate : bool
         Whether pressures may lie far outside the data of the laws; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
@@ -100,21 +100,24 @@ def press_structure(
     Raises
     ------
     CaseError
-        If a body is free to move by itself, or the structure is refused as by ``cut_assembly``.
+        If a body is free to move separately, or as :func:`cut_assembly`.
     ConvergenceError
-        If the preload has no equilibrium, or one far outside the data of a law.
+        If the preload has no equilibrium, or is far outside the data of a law.
     """
+    # condensed structure, with springs against its free rigid motions
     free = cut_assembly(assembly)
-    held = _hold(free)
-    refuse_free(assembly, held, "; the structure as a whole may be free")
-    known = near.condensed.insides if near else ()
-    condensed = condense_problem(held, largest=MOST, insides=known)
+    supported = _add_springs(free)
+    refuse_free(assembly, supported, "; the structure as a whole may be free")
+    insides = near.condensed.insides if near else ()
+    condensed = condense_problem(supported, largest=LARGEST, insides=insides)
     joints = condensed.small.joints
-    if joints and condensed.small is held and held.n > MOST:
+    if joints and condensed.small is supported and supported.n > LARGEST:
         raise CaseError(
-            f"the interfaces and bolts keep so many of {held.n} unknowns that bodies are not "
-            f"condensed onto them, {MOST} at most; mesh the faces of interfaces coarser"
+            f"interfaces and bolts have too many of {supported.n} unknowns to condense the bodies "
+            f"onto them, {LARGEST} at most; mesh the faces of interfaces coarser"
         )
+
+    # path of the preload
     pressed = condensed.small
     if preload_laws is not None:
         pressed = pressed.with_laws(preload_laws)
@@ -122,6 +125,8 @@ def press_structure(
     path = followed.result
     if not path["converged"].values.all():
         raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
+
+    # pressures outside the data of the laws
     if joints:
         shares, data = joint_shares(pressed, path)
         loads = ["its preload"] * path.sizes["step"]
@@ -139,22 +144,26 @@ def require_joined(assembly: Assembly) -> None:
     CaseError
         With the bodies and their motions, or as ``cut_assembly``.
     """
-    refuse_free(assembly, _hold(cut_assembly(assembly)), "; the structure as a whole may be free")
+    supported = _add_springs(cut_assembly(assembly))
+    refuse_free(assembly, supported, "; the structure as a whole may be free")
 
 
-def _hold(problem: CutProblem) -> CutProblem:
-    """Add springs against the motions that neither supports nor joints with the ground resist."""
+def _add_springs(problem: CutProblem) -> CutProblem:
+    """Add springs against the free rigid motions of the whole structure."""
+    # stiffness with bonded joints, without tangential stiffness where they are frictionless
     whole = assemble(problem)
     size = whole.stiffness.diagonal().mean()
     k = np.full((3, whole.weight.size), size)
     k[1:] *= np.sign(problem.law.friction_limit(np.ones(whole.weight.size)))
     B = whole.jump
     K = csr_array(whole.stiffness + B.T @ diags_array(k.ravel()) @ B)
+
+    # a spring goes to the first substructure with its unknown
     springs = np.zeros(problem.n)
     springs[find_free_motions(problem, K)[1]] = size
-    parts = []
-    for part in problem.substructures:  # the first that has the unknown has the spring
-        added = diags_array(springs[part.unknown])
-        springs[part.unknown] = 0.0
-        parts.append(replace(part, stiffness=csr_array(part.stiffness + added)))
-    return replace(problem, substructures=tuple(parts))
+    substructures = []
+    for each in problem.substructures:
+        added = diags_array(springs[each.unknown])
+        springs[each.unknown] = 0.0
+        substructures.append(replace(each, stiffness=csr_array(each.stiffness + added)))
+    return replace(problem, substructures=tuple(substructures))
