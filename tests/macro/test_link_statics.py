@@ -189,7 +189,7 @@ def test_inextensible_cables_are_the_limit_of_stiff_ones():
         (2, None, {"method": "magic"}, "method 'magic' does not exist"),
         (2, None, {"load_factor": [0.0, np.nan]}, "load_factor must be a finite number"),
         (2, None, {"exact": True, "stability": True}, "leave out exact"),
-        (2, None, {"exact": True, "method": "lcp"}, "exact has one method"),
+        (2, None, {"exact": True, "method": "lcp"}, "exact needs the method"),
         (21, None, {"method": "lcp"}, "at most 5000; use method='auto'"),
     ],
 )

@@ -74,11 +74,13 @@ def test_no_beam_deforms_in_a_rigid_motion():
 FAULTS = {
     "node 1 has no link; connect": {"ends": np.array([[0, 2], [0, 2]])},
     "link 1 between nodes 1 and 2 has length 0 m; merge": {"position": np.eye(3)[[1, 0, 0]]},
-    "links 0 and 2 both join nodes 0 and 2; remove one": {
+    "links 0 and 2 both join nodes 0 and 2; remove a link": {
         "ends": np.array([[0, 2], [1, 2], [2, 0]]),
         "kind": np.zeros(3, dtype=int),
     },
-    "out of balance at 1 node, worst at node 2 by 111.8 N": {"prestress": np.array([100.0, 50.0])},
+    "not in equilibrium at 1 node, worst at node 2 by 111.8 N": {
+        "prestress": np.array([100.0, 50.0])
+    },
     "prestress of link 1, a cable, must lie between 0 and inf N, got -5": {
         "prestress": np.array([100.0, -5.0])
     },
@@ -113,14 +115,14 @@ def test_an_unsupported_part_is_named():
         fixed=np.vstack([pendulum().fixed, np.zeros((2, 3), dtype=bool)]),
         load=np.zeros((5, 3)),
     )
-    with pytest.raises(CaseError, match=r"the part with node 3 \(2 nodes\) is not supported"):
+    with pytest.raises(CaseError, match=r"the component with node 3 \(2 nodes\) is not supported"):
         solve_static(two)
 
 
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: tensegrity_grid(0), "at least one module each way, got 0 x 0"),
+        (lambda: tensegrity_grid(0), "at least one module along x and y, got 0 x 0"),
         (lambda: tensegrity_grid(2, height=-1.0), "height of a module must be positive"),
         (lambda: tensegrity_grid(2, prestress=-1.0), "prestress must not be negative"),
         (lambda: cable_net(1), "at least two meshes each way"),
@@ -218,7 +220,7 @@ SHIFTED = {"X": [0.0, 1.0], "y": [0.0, 0.0], "z": [0.0, 0.0], "load": [0.0, 1.0]
         (dict.fromkeys(NODES, ()), LINKS, "rope", "has no rows below its names; give at least"),
         (NODES, dict.fromkeys(LINKS, ()), "rope", "has no rows below its names; give at least"),
         (NODES, LINKS, "bar", "law 'rope' of link 0 is not among the laws"),
-        (NODES | {"z": [0.0]}, LINKS, "rope", "must have one length"),
+        (NODES | {"z": [0.0]}, LINKS, "rope", "must have the same length"),
     ],
 )
 def test_faulty_tables_are_refused(nodes, links, law, message):
@@ -239,7 +241,7 @@ def test_a_module_has_one_self_stress_and_three_mechanisms():
 
 
 def test_self_stress_of_a_large_structure_is_refused():
-    with pytest.raises(CaseError, match="analyse one module"):
+    with pytest.raises(CaseError, match="analyse a single module"):
         self_stress(tensegrity_grid(20))
 
 

@@ -331,7 +331,7 @@ def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(table
     [
         (("strut", "strut"), "none of the 1 states of self-stress has all cables that it"),
         (("cable", "cable"), "none of the 1 states of self-stress has all cables that it"),
-        (("bar", "bar"), "no cable or strut says which state"),
+        (("bar", "bar"), "the state of self-stress is ambiguous"),
     ],
 )
 def test_a_self_stress_that_no_link_can_carry_is_refused(tables, kinds, message):

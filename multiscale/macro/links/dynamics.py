@@ -33,7 +33,7 @@ START_TOLERANCE = 1e-9
 MAX_ITERATIONS = 50
 
 TOLERANCE = 1e-12
-"""Bound on the momentum out of balance, relative to the largest; raised to the rounding error."""
+"""Bound on the residual momentum, relative to the largest; raised to the rounding error."""
 
 UNDERFLOW_LIMIT = float(np.sqrt(np.finfo(float).tiny))
 """Momentum, N s, or rate, m/s, below which the energy of a motion underflows."""
@@ -72,7 +72,7 @@ def simulate(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``, one step for each time; ``tension`` of inextensible links is
+        Follows ``MACRO_RESULT``, a step for each time; ``tension`` of inextensible links is
         the mean over the step. A step that fails is NaN with ``converged`` 0 and ends the motion;
         the attribute ``failure`` states the reason.
 
@@ -91,13 +91,13 @@ def simulate(
 
     with :math:`x_\theta = \theta x^+ + (1 - \theta) x^-`, (9) of the source for
     :math:`\theta = 1`. The tension :math:`\bar\tau` of the extensible links gains no energy,
-    whichever links go slack and however large the step is; :math:`\theta = 1/2` loses none.
+    in steps of any size with any slack links; :math:`\theta = 1/2` conserves it.
     Inextensible links carry impulses :math:`\pi`, (11) of the source,
 
     .. math::
         0 \le \pi \perp -e^+ \ge 0,    \tag{2}
 
-    so that the distance of their ends never exceeds their length. With a coefficient of
+    so that the distance of their ends is at most their length. With a coefficient of
     restitution :math:`\rho > 0`, links that would be taut in the middle of the step obey instead
     of (2), with the rates :math:`\eta` of their elongations,
 
@@ -171,7 +171,7 @@ def _nodal_masses(model: LinkEquations, mass: np.ndarray | float) -> np.ndarray:
         masses = np.broadcast_to(given[:, None] if given.ndim == 1 else given, free.shape)
     except ValueError:
         raise CaseError(
-            f"mass must be one number or one per node ({len(free)},), got {np.shape(mass)}"
+            f"mass must be a number or an array of shape ({len(free)},), got shape {np.shape(mass)}"
         ) from None
     wrong = free & ~((masses > 0.0) & np.isfinite(masses))
     if wrong.any():
@@ -198,7 +198,7 @@ class _State:
     u: np.ndarray  # displacement, shape (n,), m
     v: np.ndarray  # velocity, shape (n,), m/s
     elongation: np.ndarray  # of the links, shape (rows,), m
-    support: np.ndarray  # part of the elongation due to the motion of the supports, m
+    support: np.ndarray  # elongation due to the motion of the supports, (rows,), m
     tension: np.ndarray  # of the extensible links, shape (rows,), N; zero for the others
     impulse: np.ndarray  # of the inextensible links in the last step, (rows,), N s; else zero
     mean: np.ndarray  # mean tension of all links in the last step, shape (rows,), N
@@ -224,7 +224,7 @@ class _Scheme:
 
     @cached_property
     def side(self) -> np.ndarray:
-        """1 for inextensible cables, -1 for inextensible struts, 0 for extensible links."""
+        """Sign: 1 for inextensible cables, -1 for inextensible struts, 0 for extensible links."""
         rigid = np.where(np.isfinite(self.model.lower), 1.0, -1.0)
         return np.where(self.extensible, 0.0, rigid)
 
@@ -335,7 +335,7 @@ class _Scheme:
         growth = step * model.elongate(y)
         after = self.prestress + k * (drift + growth)
         tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
-        # rounding of the elongations, and of the motions that they are the differences of
+        # rounding of the elongations, which are differences of motions
         cancelling = _largest(np.abs(drift) + np.abs(growth)) + step * _largest(y)
         balance = MomentumBalance(
             self.mass * y + h * model.gather(tension) - push,
@@ -419,7 +419,7 @@ def mean_tension(
 
     so that :math:`\bar\tau\, \Delta e - \Delta V = (2\theta - 1)(\tau^+ \Delta e - \Delta V) \ge
     0`: a discrete gradient [1]_. If a link stays taut or slack it equals
-    :math:`\theta \tau^+ + (1 - \theta) \tau^-`. The quotient is summed over the parts of the
+    :math:`\theta \tau^+ + (1 - \theta) \tau^-`. The quotient is summed over the shares of the
     step below, between and above the bounds, without a difference of nearly equal energies.
 
     References
@@ -505,7 +505,7 @@ def limited_motion(
             last = max(residual, accuracy)
             return Solution(np.append(y, p), run.status, (*run.residuals[:-1], last))
 
-        # line search; a full first step meets the limits, which the start need not
+        # line search; a full first step satisfies the limits, which the start may violate
         dx = np.append(y, p) - x
         if run.steps or not bound.size:
             length = step_length(partial(slope, x, dx), slope(x, dx, 0.0))
@@ -515,5 +515,5 @@ def limited_motion(
 
 
 def _largest(vector: np.ndarray) -> float:
-    """Return the largest absolute entry, zero if there are none."""
+    """Return the largest absolute entry, zero of an empty vector."""
     return float(np.abs(vector).max(initial=0.0))

@@ -32,7 +32,7 @@ def find_finite_state(
     start: np.ndarray,
     limits: Limits,
 ) -> LinkState:
-    r"""Follow the equilibrium from one load factor to another.
+    r"""Follow the equilibrium between two load factors.
 
     .. math::
         \sum n\, \tau = \alpha F^d, \qquad \tau = P(\tau^0 + k (|x_2 - x_1| - L)),    \tag{1}
@@ -45,7 +45,7 @@ def find_finite_state(
     not positive definite, or the step must be cut, links have a stiffness across their axes in the
     tangent, as large as necessary: links without tension, or nearly along the line of their ends,
     resist a lateral load only after a large displacement, which the tangent does not foresee. With
-    the largest lateral stiffness the tangent is an upper bound at strains below one, and every
+    the largest lateral stiffness the tangent is an upper bound at strains below 1, and every
     step lowers the energy. A load step that fails is halved.
     """
     problem = _Problem(system, model)
@@ -54,20 +54,20 @@ def find_finite_state(
         solution = _newton(problem, load_factor, u, limits)
         return solution, solution.value
 
-    parts = march(attempt, start, load_factors, MAX_STEP_HALVINGS)
-    solution = join_solutions([part.solution for part in parts])
+    steps = march(attempt, start, load_factors, MAX_STEP_HALVINGS)
+    solution = join_solutions([step.solution for step in steps])
     shape = problem.shape(solution.value)
     slack = np.abs(shape.tension - shape.elastic) / model.stiffness
     return LinkState(solution, shape.tension, slack)
 
 
 class _DeformedLinks(NamedTuple):
-    """Actual length, m, and unit vector (links, 3); elastic and projected tension, N."""
+    """Links at displaced nodes."""
 
-    length: np.ndarray
-    direction: np.ndarray
-    elastic: np.ndarray
-    tension: np.ndarray
+    length: np.ndarray  # (links,), m
+    direction: np.ndarray  # unit vector, (links, 3)
+    elastic: np.ndarray  # elastic tension, (links,), N
+    tension: np.ndarray  # projected tension, (links,), N
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class _Problem:
         return _DeformedLinks(length, span / length[:, None], elastic, tension)
 
     def residual(self, shape: _DeformedLinks, load_factor: float) -> np.ndarray:
-        """Return the force out of balance, shape (n,), N."""
+        """Return the residual force, shape (n,), N."""
         force = nodal_pull(self.system, shape.tension[:, None] * shape.direction)
         return np.asarray(load_factor * self.model.load - force[self.model.number >= 0])
 
@@ -147,7 +147,7 @@ def _step(
     shape: _DeformedLinks,
     residual: np.ndarray,
 ) -> tuple[np.ndarray, _DeformedLinks, np.ndarray] | None:
-    """Take a Newton step that lowers energy or residual; None if there is none."""
+    """Return a Newton step that lowers energy or residual; None if all trials fail."""
     energy, before = problem.energy(shape, u, load_factor), float(np.abs(residual).max())
     for lateral in LATERAL_STIFFNESS:
         direction = problem.direction(shape, residual, lateral)

@@ -32,7 +32,7 @@ RIGID_STIFFNESS = 1e6
 
 @np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
 def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
-    r"""Find tensions and slacks by an interior-point method.
+    r"""Compute tensions and slack by an interior-point method.
 
     .. math::
         B^T \tau = \alpha F^d, \quad \frac{\tau - \tau^0}{k} = B u + s \lambda, \quad
@@ -117,7 +117,7 @@ class _Problem:
         )
 
     def errors(self, point: _Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return forces out of balance (N), incompatibility (m), tension times slack (N m)."""
+        """Return residual forces (N), incompatibility (m), tension times slack (N m)."""
         model = self.model
         balance = model.gather(point.tau) - self.load
         fit = self.give * (point.tau - model.prestress)
@@ -168,7 +168,7 @@ class _Problem:
         return _Point(u, tau, np.where(self.one_sided, slack, 0.0))
 
     def longest_step(self, point: _Point, change: _Point) -> float:
-        """Return the step, at most one, at which a tension or a slack becomes zero."""
+        """Return the step, at most 1, at which a tension or a slack becomes zero."""
         step = 1.0
         for value, rate in (
             (np.abs(point.tau), self.sign * change.tau),
@@ -198,7 +198,7 @@ def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: 
     product = np.where(mask, np.abs(point.tau) * point.slack, 0.0)
     count = float(np.count_nonzero(mask)) or 1.0
     mean = float(product.sum()) / count
-    # predictor, and the mean product that it leaves
+    # predictor, and the mean product after it
     guess = problem.direction(point, weight, solve, product)
     step = problem.longest_step(point, guess)
     after = (np.abs(point.tau) + step * sign * guess.tau) * (point.slack + step * guess.slack)

@@ -26,7 +26,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """Symmetric matrices of one pattern, given by the entries of their upper triangle by rows."""
+    """Symmetric matrices of the same pattern, as entries of their upper triangle by rows."""
 
     start: np.ndarray  # first entry of each row, shape (n + 1,)
     column: np.ndarray  # increasing in each row
@@ -137,7 +137,7 @@ class LinkEquations:
 
 
 def equations(system: LinkSystem) -> LinkEquations:
-    """Return one row per deformation of the links, and the numbers of the unknowns."""
+    """Return a row for each deformation of the links, and the numbers of the unknowns."""
     c = system.n_components
     free = ~np.asarray(system.fixed, dtype=bool)
     number = np.full(free.shape, -1, dtype=np.int32)
@@ -211,13 +211,13 @@ class LinkState:
 
     solution: Solution  # its value is the displacement, shape (n,), m
     tension: np.ndarray  # shape (rows,), N; of the modes of beams their force
-    slack: np.ndarray  # shape (rows,), m; never negative
+    slack: np.ndarray  # shape (rows,), m; at least zero
 
 
 def state_of(
     model: LinkEquations, solution: Solution, change: np.ndarray | None = None
 ) -> LinkState:
-    """Return the state with the tensions (14), (15) of the source and the slacks."""
+    """Return the state with the tensions (14), (15) of the source and the slack."""
     if change is None:
         change = model.stiffness * model.elongate(solution.value)
     elastic = model.prestress + change
@@ -231,7 +231,7 @@ def force_scale(model: LinkEquations, load: np.ndarray) -> float:
 
 
 def round_off(tension: np.ndarray) -> float:
-    """Return the force out of balance due to the rounding of the tensions, N."""
+    """Return the residual force due to the rounding of the tensions, N."""
     return float(8.0 * np.finfo(float).eps * np.abs(tension).max())
 
 

@@ -34,12 +34,12 @@ MAX_SHORT_STEPS = 4
 """Number of successive short steps after which the method stops."""
 
 LARGE = 10_000
-"""Unknowns from which a factorisation costs so much that the first factors are kept, and that \
-zones out of balance are solved before the next one."""
+"""Unknowns from which a factorisation costs so much that the first factors are reused, and that \
+zones far from equilibrium are solved before the next factorisation."""
 
-MAX_SOFTENING, KEPT_DECREASE = 1.5, 0.5
-"""Length of the first step up to which the factors without slack are kept, and share to which \
-every step with them must reduce the work of the forces out of balance."""
+MAX_SOFTENING, REUSE_DECREASE = 1.5, 0.5
+"""Length of the first step up to which the factors without slack are reused, and share to which \
+every step with them must reduce the work of the residual forces."""
 
 SOFTENED_STIFFNESS = 0.3
 """Stiffness of a slack link in a large structure after a longer first step."""
@@ -49,22 +49,22 @@ FAST_DECREASE = 0.1
 slack links needs no new factors."""
 
 ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)
-"""Limits for a zone; the tolerance is relative to the largest force out of balance of all zones."""
+"""Limits for a zone; the tolerance is relative to the largest residual force of all zones."""
 
-LOOSEST = 0.999
+LARGEST_TOLERANCE = 0.999
 """Largest tolerance of a zone relative to its load, which can be small."""
 
 CORE_SHARE = 0.01
-"""Force out of balance from which an unknown is in the core of a zone, relative to the largest."""
+"""Residual force from which an unknown is in the core of a zone, relative to the largest."""
 
 MIN_RINGS, MAX_RINGS = 2, 20
-"""Rings of links around the cores: fewer confine the change, more gain nothing."""
+"""Rings of links around the cores: fewer constrain the displacement, more have no benefit."""
 
 ZONE_SHARE = 0.1
 """Share of the unknowns up to which zones cost less than they save."""
 
 MAX_PAIRS = 8
-"""Number of last steps whose curvature corrects kept factors."""
+"""Number of last steps with a curvature that corrects reused factors."""
 
 
 @dataclass
@@ -102,7 +102,7 @@ def solve_newton(
     limits: Limits,
     taut: Solve | None = None,
 ) -> LinkState:
-    r"""Find the displacement at which the tensions balance the load.
+    r"""Solve for the displacement at which the tensions balance the load.
 
     .. math::
         B^T \tau = \alpha F^d, \qquad \tau = P(\tau^0 + k B u),    \tag{1}
@@ -115,17 +115,16 @@ def solve_newton(
     (1) is the gradient of a convex, piecewise quadratic energy. Its derivative along a Newton
     direction is piecewise linear and increasing, so that the step to its zero is exact and the
     energy falls in every iteration. Slack links have a small stiffness in the tangent, which is
-    increased while so many are slack that the tangent is singular; they have none in the residual.
-    In large structures that few slack links soften, the factors without slack are kept at first and
+    increased while so many are slack that the tangent is singular; it does not enter the residual.
+    In large structures with few slack links, the factors without slack are reused at first and
     corrected by the curvature of the last steps [1]_, until the set of slack links is constant.
-    In other large structures a few links with a change that the tangent did not foresee would cut
-    every step: after a whole step the zones around the largest forces out of balance are solved
-    separately, with the other nodes fixed [2]_, and the step follows the sum of both displacements
-    if it becomes longer.
+    In other large structures a few links far outside the linear range would shorten every step:
+    after a full step the zones around the largest residual forces are solved separately, with the
+    other nodes fixed [2]_, and the step follows the sum of both displacements if it becomes longer.
 
     The elongations are summed step by step, not computed from the displacement: their rounding is
-    then relative to their size, and equilibrium is met to the rounding of the tensions however
-    stiff the bars are.
+    then relative to their size, and equilibrium holds to the rounding of the tensions for bars of
+    any stiffness.
 
     References
     ----------
@@ -143,14 +142,14 @@ def solve_newton(
     solve, factored = taut, np.ones(elastic.size, dtype=bool)
     factored_share = slack_stiffness.share
     large = model.n >= LARGE
-    kept, before, last_work = taut is not None and large, factored, np.inf
+    reused, before, last_work = taut is not None and large, factored, np.inf
     pairs: list[tuple[np.ndarray, np.ndarray]] = []
 
     while True:
-        # residual of (1), and the curvature of the last step with kept factors
+        # residual of (1), and the curvature of the last step with reused factors
         change = np.clip(elastic, lower, upper)  # tau - tau^0
         last, residual = residual, load - imbalance - model.gather(change)
-        if kept and step > 0.0:
+        if reused and step > 0.0:
             pairs = [*pairs[1 - MAX_PAIRS :], (step * direction, last - residual)]
         rounding = round_off(model.prestress + change)
         if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
@@ -159,16 +158,16 @@ def solve_newton(
             run.stop(Status.STALLED)
             break
 
-        # direction: from kept factors while they reduce the work, else from the tangent
+        # direction: from reused factors while they reduce the work, else from the tangent
         carries = change == elastic
         same = np.array_equal(carries, factored)
         if same:
             slack_stiffness.reset()
-        kept = kept and (same or not np.array_equal(carries, before))
-        if kept and solve is not None:
+        reused = reused and (same or not np.array_equal(carries, before))
+        if reused and solve is not None:
             direction = secant_direction(solve, pairs, residual)
-            kept = residual @ direction <= KEPT_DECREASE * last_work
-        if not kept:
+            reused = residual @ direction <= REUSE_DECREASE * last_work
+        if not reused:
             fast = large and np.abs(residual).max() < FAST_DECREASE * np.abs(last).max()
             stale = slack_stiffness.share != factored_share and not fast
             if solve is None or not same or stale:
@@ -185,7 +184,7 @@ def solve_newton(
         growth = model.stiffness * model.elongate(direction)
         before, last_work = carries, float(residual @ direction)
         step = exact_step(elastic, growth, model.stiffness, lower, upper, last_work)
-        if large and not kept:
+        if large and not reused:
             relaxed = direction + relax_zones(model, load, elastic + growth)
             relaxed_growth = model.stiffness * model.elongate(relaxed)
             work = float(residual @ relaxed)
@@ -195,7 +194,7 @@ def solve_newton(
         u, elastic = u + step * direction, elastic + step * growth
 
         # stiffness of slack links for the next step
-        kept = kept and (bool(pairs) or step <= MAX_SOFTENING)
+        reused = reused and (bool(pairs) or step <= MAX_SOFTENING)
         slack_stiffness.adapt(step)
         if large and not run.steps and step > MAX_SOFTENING:
             slack_stiffness.share = SOFTENED_STIFFNESS
@@ -206,10 +205,10 @@ def solve_newton(
 def relax_zones(model: LinkEquations, load: np.ndarray, elastic: np.ndarray) -> np.ndarray:
     """Return the displacement that balances the zones farthest from equilibrium separately, m."""
     u = np.zeros(model.n)
-    for unknowns, part, residual in unbalanced_zones(model, load, elastic):
-        relative = ZONE_LIMITS.tolerance * residual / force_scale(part, part.load)
-        limits = replace(ZONE_LIMITS, tolerance=min(relative, LOOSEST))
-        state = solve_newton(part, 1.0, u[unknowns], limits)
+    for unknowns, zone, residual in unbalanced_zones(model, load, elastic):
+        relative = ZONE_LIMITS.tolerance * residual / force_scale(zone, zone.load)
+        limits = replace(ZONE_LIMITS, tolerance=min(relative, LARGEST_TOLERANCE))
+        state = solve_newton(zone, 1.0, u[unknowns], limits)
         u[unknowns] = state.solution.value
     return u
 
@@ -217,7 +216,7 @@ def relax_zones(model: LinkEquations, load: np.ndarray, elastic: np.ndarray) -> 
 def unbalanced_zones(
     model: LinkEquations, load: np.ndarray, elastic: np.ndarray
 ) -> Iterator[tuple[np.ndarray, LinkEquations, float]]:
-    """Yield unknowns, equations and largest force out of balance of the zones, which are apart."""
+    """Yield unknowns, equations and largest residual force of the disconnected zones."""
     force = model.prestress + elastic
     residual = np.abs(load - model.gather(np.clip(force, model.lower, model.upper)))
     # cores, and rings of neighbours around them
@@ -233,11 +232,11 @@ def unbalanced_zones(
     # equations of each connected zone, with the forces of the links as prestress
     unknowns = np.flatnonzero(zone)
     graph = model.tangent.pattern[unknowns][:, unknowns]
-    count, part = connected_components(graph, directed=False)
-    part_of, position = np.full(model.n + 1, -1), np.full(model.n + 1, -1, dtype=np.int32)
-    part_of[unknowns] = part
-    row_part = part_of[model.unknown].max(axis=1)  # -1, a fixed component, selects the last entry
-    for rows, inside in zip(_members(row_part, count), _members(part, count), strict=True):
+    count, label = connected_components(graph, directed=False)
+    zone_of, position = np.full(model.n + 1, -1), np.full(model.n + 1, -1, dtype=np.int32)
+    zone_of[unknowns] = label
+    row_label = zone_of[model.unknown].max(axis=1)  # -1, a fixed component, selects the last entry
+    for rows, inside in zip(_members(row_label, count), _members(label, count), strict=True):
         position[unknowns[inside]] = np.arange(inside.size)
         of_rows = ("link", "coefficient", "stiffness", "lower", "upper")
         zone_model = replace(
@@ -251,10 +250,10 @@ def unbalanced_zones(
         yield unknowns[inside], zone_model, float(residual.max())
 
 
-def _members(part: np.ndarray, count: int) -> list[np.ndarray]:
-    """Return the indices of the members of each part, from the part of every entry or -1."""
-    order = np.argsort(part, kind="stable")
-    return np.split(order, np.searchsorted(part[order], np.arange(count + 1)))[1:-1]
+def _members(label: np.ndarray, count: int) -> list[np.ndarray]:
+    """Return the indices of the entries of each label from 0 to count - 1."""
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.searchsorted(label[order], np.arange(count + 1)))[1:-1]
 
 
 @compiled
@@ -297,8 +296,8 @@ def exact_step(
     work: float,
 ) -> float:
     """Return the zero of the piecewise linear slope of the energy, by Newton inside a bracket."""
-    # the slope is its initial value, minus ``work``, and the gains of the tensions: a difference
-    # of two nearly equal sums would lose it near the solution
+    # the slope is its initial value, minus ``work``, plus the gains of the tensions: a difference
+    # of two nearly equal sums would be rounding near the solution
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):
         slope, curvature = -work, 0.0

@@ -44,14 +44,14 @@ def tensegrity_grid(
     ----------
     n, m : int, number of modules along x and y; m = n if not given
     prestress : float
-        Tension of the upper cables at load factor zero, N. The self-stress of a module is, as
+        Tension of the upper cables at load factor 0, N. The self-stress of a module is, as
         force over length, lower : upper : lateral : bar = 1 : 2 : 2 : -2; with the default shape
         the tensions are as 1 : sqrt 2 : sqrt 2 : -sqrt 6.
     size : float, edge :math:`a` of a module, m
     height : float, distance :math:`h` of the layers, m
     cable : Cable, optional, law of the cables; rigidity 4e6 N if not given
     bar : Bar, optional, law of the bars; rigidity 8e7 N if not given
-    nodal_load : float, vertical force on every node at load factor one, N, positive downwards
+    nodal_load : float, vertical force on every node at load factor 1, N, positive downwards
 
     Returns
     -------
@@ -69,8 +69,8 @@ def tensegrity_grid(
     -----
     With the defaults and n = 16 this is the test structure of section 4 of the source: 256
     modules, 3072 cables. The source gives neither the shape nor the stiffness; these are chosen
-    so that about 14 % of the cables are slack at load factor one, as in the source. This share is
-    no prediction, since it depends only on the ratio of load to prestress.
+    so that about 14 % of the cables are slack at load factor 1, as in the source. This share is
+    an input, since it depends only on the ratio of load to prestress.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def tensegrity_grid(
     """
     m = n if m is None else m
     if min(n, m) < 1:
-        raise CaseError(f"a grid needs at least one module each way, got {n} x {m}")
+        raise CaseError(f"a grid needs at least one module along x and y, got {n} x {m}")
     for name, value in (("size", size), ("height", height)):
         if not (value > 0.0 and np.isfinite(value)):
             raise CaseError(f"{name} of a module must be positive (m), got {value}")
@@ -154,9 +154,9 @@ def cable_net(
     rise : float
         Height of the saddle :math:`z = r (\xi^2 - \eta^2)`, m, with :math:`\xi` and
         :math:`\eta` from -1 to 1.
-    prestress : float, horizontal part of every tension at load factor zero, N
+    prestress : float, horizontal component of every tension at load factor 0, N
     cable : Cable, optional, law of the cables; rigidity 1e7 N if not given
-    nodal_load : float, vertical force on every inner node at load factor one, N, downwards
+    nodal_load : float, vertical force on every inner node at load factor 1, N, downwards
 
     Returns
     -------
@@ -170,8 +170,8 @@ def cable_net(
 
     Notes
     -----
-    With one force density along each direction, a node is in equilibrium if its height is
-    discretely harmonic, which holds for the saddle. The force densities along x and y have the
+    With a constant force density along each direction, a node is in equilibrium if its height is
+    discretely harmonic, which the saddle satisfies. The force densities along x and y have the
     ratio :math:`n^2 : m^2`.
     """
     m = n if m is None else m
@@ -214,7 +214,7 @@ def system_from_table(
     nodes : mapping of str to array_like
         Columns by name, such as a dict or a pandas table. ``x``, ``y``, ``z``: position, m.
         Optional: ``fix_x``, ``fix_y``, ``fix_z``: 1 if fixed, else 0; ``load_x``, ...: force at
-        load factor one, N; and with beams ``fix_rx``, ..., ``load_rx``, ...: the same for rotations
+        load factor 1, N; and with beams ``fix_rx``, ..., ``load_rx``, ...: the same for rotations
         and moments, N m.
     links : mapping of str to array_like
         ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of the law. Optional:
@@ -253,7 +253,7 @@ def system_from_table(
     if wrong := np.argwhere((fixed != 0.0) & (fixed != 1.0)).tolist():
         node, motion = wrong[0]
         raise CaseError(
-            f"fix_{motions[motion]} of node {node} must be 1 (held) or 0, got "
+            f"fix_{motions[motion]} of node {node} must be 1 (fixed) or 0, got "
             f"{fixed[node, motion]:g}; supports do not move"
         )
     names = [str(name) for name in links["law"]]
@@ -289,10 +289,10 @@ def system_from_mesh(
         Mesh as returned by :func:`multiscale.io.open_mesh`. Lines belong to named groups. Supports
         are named sets of nodes, or groups of vertex elements.
     laws : mapping of str to LinkLaw, law of every set of lines
-    supports : tuple of str, sets whose nodes are fixed in all unknowns
+    supports : tuple of str, sets of nodes that are fixed in all unknowns
     load : tuple of float
-        Force (N), with beams followed by the moment (N m), on every free node at load factor one.
-    scale : float, length of one unit of the file, m
+        Force (N), with beams followed by the moment (N m), on every free node at load factor 1.
+    scale : float, length unit of the file, m
 
     Raises
     ------
@@ -353,9 +353,9 @@ def _check_columns(
         raise CaseError(f"the table of {what} {' and '.join(faults)}; {hint}")
     sizes = {name: len(table[name]) for name in names}
     if 0 in sizes.values():
-        raise CaseError(f"the table of {what} has no rows below its names; give at least one")
+        raise CaseError(f"the table of {what} has no rows below its names; give at least one row")
     if len(set(sizes.values())) != 1:
-        raise CaseError(f"the columns of {what} must have one length, got {sizes}")
+        raise CaseError(f"the columns of {what} must have the same length, got {sizes}")
 
 
 def _cells(mesh: NamedMesh, name: str, kind: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Structure of nodes and links, with one sentence per fault of its data."""
+"""Structure of nodes and links, and checks of its data."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 BALANCE_TOLERANCE = 1e-6
-"""Largest allowed force out of balance, relative to the largest prestress."""
+"""Largest allowed residual force, relative to the largest prestress."""
 
 MIN_RELATIVE_LENGTH = 1e-9
 """Smallest allowed length of a link, relative to the size of the structure."""
@@ -55,22 +55,22 @@ class LinkSystem:
     fixed : ndarray of bool, shape (nodes, c)
         Fixed unknowns. With c = 3 displacements along x, y, z; with beams c = 6, the rotations
         about x, y, z follow.
-    load : ndarray, shape (nodes, c), forces (N) and with beams moments (N m) at load factor one
+    load : ndarray, shape (nodes, c), forces (N) and with beams moments (N m) at load factor 1
     prestress : ndarray, shape (links,), optional
         Tension :math:`\tau^0`, N, compression negative; zero if not given.
     group : ndarray of int, shape (links,), optional
         Module of each link. Modules with a common edge have parallel links there; within a module
         a second link between the same nodes is refused as a duplicate.
     balanced : bool
-        Whether the prestress must be in equilibrium at every free node. If it is not,
+        Whether the prestress must be in equilibrium at every free node. Without equilibrium,
         :math:`\Omega_0` is only the reference of the relaxed lengths, and the structure moves at
-        load factor zero, for example after a cable has been cut.
+        load factor 0, for example after a cable has been cut.
 
     Raises
     ------
     CaseError
         If shapes or numbers do not fit, a node belongs to no link, a link has no length or occurs
-        twice, or the prestress is out of balance.
+        twice, or the prestress is not in equilibrium.
 
     Examples
     --------
@@ -161,16 +161,16 @@ def nodal_pull(system: LinkSystem, pull: np.ndarray) -> np.ndarray:
 
 
 def check_supports(system: LinkSystem) -> None:
-    """Refuse a structure with a part that can move as a rigid body."""
+    """Refuse a structure with a connected component that can move as a rigid body."""
     graph = coo_array(
         (np.ones(system.n_links, dtype=np.int8), tuple(system.ends.T)), (system.n_nodes,) * 2
     )
-    parts, part = connected_components(graph, directed=False)
-    for k in range(parts):
-        inside = np.flatnonzero(part == k)
+    count, component = connected_components(graph, directed=False)
+    for k in range(count):
+        inside = np.flatnonzero(component == k)
         freedom = count_free_motions(system.position[inside], np.asarray(system.fixed)[inside])
         if freedom:
-            whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
+            whole = "the structure" if count == 1 else f"the component with node {inside[0]}"
             raise CaseError(
                 f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
                 f"are free; fix more directions of its nodes"
@@ -255,7 +255,7 @@ def _check_links(system: LinkSystem) -> None:
     for name in ("kind", "prestress", "group"):
         shape = np.shape(getattr(system, name))
         if shape != (links,):
-            raise CaseError(f"{name} must have one entry per link, ({links},), got {shape}")
+            raise CaseError(f"{name} must have an entry for each link, ({links},), got {shape}")
     for name, top in (("ends", system.n_nodes), ("kind", len(system.laws))):
         number = np.asarray(getattr(system, name))
         outside = np.flatnonzero(((number < 0) | (number >= top)).reshape(links, -1).any(axis=1))
@@ -278,12 +278,12 @@ def _check_links(system: LinkSystem) -> None:
 
 def _check_graph(system: LinkSystem) -> None:
     """Refuse nodes without links, links without length, and duplicates."""
-    loose = np.setdiff1d(np.arange(system.n_nodes), system.ends)
-    if loose.size:
-        named = ", ".join(str(node) for node in loose[:5])
-        more = f" and {loose.size - 5} more" if loose.size > 5 else ""
-        subject = f"node {named} has" if loose.size == 1 else f"nodes {named}{more} have"
-        raise CaseError(f"{subject} no link; connect or remove loose nodes")
+    unlinked = np.setdiff1d(np.arange(system.n_nodes), system.ends)
+    if unlinked.size:
+        named = ", ".join(str(node) for node in unlinked[:5])
+        more = f" and {unlinked.size - 5} more" if unlinked.size > 5 else ""
+        subject = f"node {named} has" if unlinked.size == 1 else f"nodes {named}{more} have"
+        raise CaseError(f"{subject} no link; connect or remove nodes without links")
     size = float(np.ptp(system.position, axis=0).max())
     shortest = int(np.argmin(system.length))
     if not system.length[shortest] > MIN_RELATIVE_LENGTH * size:
@@ -300,7 +300,7 @@ def _check_graph(system: LinkSystem) -> None:
         first, second = order[twice[0]], order[twice[0] + 1]
         a, b = system.ends[first]
         raise CaseError(
-            f"links {first} and {second} both join nodes {a} and {b}; remove one, or give them "
+            f"links {first} and {second} both join nodes {a} and {b}; remove a link, or give them "
             f"different groups if they belong to different modules"
         )
 
@@ -318,7 +318,7 @@ def _check_balance(system: LinkSystem) -> None:
         bad = int(np.count_nonzero(force > BALANCE_TOLERANCE * largest))
         named = "1 node" if bad == 1 else f"{bad} nodes"
         raise CaseError(
-            f"the prestress is out of balance at {named}, worst at node {worst} by "
+            f"the prestress is not in equilibrium at {named}, worst at node {worst} by "
             f"{force[worst]:.4g} N ({100 * force[worst] / largest:.2g} % of its largest tension); "
-            f"take forces that are in balance with each other, as self_stress finds them"
+            f"give a state of self-stress, for instance from self_stress"
         )

@@ -67,7 +67,7 @@ def self_stress(system: LinkSystem) -> np.ndarray:
     if max(operator.shape) > MAX_DENSE_SIZE:
         raise CaseError(
             f"modes are computed by a dense decomposition of at most {MAX_DENSE_SIZE} links or "
-            f"unknowns, got {operator.shape}; analyse one module"
+            f"unknowns, got {operator.shape}; analyse a single module"
         )
     left, values, _ = svd(operator.toarray())
     rank = np.count_nonzero(values > RANK_TOLERANCE * values.max(initial=0.0))
@@ -81,12 +81,12 @@ def self_stress(system: LinkSystem) -> np.ndarray:
 def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     r"""Return a structure with a state of self-stress that its links can carry.
 
-    Of several states it is that in which the least stressed cable or strut carries most,
+    Among several states it maximises the force in the least stressed cable or strut,
 
     .. math:: \max_{\tau \in \ker B^T} \min_i \sigma_i \tau_i, \qquad |\tau| \le 1,    \tag{1}
 
-    with :math:`\sigma = 1` of cables and -1 of struts. Bars carry both signs; they and links that
-    no state stresses are not in the minimum.
+    with :math:`\sigma = 1` for cables and -1 for struts. Bars carry both signs; the minimum
+    excludes them and links without force in all states.
 
     Parameters
     ----------
@@ -115,18 +115,23 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     from scipy.optimize import linprog
 
     if np.any(system.prestress):
-        raise CaseError("the links have a prestress already; give that or a state of self-stress")
+        raise CaseError(
+            "the links have a prestress already; give either the prestress or a state of "
+            "self-stress"
+        )
     states = self_stress(system)
     lower, upper = system.bounds
     sign = np.where(np.isfinite(lower), 1.0, -1.0)
     reached = norm(states, axis=0) > RANK_TOLERANCE
     one_sided = reached & (np.isfinite(lower) | np.isfinite(upper))
     if not len(states):
-        raise CaseError("the structure has no state of self-stress: no tensions hold themselves")
+        raise CaseError(
+            "the structure has no state of self-stress: no tensions without load are in equilibrium"
+        )
     if not one_sided.any():
         raise CaseError(
-            "no cable or strut says which state of self-stress is meant; give the prestress of "
-            "each link"
+            "without cables and struts the state of self-stress is ambiguous; give the prestress "
+            "of each link"
         )
     # (1) as a linear program in the shares of the states and the least tension
     m, signed = len(states), (sign * states)[:, one_sided].T
@@ -140,8 +145,8 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     )
     if not (answer.success and answer.x[m] > RANK_TOLERANCE):
         raise CaseError(
-            f"none of the {m} states of self-stress has all cables that it stresses in tension and "
-            f"all struts in compression; change the nodes or the kinds of links"
+            f"none of the {m} states of self-stress has all its cables in tension and all its "
+            f"struts in compression; change the nodes or the kinds of links"
         )
     tension = answer.x[:m] @ states
     return replace(system, prestress=largest / np.abs(tension).max() * tension)
@@ -162,7 +167,7 @@ def factorise_taut(model: LinkEquations) -> Solve:
 
 
 def name_mechanism(model: LinkEquations, u: np.ndarray) -> str:
-    """Return a sentence that names the nodes that move freely in a state, empty if none do."""
+    """Return a sentence that names the nodes that move freely in a state, or an empty string."""
     if not np.isfinite(u).all():
         u = np.zeros_like(u)
     tangent, stiffness = model.tangent, model.finite_stiffness

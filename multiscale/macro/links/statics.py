@@ -51,13 +51,13 @@ def solve_static(
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
 ) -> Dataset:
-    r"""Find tensions and displacements under a load.
+    r"""Compute tensions and displacements under a load.
 
     Parameters
     ----------
     system : LinkSystem, the structure with its load :math:`F^d`
     load_factor : float or sequence of float
-        :math:`\alpha`, dimensionless. Each step of a sequence starts from the last one.
+        :math:`\alpha`, dimensionless. Each step of a sequence starts from the step before.
     method : str
         ``"auto"`` is a proximal semismooth Newton method; if it fails, because too many links are
         slack, an interior-point method follows, and then Newton again. ``"newton"`` and
@@ -71,8 +71,8 @@ def solve_static(
         stiffness of the tensions.
     max_iterations : int, iteration limit of a method
     tolerance : float
-        Bound on the largest force out of balance relative to the largest nodal load (without
-        load: to the largest prestress); dimensionless. The bound is raised to the rounding error;
+        Bound on the largest residual force relative to the largest nodal load (without load: to
+        the largest prestress); dimensionless. The bound is raised to the rounding error;
         ``residual`` is the value reached.
     callback : callable, optional, called as ``callback(iteration, residual)``
 
@@ -91,8 +91,8 @@ def solve_static(
 
     Notes
     -----
-    Tensions are unique. Slacks and displacements are not unique if slack links leave a mechanism
-    that the load does not move: the result is then one of several solutions.
+    Tensions are unique. Slack and displacements are not unique if the slack links make a mechanism
+    that the load does not move: the result is then an arbitrary solution.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def solve_static(
         if exact:
             span = (reached, factor)
             state = find_finite_state(system, model, span, start, limits)
-        elif mechanism:  # has no equilibrium of small displacements
+        elif mechanism:  # without equilibrium at small displacements
             nothing = Solution(np.zeros(model.n), Status.STALLED, detail=EXACT_HINT)
             state = state_of(model, nothing, 0.0 * model.prestress)
         else:
@@ -170,7 +170,7 @@ def _check_options(
     if rigid:
         raise CaseError("exact needs extensible links; give a finite rigidity")
     if method != "auto":
-        raise CaseError(f"exact has one method, 'auto', got {method!r}")
+        raise CaseError(f"exact needs the method 'auto', got {method!r}")
     if stability:
         raise CaseError("stability needs small displacements; leave out exact")
 
@@ -183,28 +183,28 @@ def _find_state(
     limits: Limits,
     taut: Solve | None,
 ) -> LinkState:
-    """Find the equilibrium with small displacements, by one method or several in turn."""
+    """Solve for equilibrium with small displacements, by a method or several in turn."""
     if method == "lcp":
         return _solve_complementarity(model, load_factor, limits.tolerance)
     if np.isinf(model.stiffness).any():
         return solve_interior_point(model, load_factor, limits)
-    parts: list[tuple[str, Solution]] = []
+    runs: list[tuple[str, Solution]] = []
     if method != "interior_point":
         state = solve_newton(model, load_factor, start, limits, taut)
-        parts.append(("newton", state.solution))
+        runs.append(("newton", state.solution))
     if method == "interior_point" or (method == "auto" and not state.solution.converged):
         state = solve_interior_point(model, load_factor, limits)
         inner = state.solution
-        parts.append(("interior_point", inner))
+        runs.append(("interior_point", inner))
         if inner.status is not Status.INFEASIBLE and inner.residuals:
             state = solve_newton(model, load_factor, inner.value, limits)
-            parts.append(("newton", state.solution))
-    whole = join_solutions([part for _, part in parts], [name for name, _ in parts])
+            runs.append(("newton", state.solution))
+    whole = join_solutions([solution for _, solution in runs], [name for name, _ in runs])
     return replace(state, solution=whole)
 
 
 def _solve_complementarity(model: LinkEquations, load_factor: float, tolerance: float) -> LinkState:
-    r"""Condense the structure onto the links that may go slack, and find their slacks.
+    r"""Condense the structure onto the links that may go slack, and solve for their slack.
 
     .. math::
         A_c \lambda_c - \tau_c = -k_c B_c K^{-1} F^d - \tau_c^0, \quad
