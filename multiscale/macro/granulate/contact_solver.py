@@ -18,17 +18,15 @@ SWEEPS_PER_CHECK = 10
 
 
 class Velocities(NamedTuple):
-    """Velocities that impulses change, of grains and then of walls.
+    """Velocities of grains and then of walls; fewer columns if grains do not rotate."""
 
-    Columns 0-2 of ``velocity``, shape (bodies, 8), are the velocity and 4-6 radius times spin, m/s;
-    ``mobility``, shape (bodies, 3), is one over the mass along the normal and across it, and the
-    squared radius over the inertia, 1/kg. If nothing turns they have 4 columns and 1. ``strain``,
-    shape (2, 3), is the strain rate of a periodic cell along each axis, 1/s, and one over the root
-    of its inertia, 1/(kg m2)^.5, zero for a prescribed rate; None if the cell is rigid.
-    """
-
+    # columns 0-2 velocity, 4-6 radius times spin, m/s, shape (bodies, 8) or (bodies, 4)
     velocity: np.ndarray
+    # inverse mass along the normal and across it, squared radius over inertia, 1/kg,
+    # shape (bodies, 3) or (bodies, 1)
     mobility: np.ndarray
+    # strain rate of a periodic cell along each axis, 1/s, and inverse root of its inertia,
+    # 1/(kg m2)^.5, zero for a prescribed rate, shape (2, 3); None if the cell is rigid
     strain: np.ndarray | None
 
 
@@ -46,7 +44,7 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
     count = len(contacts.ends)
     if error <= target or motion.strain is not None or count > solver.most_assembled:
         return done, error / scale
-    # sweeps stall on heavy grains on light grains, and in wedges
+    # sweeps stall where heavy grains lie on light grains, and in wedges
     impulse = _solve_assembled(free, contacts, 0.1 * solver.tolerance)
     solved = contacts._replace(impulse=impulse)
     _apply_impulses(*_arguments(solved, free))
@@ -57,13 +55,14 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
 
 
 def _arguments(contacts: Contacts, motion: Velocities) -> tuple[Any, ...]:
-    """Return the arguments of the kernels; those that can be None stand by themselves."""
-    # no code is compiled for an argument that is None
+    """Return the arguments of the kernels; optional arrays are separate arguments."""
+    # code for an argument that is None is not compiled
     return contacts._replace(coulomb=None), contacts.coulomb, motion[:2], motion.strain
 
 
 def _solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
-    """Return impulses, N s, of the assembled problem, that may miss the tolerance."""
+    """Return impulses, N s, of the assembled problem, with or without convergence."""
+    # velocities and masses in the frames of the contacts
     velocity, normal, (i, j) = motion.velocity, contacts.normal, contacts.ends.T
     frames, masses, u = normal[:, None], contacts.mass[:, None], velocity[i, :3] - velocity[j, :3]
     if contacts.coulomb is not None:
@@ -78,6 +77,7 @@ def _solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -
     def local(vector: np.ndarray) -> np.ndarray:
         return vector if vector.shape[1] == 1 else np.einsum("cab,cb->ca", frames, vector)
 
+    # operator H^T M^-1 H with compliance, and velocities without impulses
     transfer, inverse = _transfer(frames, contacts.ends, motion.mobility)
     compliance = contacts.compliance[:, None] / masses  # 1/kg
     operator = csr_array(
@@ -98,12 +98,12 @@ def _transfer(
 ) -> tuple[csr_array, np.ndarray]:
     r"""Return H, from contact impulses to momenta of bodies, and the inverse masses, 1/kg.
 
-    The unknowns of a body are its velocity and radius times spin. A loaded wall moves along its
-    normal only, so its entries of the tangential columns are zero.
+    The unknowns of a body are its velocity and radius times spin. A loaded wall moves only along
+    its normal, so that its entries in the tangential columns are zero.
     """
     m, c, _ = frames.shape
     transfer, place = csr_array((6 * len(mobility), c * m)), np.arange(c * m).reshape(m, c)
-    if mobility.shape[1] == 1:  # nothing turns
+    if mobility.shape[1] == 1:  # without rotation
         mobility = mobility * [1.0, 0.0, 0.0]
     spin = np.cross(frames[:, :1], frames)  # n x axis, by axis
     for side, sign in ((0, 1.0), (1, -1.0)):
@@ -122,7 +122,7 @@ def _transfer(
 def _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch):  # type: ignore[no-untyped-def]
     """Return u at the contact, body i minus body j, with the strain of the cell."""
     wx, wy, wz = 0.0, 0.0, 0.0
-    if coulomb is not None:  # without friction u is of the centres
+    if coulomb is not None:  # without friction, u is the velocity of the centres
         wx = velocity[i, 4] + velocity[j, 4]
         wy = velocity[i, 5] + velocity[j, 5]
         wz = velocity[i, 6] + velocity[j, 6]
@@ -138,7 +138,7 @@ def _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch): 
 
 @compiled(inline="always", fastmath=True)
 def _strain_cell(c, dx, dy, dz, strain, branch):  # type: ignore[no-untyped-def]
-    """Add the effect of an impulse d to the strain rates, equal along the free axes."""
+    """Add the effect of an impulse d to the strain rates; it is equal along the free axes."""
     moment = strain[1, 0] * branch[c, 0] * dx + strain[1, 1] * branch[c, 1] * dy
     moment += strain[1, 2] * branch[c, 2] * dz
     strain[0, 0] += strain[1, 0] * moment
@@ -179,7 +179,7 @@ def _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ig
 def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
     """Add the effect of an impulse d with the normal component dn to the velocities."""
     tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
-    across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain: one mass along and across
+    across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain: same mass along and across
     velocity[i, 0] += across * dx
     velocity[i, 1] += across * dy
     velocity[i, 2] += across * dz
@@ -200,7 +200,7 @@ def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # typ
 def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     r"""Solve the contacts in their order, each exactly while the others are fixed.
 
-    W is diagonal there, so the normal part comes first and bounds the tangential one:
+    The local W is diagonal, so that the normal impulse comes first and bounds the tangential one:
 
         r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
         r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
@@ -209,7 +209,7 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
     biases, masses, compliances = contacts.bias, contacts.mass, contacts.compliance
     impulse, anchor = contacts.impulse, contacts.anchor
-    # the loop is inside: a function of one contact would count references to the arrays each time
+    # the loop is inside: a function per contact would count references to the arrays each time
     for c in range(ends.shape[0]):
         i, j = ends[c, 0], ends[c, 1]
         nx, ny, nz = normals[c, 0], normals[c, 1], normals[c, 2]
@@ -221,9 +221,9 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
         rx, ry, rz = _impulse_vector(c, impulse, coulomb)
         ax, ay, az = _impulse_vector(c, anchor, coulomb)
         old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
-        held = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
+        anchored = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
         give = 1.0 / (1.0 + a)
-        normal = max(0.0, (old + a * held - (u + biases[c]) * masses[c]) * give)  # (1)
+        normal = max(0.0, (old + a * anchored - (u + biases[c]) * masses[c]) * give)  # (1)
         if coulomb is None:
             moves = normal != old
             if moves:
@@ -232,9 +232,9 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
                 dx, dy, dz = dn * nx, dn * ny, dn * nz
                 _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility)
         else:
-            tx = (rx - old * nx + a * (ax - held * nx) - (ux - u * nx) * mass) * give
-            ty = (ry - old * ny + a * (ay - held * ny) - (uy - u * ny) * mass) * give
-            tz = (rz - old * nz + a * (az - held * nz) - (uz - u * nz) * mass) * give
+            tx = (rx - old * nx + a * (ax - anchored * nx) - (ux - u * nx) * mass) * give
+            ty = (ry - old * ny + a * (ay - anchored * ny) - (uy - u * ny) * mass) * give
+            tz = (rz - old * nz + a * (az - anchored * nz) - (uz - u * nz) * mass) * give
             square, bound = tx * tx + ty * ty + tz * tz, friction * normal
             if square > bound * bound:  # (2)
                 shrink = bound / np.sqrt(square)
@@ -312,13 +312,13 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
         ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
         if a > 0.0:
             ax, ay, az = _impulse_vector(c, anchor, coulomb)
-            held = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
-            u += a * (old - held) / masses[c]
+            anchored = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
+            u += a * (old - anchored) / masses[c]
             if coulomb is not None:
                 spring = a / coulomb[c, 0]
-                ux += spring * (rx - ax + held * nx)
-                uy += spring * (ry - ay + held * ny)
-                uz += spring * (rz - az + held * nz)
+                ux += spring * (rx - ax + anchored * nx)
+                uy += spring * (ry - ay + anchored * ny)
+                uz += spring * (rz - az + anchored * nz)
         if coulomb is None:
             total += (old - max(0.0, old - rho * (u + biases[c]))) ** 2 / rho
             continue
@@ -346,7 +346,7 @@ def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: i
 
         g = G(r) - r,   beta = |g|^2 / |g'|^2,   p = g + beta p',   r = r + p,           (4)
 
-    with p' = 0 if beta exceeds one. The velocities, linear in r, are extrapolated with the same
+    with p' = 0 if beta exceeds 1. The velocities, linear in r, are extrapolated with the same
     weights. The last of ``burst`` sweeps is not extrapolated, so that r lies in the cones.
 
     References
@@ -385,16 +385,16 @@ def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: i
 
 
 @compiled(inline="always", fastmath=True)
-def _copy(value, kept):  # type: ignore[no-untyped-def]
-    """Copy an array; a slice would have the compiler write the message of its error."""
+def _copy(value, target):  # type: ignore[no-untyped-def]
+    """Copy an array; assignment to a slice would compile its error message as well."""
     for c in range(value.shape[0]):
         for k in range(value.shape[1]):
-            kept[c, k] = value[c, k]
+            target[c, k] = value[c, k]
 
 
 @compiled(inline="always", fastmath=True)
 def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-untyped-def]
-    """Apply (4) to one array in place; without ``moves`` update the direction only."""
+    """Apply (4) to an array in place; without ``moves`` update only the direction."""
     for c in range(value.shape[0]):
         for k in range(value.shape[1]):
             direction[c, k] = beta * direction[c, k] + value[c, k] - before[c, k]

@@ -26,8 +26,8 @@ CONTACT_DISTANCE = 0.02
 """Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
 
 APART_OVERLAP, CONTACT_OVERLAP = 1e-3, 8e-3
-"""Allowed overlap after a step of a pair that is no contact, and of a compliant contact, relative
-to the smaller radius."""
+"""Allowed overlap after a step of a pair without contact, and of a compliant contact, relative to
+the smaller radius."""
 
 STIFFENING, LEAST_COMPLIANCE = 0.1, 5e-5
 """Factor on the compliance of a contact that overlaps too far, and the compliance below which a
@@ -37,20 +37,20 @@ LEAST = 1000  # grains for a thread
 
 
 class Walls(NamedTuple):
-    """Kind (walls,), point (walls, 3), m, direction (walls, 3) and radius (walls,), m, of walls."""
+    """Planes and pipes."""
 
-    kind: np.ndarray
-    point: np.ndarray
-    axis: np.ndarray
-    bore: np.ndarray
+    kind: np.ndarray  # PLANE or CYLINDER, shape (walls,)
+    point: np.ndarray  # point on the plane or the axis, shape (walls, 3), m
+    axis: np.ndarray  # normal or direction of the axis, shape (walls, 3)
+    bore: np.ndarray  # radius, shape (walls,), m; zero for planes
 
 
 class Positions(NamedTuple):
-    """Centres (grains, 3), radii (grains,) and periods of space (3,), m, and walls."""
+    """Positions of grains and walls."""
 
-    position: np.ndarray
-    radius: np.ndarray
-    period: np.ndarray
+    position: np.ndarray  # centres, shape (grains, 3), m
+    radius: np.ndarray  # shape (grains,), m
+    period: np.ndarray  # periods of space, shape (3,), m
     walls: Walls
 
 
@@ -62,7 +62,7 @@ class Pairs(NamedTuple):
     anchor: np.ndarray  # impulses at which contact springs are relaxed, shape (pairs, c), N s
     approach: np.ndarray  # normal velocity before an impact at the end of the last step, m/s
     hits: np.ndarray  # normal velocity before an impact caused in this step, else zero, m/s
-    wanted: np.ndarray  # whether a pair is a contact whatever its gap, shape (pairs,)
+    wanted: np.ndarray  # whether a pair is a contact for any gap, shape (pairs,)
     compliance: np.ndarray  # shape (pairs,), dimensionless
 
 
@@ -77,7 +77,7 @@ class FreeStep(NamedTuple):
     strain: np.ndarray
     restitution: float
     relaxation: float  # time in which overlaps relax, s
-    rest: float  # speed up to which nothing bounces, m/s
+    rest: float  # speed up to which pairs do not bounce, m/s
     first: float  # share of the change of velocity before an impact
     last: float  # share after it
 
@@ -153,27 +153,27 @@ def find_wall_pairs(place, reach):  # type: ignore[no-untyped-def]
     """List the pairs (grain, grains + wall) with a gap of at most the reach."""
     position, radius, period, walls = place
     kind, point, axis, bore = walls
-    n, found = radius.size, 0
+    n, count = radius.size, 0
     pairs = np.empty((n * kind.size, 2), np.int32)
     for w in range(kind.size):
         for i in range(n):
             if _gap(i, n + w, position, radius, period, kind, point, axis, bore)[0] <= reach:
-                pairs[found, 0], pairs[found, 1] = i, n + w
-                found += 1
-    return pairs[:found].copy()
+                pairs[count, 0], pairs[count, 1] = i, n + w
+                count += 1
+    return pairs[:count].copy()
 
 
 @compiled
 def allowed_step(pairs, place, velocity, longest, last, accuracy, gravity):  # type: ignore[no-untyped-def]
-    r"""Longest step, s, in which no impact is missed by more than a share of a radius.
+    r"""Longest step, s, after which overlaps by impacts are at most a share of a radius.
 
     A pair with gap g and smaller radius R that closes with the speed u requires
 
         h <= max(g - accuracy R, accuracy R) / u,                                         (1)
 
     so that the step before the impact is short too: forces that act from the middle of a long step
-    on would take part in the impact. Grains that roll or slide over each other with the speed v, or
-    would fall off each other, require
+    on would contribute to the impact. Grains that roll or slide over each other with the speed v,
+    or would fall off each other, require
 
         h <= sqrt(accuracy) R / max(v, sqrt(gravity R)).                                  (2)
 
@@ -270,10 +270,10 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
 
 @compiled
 def mark_overlaps(pairs, contacts, place, velocity, rate, h):  # type: ignore[no-untyped-def]
-    """Find the pairs that overlap too far after the step; return their number.
+    """Mark the pairs that overlap too far after the step; return their number.
 
-    A pair that is no contact is wanted, with its normal velocity in ``hits``; the compliance of a
-    contact is multiplied by ``STIFFENING``. ``rate`` are the strain rates of the cell, 1/s.
+    A pair without contact becomes ``wanted``, with its normal velocity in ``hits``; the compliance
+    of a contact is multiplied by ``STIFFENING``. ``rate`` are the strain rates of the cell, 1/s.
     """
     position, radius, period, walls = place
     kind, point, axis, bore = walls
@@ -309,7 +309,7 @@ def mark_overlaps(pairs, contacts, place, velocity, rate, h):  # type: ignore[no
 
 @compiled
 def penetration(ends, place):  # type: ignore[no-untyped-def]
-    """Largest overlap of a pair relative to its smaller radius, and the pair (-1 if none)."""
+    """Largest overlap of a pair relative to its smaller radius, and the pair, or -1."""
     position, radius, period, walls = place
     kind, point, axis, bore = walls
     worst, which = 0.0, -1
@@ -325,22 +325,22 @@ def penetration(ends, place):  # type: ignore[no-untyped-def]
 def find_pairs(
     position: np.ndarray, radius: np.ndarray, reach: float, period: np.ndarray
 ) -> np.ndarray:
-    r"""Find all pairs of grains whose gap is at most a reach.
+    r"""List all pairs of grains with a gap of at most a reach.
 
     Notes
     -----
-    Grains are sorted into levels by size; a pair is found from its smaller grain by a search of its
-    level and all coarser levels, so that the work is proportional to the number of grains whatever
-    the ratio of their sizes. Level k has the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]`
-    and cells that are wider than :math:`2 R_{\max} 2^{-k}` plus the reach, in a hash table. Grains
-    are counted and listed in two parallel passes; the list does not depend on the number of
-    threads.
+    Grains are sorted into levels by size; each grain searches its level and all coarser levels, so
+    that the work is proportional to the number of grains for any ratio of their sizes. Level k has
+    the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]` and cells that are wider than
+    :math:`2 R_{\max} 2^{-k}` plus the reach, in a hash table. Pairs are counted and listed in two
+    parallel passes; the list does not depend on the number of threads.
 
     References
     ----------
     .. [1] H. Mio, A. Shimosaka, Y. Shirakawa and J. Hidaka, J. Chem. Eng. Japan 38 (2005)
        969-975, for cells of several sizes in granular simulations.
     """
+    # levels and their cells
     largest = float(radius.max())
     level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(np.int64)
     levels = int(level.max()) + 1
@@ -354,12 +354,14 @@ def find_pairs(
                 width[k, a] = period[a] / count[k, a]
             else:
                 width[k, a] = cell
+
+    # count the pairs of each grain, then list them
     table = 1 << max(4, int(2 * radius.size - 1).bit_length())
     grains = (position, radius, reach, period)
     grid = (level, width, count, *_fill_cells(position, level, width, count, table))
-    found = np.empty(radius.size, np.int64)
-    run_ranges(_count_pairs, radius.size, grains, grid, found, least=LEAST)
-    starts = np.concatenate([[0], np.cumsum(found)])
+    pair_counts = np.empty(radius.size, np.int64)
+    run_ranges(_count_pairs, radius.size, grains, grid, pair_counts, least=LEAST)
+    starts = np.concatenate([[0], np.cumsum(pair_counts)])
     pairs = np.empty((starts[-1], 2), np.int32)
     run_ranges(_list_pairs, radius.size, grains, grid, starts, pairs, least=LEAST)
     return pairs
@@ -367,7 +369,7 @@ def find_pairs(
 
 @compiled
 def _hash(k, a, b, c, table):  # type: ignore[no-untyped-def]
-    """Return the slot of a cell in a table whose size is a power of two."""
+    """Return the slot of a cell in a table; the size of the table is a power of two."""
     return (a * 73856093 ^ b * 19349663 ^ c * 83492791 ^ k * 2654435761) & (table - 1)
 
 
@@ -393,7 +395,7 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
     """Count the pairs of grain i, and list them in ``out`` if it is not empty."""
     position, radius, reach, period = grains
     level, width, count, heads, following, cells = grid
-    found = 0
+    n_pairs = 0
     home = np.empty(3, np.int64)
     low = np.empty(3, np.int64)
     high = np.empty(3, np.int64)
@@ -420,7 +422,7 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
                     j = heads[_hash(k, ca, cb, cc, heads.size)]
                     while j >= 0:
                         here = cells[j, 0] == ca and cells[j, 1] == cb and cells[j, 2] == cc
-                        # a pair within a level is found by its first grain
+                        # a pair within a level belongs to its first grain
                         if here and level[j] == k and (k < level[i] or j > i):
                             square = 0.0
                             for a in range(3):
@@ -431,23 +433,23 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
                             distance = radius[i] + radius[j] + reach
                             if square <= distance * distance:
                                 if out.shape[0] > 0:
-                                    out[first + found, 0] = i
-                                    out[first + found, 1] = j
-                                found += 1
+                                    out[first + n_pairs, 0] = i
+                                    out[first + n_pairs, 1] = j
+                                n_pairs += 1
                         j = following[j]
-    return found
+    return n_pairs
 
 
 @compiled
-def _count_pairs(begin, end, grains, grid, found):  # type: ignore[no-untyped-def]
-    none = np.empty((0, 2), np.int32)
+def _count_pairs(begin, end, grains, grid, pair_counts):  # type: ignore[no-untyped-def]
+    empty = np.empty((0, 2), np.int32)
     for i in range(begin, end):
-        found[i] = _visit(i, grains, grid, none, np.int64(0))
+        pair_counts[i] = _visit(i, grains, grid, empty, np.int64(0))
 
 
 @compiled
 def _list_pairs(begin, end, grains, grid, starts, pairs):  # type: ignore[no-untyped-def]
-    """List the pairs in the order of the grains that find them."""
+    """List the pairs in the order of the grains to which they belong."""
     for i in range(begin, end):
         if starts[i + 1] > starts[i]:
             _visit(i, grains, grid, pairs, starts[i])

@@ -29,7 +29,7 @@ def compact(
     solver: Solver | None = None,
     seed: int = 0,
 ) -> Dataset:
-    r"""Compact grains in a periodic cell, quasi-statically, until they bear the pressure.
+    r"""Compact grains in a periodic cell, quasi-statically, until they carry the pressure.
 
     Parameters
     ----------
@@ -47,18 +47,18 @@ def compact(
     Dataset
         Follows ``GRANULATE``; the last frame is the packing. Attributes: ``solid_fraction``,
         ``stress_error``, the relative difference of the mean stress after Love and Weber and the
-        pressure, and ``failure``, which is not empty if the cell has not come to rest.
+        pressure, and ``failure``, empty if the cell is at rest.
 
     Notes
     -----
-    Rigid grains of mass m without gravity have one time scale, :math:`\sqrt{m / (p R)}`; a step is
+    Rigid grains of mass m without gravity have the time scale :math:`\sqrt{m / (p R)}`; a step is
     a fifth of it. Velocities are damped in every step, so that the motion is quasi-static. The cell
     has a finite inertia and follows the pressure, so that no incompatible strain is prescribed.
     """
     if not (pressure > 0.0 and np.isfinite(pressure)):
         raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
     solver = solver or Solver(tolerance=1e-4, max_iterations=2000)
-    # on a jittered lattice in a square or cubic cell, in random order
+    # random order on a jittered lattice in a square or cubic cell
     radii = np.random.default_rng(seed).permutation(np.asarray(radii, dtype=float))
     edge = 2.3 * float(radii.max()) * int(np.ceil(len(radii) ** (1.0 / (2.0 if planar else 3.0))))
     high, thickness = np.array([edge, edge, np.inf]), 1.0 if planar else None
@@ -71,6 +71,8 @@ def compact(
     model = Model(
         grains, (), law, (0.0, 0.0, 0.0), period, damping_rate=np.log(2.0) / step, pressure=pressure
     )
+
+    # steps until the cell is at rest
     state, record = initial_state(model), Record(model)
     record.show(state)
     quiet = 0
@@ -87,15 +89,15 @@ def compact(
             f"the cell still strains by {fastest:.1e} a step after {max_steps}; raise max_steps"
         )
     result = record.dataset()
-    found = -float(result["stress"].values[-1, model.free].mean())
+    reached = -float(result["stress"].values[-1, model.free].mean())
     return result.assign_attrs(
         solid_fraction=float(grains.volume.sum()) / model.volume(state.period),
-        stress_error=found / pressure - 1.0,
+        stress_error=reached / pressure - 1.0,
     )
 
 
 def _resolving_step(grains: Grains, pressure: float) -> float:
-    """Return a fifth of the time scale of rearrangements under a pressure, Pa, as step, s."""
+    """Return a step of a fifth of the time scale of rearrangements under a pressure, Pa, in s."""
     length = grains.thickness or float(grains.radius.mean())
     return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))
 
@@ -116,7 +118,7 @@ def shear_layer(
     Parameters
     ----------
     radii, law, density, seed
-        As for :func:`compact`.
+        As in :func:`compact`.
     size : tuple of float, periods along x and y, m
     pressure, speed : float, pressure on the upper plate, Pa, positive, and its speed along x, m/s
     wall_friction : float, optional
@@ -209,7 +211,7 @@ def shear_response(
         entries = np.array([row[name] for row in rows])
         values[name] = entries.reshape(n_realisations, pressures.size, *entries.shape[1:])
     values |= {"nominal_pressure": pressures, "sliding_speed": speeds}
-    values["branch"] = np.zeros(pressures.size, int)  # every step starts anew
+    values["branch"] = np.zeros(pressures.size, int)  # steps are independent
     return MICRO_RESPONSE.build(values, bodies="grains between two plates")
 
 
@@ -224,7 +226,7 @@ def biaxial_cell(
     solver: Solver | None = None,
     seed: int = 0,
 ) -> tuple[Model, float]:
-    r"""Grains in a periodic cell that bears a pressure and is about to be shortened along z.
+    r"""Compact grains in a periodic cell under a pressure, for a compression test along z.
 
     Parameters
     ----------
@@ -246,17 +248,17 @@ def biaxial_cell(
     CaseError
         If the pressure is not positive or the rate is negative.
     ConvergenceError
-        If the grains have not come to rest under the pressure.
+        If the grains are not at rest under the pressure.
 
     Notes
     -----
-    The grains follow the mean strain and deviate from it as their contacts require, at velocities
-    that are halved in every step: the response is quasi-static where the inertial number
+    The grains follow the mean strain, with deviations due to their contacts, and their velocities
+    are halved in every step: the response is quasi-static where the inertial number
     :math:`I = \dot\varepsilon \sqrt{m / (p R)}` is at most 1e-3 (for discs, R is the thickness).
     """
     if not (strain_rate >= 0.0 and np.isfinite(strain_rate)):
         raise CaseError(f"strain_rate must not be negative (1/s), got {strain_rate:g}")
-    rigid = replace(law, compliance=0.0)  # compliant contacts creep and never come to rest
+    rigid = replace(law, compliance=0.0)  # compliant contacts creep without end
     packing = compact(
         radii, pressure, rigid, planar=planar, density=density, solver=solver, seed=seed
     )
@@ -313,7 +315,7 @@ def biaxial_curve(result: Dataset) -> Dataset:
     axial, lateral = stress[:, 2], stress[:, 0] if planar else stress[:, :2].mean(axis=1)
     mean = 0.5 * (axial + lateral) if planar else (axial + 2.0 * lateral) / 3.0
     difference = 0.5 * (axial - lateral) if planar else axial - lateral
-    with np.errstate(invalid="ignore", divide="ignore"):  # a cell that bears nothing has no ratio
+    with np.errstate(invalid="ignore", divide="ignore"):  # NaN in a cell without stress
         values = {
             "axial_strain": (strain[:, 2], "axial strain"),
             "volumetric_strain": (strain.sum(axis=1), "volumetric strain"),

@@ -48,7 +48,7 @@ class GrainState:
     rate: np.ndarray  # strain rates of the cell, shape (3,), 1/s
     step_length: float  # length of the last step, s
     force_time: float  # time in which the forces of the last step acted, s; nan before the first
-    contacts: Contacts  # contacts of the last step, numbered as the pairs of now
+    contacts: Contacts  # contacts of the last step, numbered as the current pairs
 
     @property
     def contact_forces(self) -> np.ndarray:
@@ -102,8 +102,8 @@ def initial_state(model: Model) -> GrainState:
     )
     if below:
         raise CaseError(
-            f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2: they "
-            f"fall for ever; close the box or set gravity to zero"
+            f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2; close "
+            f"the box or set gravity to zero"
         )
     worst, which = penetration(state.pairs, state.place(model))
     if worst > ALLOWED_START_OVERLAP:
@@ -119,7 +119,7 @@ def initial_state(model: Model) -> GrainState:
 def step_grains(
     model: Model, state: GrainState, h: float, solver: Solver, accuracy: float | None = None
 ) -> tuple[GrainState, dict[str, Any]]:
-    r"""Make one Moreau-Jean step.
+    r"""Solve a Moreau-Jean step.
 
     Notes
     -----
@@ -130,9 +130,9 @@ def step_grains(
         K_\mu \ni r \perp u + (b + \mu \|u_T\|) n \in K_\mu^*    \tag{1}
 
     with :math:`b = g/h`: the linearised gap at the end is not negative, and the true gap of two
-    spheres is larger. If pairs that are no contacts overlap after the step they become contacts,
-    compliant contacts that overlap by more than 0.8 % of a radius become ten times stiffer, and the
-    step is solved again. With restitution :math:`e` an impact in the first half of a step has
+    spheres is larger. If other pairs overlap after the step they become contacts, compliant
+    contacts that overlap by more than 0.8 % of a radius become ten times stiffer, and the step is
+    solved again. With restitution :math:`e` an impact in the first half of a step has
     :math:`b = e u^-`; an impact in the second half ends the step in contact and bounces in the next
     step. In steps of changing length the velocities belong to the middle of the steps, so that F
     acts from the middle of the last step to the middle of this step, and free flight is exact.
@@ -140,10 +140,10 @@ def step_grains(
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
     # without impulses: damping, then gravity, forces on walls and the pressure on the cell
-    keep = np.exp(-model.damping_rate * acted)
+    decay = np.exp(-model.damping_rate * acted)
     inertia, thrust = _cell_inertia(model, state.period)
-    damped, damped_rate = state.velocity.copy(), state.rate if model.driven else keep * state.rate
-    damped[: model.grains.n] *= keep
+    damped, damped_rate = state.velocity.copy(), state.rate if model.driven else decay * state.rate
+    damped[: model.grains.n] *= decay
     damped_rate = np.where(model.free, damped_rate, model.prescribed_rate)
     velocity = damped + acted * model.free_acceleration
     strain = np.array(
@@ -154,6 +154,8 @@ def step_grains(
     law, rest = model.law, 2.0 * acted * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, *shares)
     step = FreeStep(h, damped, velocity, model.mobility, model.friction, strain, *constants)
+
+    # impulses, motion, and energies
     solved, sweeps, residual = _solve_contacts(model, state, solver, step, acted)
     new, contacts = _advance(model, solved), solved.contacts
     worst, _ = penetration(new.pairs, new.place(model))
@@ -178,7 +180,7 @@ def _choose_step(
     if accuracy is None:
         return _with_neighbours(model, state, h, h), h, h
     fastest = float(np.sqrt(np.max(np.sum(state.velocity[:, :3] ** 2, axis=1))))
-    # no grain leaves its neighbour list
+    # the pairs of the step stay in the neighbour list
     h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))
     state = _with_neighbours(model, state, h, 0.5 * (state.step_length + h))
     h = allowed_step(
@@ -196,7 +198,7 @@ def _choose_step(
 def _pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
     """Return the pairs of a step with the impulses of the last forces over the time ``acted``, s.
 
-    Springs carry the share of an impulse by which their contact was not stiffened.
+    The anchor of a spring is the impulse times the compliance used over the compliance given.
     """
     count, contacts, given = len(state.pairs), state.contacts, model.law.compliance
     impulse = np.zeros((count, contacts.impulse.shape[1]))
@@ -245,7 +247,7 @@ def _solve_contacts(
         pairs.impulse[contacts.number] = contacts.impulse
         if not mark_overlaps(pairs, contacts, place, motion.velocity, strain[0], step.length):
             break
-    approach[~pairs.impulse.any(axis=1)] = 0.0  # no impact took place
+    approach[~pairs.impulse.any(axis=1)] = 0.0  # without impact
     solved = replace(
         state,
         velocity=motion.velocity,
@@ -276,10 +278,10 @@ def _advance(model: Model, state: GrainState) -> GrainState:
 
 
 def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
-    """Return the state with a new list of neighbours, and the contacts of those already listed."""
+    """Return the state with a new list of neighbours, and the contacts of persistent pairs."""
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = reach + LIST_MARGIN * float(radius.mean())
-    least = 2.0 * (2.0 * float(radius.max()) + margin)  # a pair has one shortest distance
+    least = 2.0 * (2.0 * float(radius.max()) + margin)  # for a unique shortest distance of a pair
     short = np.flatnonzero(state.period < least)
     if short.size:
         raise CaseError(
@@ -288,14 +290,16 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
         )
     near = find_pairs(state.position, radius, margin, state.period)
     pairs = np.concatenate([near, find_wall_pairs(state.place(model), margin)])
-    # from the bottom upwards, so that one sweep carries impulses through the pile
+    # from the bottom upwards, so that a single sweep carries impulses through the pile
     height = -(state.position @ np.asarray(model.gravity))
     lower = np.minimum(
         height[pairs[:, 0]], np.append(height, np.full(len(model.walls), -np.inf))[pairs[:, 1]]
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
+
+    # approach and contacts of pairs that stay in the list
     approach, contacts = np.zeros(len(pairs)), state.contacts
-    listed = np.zeros(len(state.pairs), bool)  # before and now
+    listed = np.zeros(len(state.pairs), bool)  # in both lists
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]
         now = pairs[:, 0].astype(np.int64) * n + pairs[:, 1]
@@ -323,10 +327,9 @@ def _cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
     r"""Return the inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
 
     The inertia belongs to an affine motion of the grains, :math:`m L^2 / 4`; the power of the
-    pressure is :math:`-p\,V\,d\,\dot\varepsilon` for the d directions in which the cell strains
-    freely. If a strain rate is prescribed along another axis, the smaller inertia
-    :math:`m (2 R)^2` makes the cell follow the pressure. The inertia of a cell of given size is
-    infinite.
+    pressure is :math:`-p\,V\,d\,\dot\varepsilon` for the d free directions of the strain. If a
+    strain rate is prescribed along another axis, the smaller inertia :math:`m (2 R)^2` makes the
+    cell follow the pressure. The inertia of a cell of given size is infinite.
     """
     if model.pressure is None:
         return np.inf, 0.0
@@ -350,8 +353,9 @@ def _account_grains(
     With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by the
     work less the dissipation by contacts, :math:`-r \cdot u`, scheme,
     :math:`\Delta v^T M \Delta v / 2`, and damping. The spring of a compliant contact relaxes its
-    force but pushes the grains apart against their overlap: its energy is force times overlap.
+    force but separates the grains against their overlap: its energy is force times overlap.
     """
+    # kinetic energy
     h, acted, contacts, rate = new.step_length, new.force_time, new.contacts, new.rate
     mass, velocity = model.masses, new.velocity
     rebound = -model.law.restitution * new.approach[contacts.number]
@@ -363,6 +367,7 @@ def _account_grains(
     def mean_rate(rate: np.ndarray) -> float:
         return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
 
+    # power of the impulses
     n, impulse, (i, j), branch = contacts.normal, contacts.vectors, contacts.ends.T, contacts.branch
     v, along = velocity[:, :3], np.sum(impulse * n, axis=1)
     u = v[i] - v[j]
@@ -382,6 +387,7 @@ def _account_grains(
     work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rate)
     work = acted * work + walls - float(moments @ prescribed_rate)
 
+    # energy of the springs, and of impacts that bounce in the next step
     bias = contacts.bias
     speed = np.sum((u + rate * branch) * n, axis=1)
     gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)

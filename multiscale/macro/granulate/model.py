@@ -1,4 +1,4 @@
-"""Granulate: grains, walls, contact law, loads, contact solver; its unknowns and memory."""
+"""Granulate: grains, walls, contact law, loads, parameters of the solver, and needs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class Grains:
     Parameters
     ----------
     position : ndarray, shape (grains, 3)
-        Centres, m. Discs have one common y.
+        Centres, m. Discs have the same y.
     radius : ndarray, shape (grains,), radii, m
     density : float or ndarray, shape (grains,), density, kg/m3
     velocity, spin : ndarray, shape (grains, 3), optional
@@ -90,8 +90,8 @@ class Grains:
             out |= np.any(fields["spin"][:, ::2], axis=1)
             if out.any():
                 raise CaseError(
-                    f"disc {int(np.argmax(out))} leaves the plane y = {y[0]:g} m; discs have one "
-                    f"common y, no velocity along y and spin about y only"
+                    f"disc {int(np.argmax(out))} leaves the plane y = {y[0]:g} m; discs must have "
+                    f"the same y, no velocity along y and spin only about y"
                 )
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -139,7 +139,7 @@ class Wall:
     point : array_like, shape (3,), point on the plane or the axis, m
     direction : array_like, shape (3,), normal towards the grains, or axis; of any length
     velocity : array_like, shape (3,)
-        Prescribed velocity, m/s; of a loaded plane only its part in the plane is prescribed.
+        Prescribed velocity, m/s; of a loaded plane only the in-plane components are prescribed.
     friction : float, optional
         Coefficient against grains, dimensionless; the coefficient of the grains if not given.
     """
@@ -161,13 +161,13 @@ class Wall:
 
     @property
     def unit(self) -> np.ndarray:
-        """Direction of length one."""
+        """Unit vector of the direction."""
         direction = np.asarray(self.direction, dtype=float)
         return np.asarray(direction / np.linalg.norm(direction))
 
     @property
     def mobility(self) -> float:
-        """Inverse of the mass along the direction, 1/kg; zero if the wall follows no force."""
+        """Inverse of the mass along the direction, 1/kg; zero if the motion is prescribed."""
         return 0.0
 
     @property
@@ -177,17 +177,17 @@ class Wall:
 
     @property
     def bore(self) -> float:
-        """Radius of what the wall encloses, m; zero for a plane."""
+        """Inner radius of a pipe, m; zero for a plane."""
         return 0.0
 
     def holds(self, gravity: np.ndarray) -> bool:
-        """Whether the wall stops what falls."""
+        """Whether the wall supports grains against gravity."""
         return float(self.unit @ gravity) < 0.0
 
 
 @dataclass(frozen=True)
 class PlaneWall(Wall):
-    """A plane of unlimited extent: fixed, moved with a velocity, or loaded along its normal.
+    """Infinite plane: fixed, moved with a velocity, or loaded along its normal.
 
     Parameters
     ----------
@@ -211,9 +211,7 @@ class PlaneWall(Wall):
         if not np.isfinite(self.force):
             raise CaseError(f"force on a wall must be finite (N), got {self.force:g}")
         if self.force and np.isinf(self.mass):
-            raise CaseError(
-                f"a wall of infinite mass does not follow a force, got {self.force:g} N"
-            )
+            raise CaseError(f"a wall of infinite mass must not have a force, got {self.force:g} N")
 
     @property
     def mobility(self) -> float:
@@ -228,7 +226,7 @@ class PlaneWall(Wall):
 
 @dataclass(frozen=True)
 class CylinderWall(Wall):
-    """The inside of an unlimited round pipe.
+    """Inside of an infinite round pipe.
 
     Parameters
     ----------
@@ -248,7 +246,7 @@ class CylinderWall(Wall):
         return self.radius
 
     def holds(self, gravity: np.ndarray) -> bool:
-        """Whether the pipe lies across what falls."""
+        """Whether the pipe is not parallel to gravity."""
         along = abs(float(self.unit @ gravity))
         return along < (1.0 - 1e-9) * float(np.linalg.norm(gravity))
 
@@ -310,10 +308,10 @@ class ContactLaw:
 
     .. math:: u + b + \frac{a}{m} (r - r^-) = 0 \quad \text{instead of} \quad u + b = 0.    \tag{1}
 
-    It is a spring of stiffness :math:`m / (a h^2)` in a step of length h whose overlap relaxes to
-    zero at rest. It regularises the contact problem, which then takes far fewer sweeps, with
-    a = 0.02 a fourth or less. If grains would overlap by more than 0.8 % of a radius, the contact
-    is stiffened for this step; a contact that bounces is rigid and keeps its restitution. The
+    In a step of length h it is a spring of stiffness :math:`m / (a h^2)` with an overlap that
+    relaxes to zero at rest. It regularises the contact problem, which then needs far fewer sweeps,
+    with a = 0.02 a fourth or less. If grains would overlap by more than 0.8 % of a radius, the
+    contact is stiffened for this step; a contact that bounces is rigid and has its restitution. The
     energy stored in an overlap is released when the grains separate.
     """
 
@@ -330,7 +328,7 @@ class ContactLaw:
         if not 0.0 <= self.compliance < np.inf:
             raise CaseError(f"compliance must be finite and not negative, got {self.compliance:g}")
         if not self.relaxation >= 1.0:
-            raise CaseError(f"relaxation must be at least one step, got {self.relaxation:g}")
+            raise CaseError(f"relaxation must be at least 1, got {self.relaxation:g}")
 
 
 @dataclass(frozen=True)
@@ -377,8 +375,8 @@ class Model:
     period : array_like, shape (3,)
         Period of space along each axis, m; infinite along axes without a period.
     damping_rate : float
-        Rate at which grains lose velocity, 1/s; infinite for quasi-static motion, in which a step
-        starts without velocity.
+        Rate of decay of the velocities of grains, 1/s; infinite for quasi-static motion, in which a
+        step starts without velocity.
     pressure : float, optional
         Pressure on a periodic cell without walls, which strains equally along its free axes, Pa;
         the size of the cell is fixed if it is not given.
@@ -441,12 +439,12 @@ class Model:
 
     @cached_property
     def frictional(self) -> bool:
-        """Whether a contact has friction, and three unknowns in place of one."""
+        """Whether contacts have friction, with three unknowns instead of one unknown."""
         return max([self.law.friction, *(wall.friction or 0.0 for wall in self.walls)]) > 0.0
 
     @cached_property
     def turns(self) -> bool:
-        """Whether grains spin: something turns them, or they spin at the start."""
+        """Whether grains rotate, by friction or from the start."""
         return self.frictional or bool(np.any(self.grains.spin))
 
     @cached_property
@@ -454,8 +452,9 @@ class Model:
         """Coefficients of grains and of each wall, shape (1 + walls,); empty without friction."""
         if not self.frictional:
             return np.empty(0)
-        own = self.law.friction
-        return np.array([own, *(own if w.friction is None else w.friction for w in self.walls)])
+        grains = self.law.friction
+        walls = [grains if wall.friction is None else wall.friction for wall in self.walls]
+        return np.array([grains, *walls])
 
     @cached_property
     def mobility(self) -> np.ndarray:
@@ -507,10 +506,10 @@ def grain_needs(
 ) -> Needs:
     """Return the unknowns, operators and memory of a simulation of grains."""
     friction = max(law.friction, wall_friction) > 0.0
-    parts = (
-        ("sweeps", True, "over the contacts, one after the other", ""),
+    choices = (
+        ("sweeps", True, "over the contacts in turn", ""),
         ("friction", friction, "Coulomb's limit at each contact", "no friction is given"),
-        ("rotation", friction, "spins and moments of inertia", "nothing turns the grains"),
+        ("rotation", friction, "spins and moments of inertia", "no friction rotates the grains"),
         ("cell strain", strained, "rates along the axes, branches", "no cell strains"),
         ("springs", law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
         ("restitution", law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
@@ -526,7 +525,7 @@ def grain_needs(
     return Needs(
         unknowns_per_contact=unknowns,
         kinematics="rigid grains in motion, impulses in place of forces",
-        choices=tuple(choose(*part) for part in parts),
+        choices=tuple(choose(*choice) for choice in choices),
         state_variables=("position", "velocity", *spin, "impulse of each contact"),
         fields=("position", "velocity", *spin, "contact force"),
         libraries=("numba",),

@@ -9,7 +9,7 @@ __all__ = ["column", "deposit", "draw_radii", "place_loosely", "release", "silo"
 
 
 def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.ndarray:
-    r"""Draw radii whose volume is distributed evenly over the radius.
+    r"""Draw radii with a volume that is distributed uniformly over the radius.
 
     Parameters
     ----------
@@ -24,13 +24,14 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
     Raises
     ------
     CaseError
-        If the bounds are not positive and in order, or n is below one.
+        If the bounds are not positive and in order, or n is below 1.
 
     Notes
     -----
-    The volume of spheres is distributed evenly over the radius, so the density of their number is
-    proportional to :math:`R^{-3}`, and :math:`R = (a^{-2} - q\,(a^{-2} - b^{-2}))^{-1/2}` for
-    :math:`q` uniform in [0, 1] and radii from a to b.
+    The volume of spheres is distributed uniformly over the radius, so that the density of their
+    number is proportional to :math:`R^{-3}`, and
+    :math:`R = (a^{-2} - q\,(a^{-2} - b^{-2}))^{-1/2}` for :math:`q` uniform in [0, 1] and radii
+    from a to b.
     """
     if not 0.0 < smallest <= largest < np.inf:
         raise CaseError(
@@ -63,7 +64,7 @@ def place_loosely(
     if cells.min() < 1:
         raise CaseError(
             f"a grain of radius {largest:g} m needs {spacing:g} m, the box is "
-            f"{float((high - low)[:2].min()):g} m wide; take smaller grains"
+            f"{float((high - low)[:2].min()):g} m wide; use smaller grains"
         )
     flat = thickness is not None
     centre = lattice(len(radii), cells, low, high, largest, seed, flat=flat)
@@ -162,7 +163,7 @@ def silo(
     inside = np.hypot(x, y) + 1.08 * largest < bore
     if not inside.any():
         raise CaseError(
-            f"a grain of radius {largest:g} m does not fit into a pipe of {diameter:g} m; take "
+            f"a grain of radius {largest:g} m does not fit into a pipe of {diameter:g} m; use "
             f"smaller grains"
         )
     n, floor = len(radii), int(inside.sum())
@@ -201,7 +202,7 @@ def column(
 
 
 def release(model: Model, grains: Grains) -> Model:
-    """Return the model of a :func:`column` without its gate, the settled grains at rest."""
+    """Return the model of a :func:`column` without its gate, with the settled grains at rest."""
     still = np.zeros_like(grains.position)
     resting = grains.moved(grains.position, still, still)
     return Model(resting, model.walls[:-1], model.law, model.gravity, model.period)

@@ -38,8 +38,8 @@ def simulate_grains(
     ----------
     model : Model
     duration, step : float
-        Simulated time and length of a step, s. The step is shortened so that a whole number of
-        steps fills the duration. Times of impacts have an error of the order of the step.
+        Simulated time and length of a step, s. The step is shortened so that the duration is a
+        multiple of it. Times of impacts have an error of the order of the step.
     accuracy : float, optional
         Largest approach of grains in the step of their impact, relative to the smaller radius. The
         length of the steps then varies, up to ``step`` and to the time in which the fastest grain
@@ -54,9 +54,9 @@ def simulate_grains(
     Returns
     -------
     Dataset
-        Follows ``GRANULATE``. A step whose contacts missed the tolerance has ``converged`` 0 and
-        the motion goes on; the attribute ``cautions`` counts such steps. If a velocity becomes
-        infinite the motion ends, and ``failure`` states the time.
+        Follows ``GRANULATE``. A step with contacts that missed the tolerance has ``converged`` 0,
+        and the motion continues; the attribute ``cautions`` counts such steps. If a velocity
+        becomes infinite the motion ends, and ``failure`` states the time.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def simulate_grains(
                 callback(len(record.rows) - 1, done["residual"])
             if not np.isfinite(done["kinetic_energy"]):
                 record.failure = (
-                    f"a velocity became infinite at {state.time:g} s; take smaller steps"
+                    f"a velocity became infinite at {state.time:g} s; use smaller steps"
                 )
                 return record.dataset()
         record.show(state)
@@ -207,7 +207,7 @@ def network(result: Dataset, frame: int = -1) -> tuple[np.ndarray, np.ndarray, n
 
 
 def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) -> tuple[float, int]:
-    """Return the mean number of contacts of grains that bear load, and the number of rattlers.
+    """Return the mean number of contacts of grains that carry load, and the number of rattlers.
 
     Parameters
     ----------
@@ -215,47 +215,47 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
     n_grains : int
     rattlers_below : int
         A grain with fewer contacts is a rattler: 4 for spheres and 3 for discs without friction, 2
-        with friction. Rattlers are removed with their contacts until none is left.
+        with friction. Rattlers are removed with their contacts until all are removed.
 
     Returns
     -------
     coordination : float
-        Contacts per grain that is no rattler; zero if all grains are rattlers. A contact of two
+        Contacts per grain, without rattlers; zero if all grains are rattlers. A contact of two
         grains counts for both.
     rattlers : int
 
     Examples
     --------
-    Three grains in a ring, and one that touches the ring once:
+    Three grains in a ring, and a grain that touches the ring once:
 
     >>> coordination(np.array([[0, 1], [1, 2], [2, 0], [3, 0]]), 4, rattlers_below=2)
     (2.0, 1)
     """
-    held = np.ones(n_grains, dtype=bool)
+    remains = np.ones(n_grains, dtype=bool)
     while True:
-        alive = np.append(held, True)[np.minimum(ends, n_grains)].all(axis=1)
-        grains = ends[alive].ravel()
+        carries = np.append(remains, True)[np.minimum(ends, n_grains)].all(axis=1)
+        grains = ends[carries].ravel()
         count = np.bincount(grains[grains < n_grains], minlength=n_grains)
-        loose = held & (count < rattlers_below)
-        if not loose.any():
+        rattlers = remains & (count < rattlers_below)
+        if not rattlers.any():
             break
-        held &= ~loose
-    number = int(held.sum())
-    return (float(count[held].sum()) / number if number else 0.0), n_grains - number
+        remains &= ~rattlers
+    number = int(remains.sum())
+    return (float(count[remains].sum()) / number if number else 0.0), n_grains - number
 
 
 def with_weight_shares(result: Dataset, floor: int) -> Dataset:
-    """Return a result with the shares of the weight that the side walls and the floor bear.
+    """Return a result with the shares of the weight on the side walls and on the floor.
 
     Parameters
     ----------
     result : Dataset, follows ``GRANULATE``; grains under their weight
-    floor : int, number of the wall that is the floor; the others are sides
+    floor : int, number of the wall that is the floor; the other walls are sides
     """
     weight = -Model.gravity[2] * float(result["mass"].sum())
-    borne = -result["wall_force"].to_numpy()[..., 2] / weight
-    sides = np.delete(borne, floor, axis=1).sum(axis=1)
-    return GRANULATE.assign(result, {"side_share": sides, "floor_share": borne[:, floor]})
+    share = -result["wall_force"].to_numpy()[..., 2] / weight
+    sides = np.delete(share, floor, axis=1).sum(axis=1)
+    return GRANULATE.assign(result, {"side_share": sides, "floor_share": share[:, floor]})
 
 
 def with_run_out(result: Dataset, gate: float) -> Dataset:
@@ -271,7 +271,7 @@ def with_plate_stress(result: Dataset, plate: int, area: float, speed: float) ->
     ----------
     result : Dataset, follows ``GRANULATE``
     plate : int, number of the wall, which moves along x
-    area, speed : float, of the plate, m2 and m/s
+    area, speed : float, area and speed of the plate, m2 and m/s
     """
     force = result["wall_force"].to_numpy()[:, plate]
     values = {
