@@ -364,5 +364,5 @@ def test_an_overlap_that_facets_hide_is_refused_unless_they_match():
 
 @pytest.mark.parametrize("wrong", [{"interference": 1e-6}, {"fitted": True, "interference": -1e-6}])
 def test_an_interference_takes_bodies_that_fit(wrong):
-    with pytest.raises(CaseError, match="takes fitted=True, got"):
+    with pytest.raises(CaseError, match="needs fitted=True, got"):
         Contact(("shaft", "outside"), ("hub", "inside"), **wrong)

@@ -1,4 +1,4 @@
-"""An elastic or plastic body: mesh, bulk law, supports and loads."""
+"""Elastic or plastic body: mesh, bulk law, supports and loads."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -58,16 +58,16 @@ class Body:
         For the position of a single node, m, its prescribed displacement, as in ``supports``.
     name : str, in messages
     share : ndarray, shape (elements,), optional
-        Share of the stiffness of every element that is left, above 0; 1 if not given. Solvers of
-        linear elastic bodies take it.
+        Remaining share of the stiffness of every element, above 0; 1 if not given. For solvers of
+        linear elastic bodies.
     bends : bool, default False
         Whether hexahedra of first order have incompatible modes, without which they bend too
-        stiffly; see :func:`~multiscale.fe.elasticity.mode_stiffness`. Bodies that are cut take it.
+        stiffly; see :func:`~multiscale.fe.elasticity.mode_stiffness`. For bodies that are cut.
 
     Raises
     ------
     CaseError
-        If the mesh is of another kind, names no such boundary, has no node at a pin, or a value
+        If the mesh is of another kind, a boundary is unknown, no node lies at a pin, or a value
         has the wrong number of components or is not finite.
     """
 
@@ -85,7 +85,7 @@ class Body:
         kind = type(self.mesh).__name__
         if kind not in ELEMENTS:
             raise CaseError(
-                f"a body in contact takes meshes of straight {', '.join(ELEMENTS.values())}, "
+                f"a body in contact needs a mesh of straight {', '.join(ELEMENTS.values())}, "
                 f"got {kind}"
             )
         dim = self.mesh.dim()
@@ -107,11 +107,11 @@ class Body:
                         raise CaseError(f"the {kind} on {name!r} must be finite, got {value}")
 
     def check_boundary(self, name: str) -> None:
-        """Refuse a boundary that the mesh does not name."""
+        """Refuse a boundary that is unknown in the mesh."""
         check_boundary(self.mesh, name)
 
     def face_name(self, boundary: str, number: int) -> str:
-        """Name of a boundary in messages, with the number of the body if it has no name."""
+        """Name of a boundary in messages, with the number of a body without name."""
         return f"{self.name}.{boundary}" if self.name else f"{boundary!r} of body {number}"
 
     @cached_property
@@ -138,12 +138,14 @@ def fixed_motion(body: Body, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Prescribed unknowns d a + i of a body and their displacement at a time, m."""
     position = body.basis.doflocs
     motion = np.full(position.shape, np.nan)
-    held = [
+    supports = [
         (f"the support on {face!r}", body.nodes(face), body.supports[face])
         for face in body.supports
     ]
-    held += [(f"the pin at {point}", _node(body, point), body.pins[point]) for point in body.pins]
-    for name, nodes, values in held:
+    supports += [
+        (f"the pin at {point}", _node(body, point), body.pins[point]) for point in body.pins
+    ]
+    for name, nodes, values in supports:
         for i, value in enumerate(values):
             if value is not None:
                 motion[i, nodes] = evaluate(value, position[:, nodes], time, name)
@@ -153,7 +155,7 @@ def fixed_motion(body: Body, time: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _node(body: Body, point: Sequence[float]) -> np.ndarray:
-    """Find the node at a point, shape (1,)."""
+    """Return the node at a point, shape (1,)."""
     position = body.basis.doflocs
     distance = np.linalg.norm(position - np.reshape(point, (-1, 1)), axis=0)
     if distance.min() > ASTRAY * float(np.ptp(position, axis=1).max()):

@@ -1,4 +1,4 @@
-r"""Surfaces that may touch, small or large displacement: obstacles, frames, gap and slip.
+r"""Contact surfaces at small or large displacement: obstacles, frames, gap and slip.
 
 Side 1 is a face of a body and carries the reaction; side 2 is a face of another body or a rigid
 obstacle. With the mortar rows of :mod:`~multiscale.fe.faces` the weighted jump of a nodal field
@@ -7,16 +7,16 @@ is
 .. math:: B u = M u_2 - D u_1 ,    \tag{1}
 
 in the frame :math:`(n, t_1, t_2)` of each node of side 1, with the normal from side 1 to side 2.
-An obstacle takes part node by node: D holds the areas of the nodes and M is empty.
+For an obstacle D contains the areas of the nodes and M is empty.
 
-Where partners follow the motion, the slip of a step is how far the points that faced each other
-at its start lie apart at its end,
+Where partners follow the motion, the slip of a step is the tangential distance at its end of points
+that faced each other at its start,
 
 .. math:: s = t \cdot (\bar B^- - \bar B)\, x ,    \tag{2}
 
 with :math:`\bar B` over the area of the node: the difference of the mortar operators [1]_. A
-rigid motion of both bodies keeps the operators, so that (2) is then zero, which
-:math:`t \cdot \bar B (x - x^-)` is not where gaps or facets turn. Both agree to first order.
+rigid motion of both bodies does not change the operators, so that (2) is zero, unlike
+:math:`t \cdot \bar B (x - x^-)` where gaps or facets rotate. Both agree to first order.
 
 References
 ----------
@@ -45,14 +45,14 @@ ASIDE = 0.02
 """Distance of the nodes of both sides, relative to an edge, up to which their facets match."""
 
 LEAST_AREA = 1e-9
-"""Nodes with less than this share of their area opposite side 2 carry nothing."""
+"""Nodes with less than this share of their area opposite side 2 transmit no traction."""
 
 LOCKED = 0.1
-"""Share of the free components of a node along an axis below which a support holds it."""
+"""Share of the free components of a node along an axis below which it counts as fixed."""
 
 
 class RigidObstacle(ABC):
-    """A rigid surface that moves without turning; every obstacle takes a ``motion``.
+    """Rigid surface that moves without rotation; every obstacle has a ``motion``.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class RigidObstacle(ABC):
     def distance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance (m, negative inside) and outward normal, shape (n, d), of points (n, d).
 
-        The obstacle stands where it was at the start.
+        The obstacle is at its position at the start.
         """
 
     def moved(self, dim: int, time: float) -> np.ndarray:
@@ -88,7 +88,7 @@ class RigidObstacle(ABC):
 
 @dataclass(frozen=True)
 class RigidPlane(RigidObstacle):
-    """A half-space.
+    """Half-space.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class RigidPlane(RigidObstacle):
 
 @dataclass(frozen=True)
 class RigidGraph(RigidObstacle):
-    """All that lies above a height (or below it).
+    """Obstacle above a height function (or below it).
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class RigidGraph(RigidObstacle):
 
     Notes
     -----
-    The distance is that to the tangent plane over (or under) the point: exact in contact.
+    The distance is measured to the tangent plane over (or under) the point: exact in contact.
     """
 
     height: Callable[[np.ndarray], np.ndarray]
@@ -145,7 +145,7 @@ class RigidGraph(RigidObstacle):
 
 @dataclass(frozen=True)
 class Contact:
-    r"""Two surfaces that may touch.
+    r"""Contact between two surfaces.
 
     Parameters
     ----------
@@ -154,20 +154,20 @@ class Contact:
     side2 : tuple of str or RigidObstacle
     friction_coefficient : float, default 0.0, Coulomb's :math:`\mu \ge 0`, dimensionless
     finite_sliding : bool, default False
-        Whether partners and normals follow the motion. Otherwise they stay as at the start.
-    reach : float, default inf, surfaces farther apart than this do not see each other, m
+        Whether partners and normals follow the motion. Otherwise they are constant.
+    reach : float, default inf, distance of surfaces up to which they may come into contact, m
     fitted : bool, default False
-        Whether the bodies fit at the start. The gap that the facets of two curved meshes show
-        there is then an error of the meshes and is taken off.
+        Whether the bodies fit at the start. The initial gap between the facets of two curved meshes
+        is then an error of the meshes and is subtracted.
     interference : float, default 0.0
-        Normal distance by which fitted bodies overlap everywhere at the start, whatever their
+        Normal distance by which fitted bodies overlap everywhere at the start, independent of their
         facets, as in a press fit, m.
 
     Raises
     ------
     CaseError
-        If the coefficient is negative or not finite, the reach is not positive, or there is a
-        negative interference or one of bodies that are not fitted.
+        If the coefficient is negative or not finite, the reach is not positive, or the interference
+        is negative or given for bodies that are not fitted.
     """
 
     side1: tuple[str, str]
@@ -187,7 +187,7 @@ class Contact:
             raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
         if not 0.0 <= self.interference < np.inf or (self.interference and not self.fitted):
             raise CaseError(
-                f"the interference of a contact must not be negative (m) and takes fitted=True, "
+                f"the interference of a contact must not be negative (m) and needs fitted=True, "
                 f"got {self.interference}"
             )
 
@@ -198,34 +198,36 @@ class Contact:
 
     @property
     def surfaces(self) -> tuple[tuple[str, str], ...]:
-        """Sides that are surfaces of bodies: body and boundary."""
+        """Body and boundary of the sides that are surfaces of bodies."""
         return (self.side1,) if isinstance(self.side2, RigidObstacle) else (self.side1, self.side2)
 
 
 @dataclass(frozen=True)
 class Coupling:
-    """Some interfaces, or all, in one configuration: contact node after contact node."""
+    """Coupling of the n contact nodes of some interfaces in a configuration."""
 
     operator: csr_array  # (1) of a component, shape (n, nodes of the problem), m², in a plane m
     frame: np.ndarray  # rows n, t1, t2, shape (n, d, d)
     area: np.ndarray  # area of side 1 that is opposite side 2, shape (n,), m²
-    kept: np.ndarray  # whether a component can be transmitted, shape (n, d): no support holds it
+    transmits: np.ndarray  # of bool, components that transmit traction, not fixed, shape (n, d)
 
     @classmethod
-    def stack(cls, parts: Sequence["Coupling"], nodes: int, d: int) -> "Coupling":
-        """Put interfaces one after the other, of a problem of so many nodes in d dimensions."""
+    def stack(cls, couplings: Sequence["Coupling"], nodes: int, d: int) -> "Coupling":
+        """Stack the interfaces of a problem with given numbers of nodes and dimensions."""
         return cls(
-            csr_array(vstack([csr_array((0, nodes)), *(part.operator for part in parts)])),
-            np.concatenate([np.zeros((0, d, d)), *(part.frame for part in parts)]),
-            np.concatenate([np.zeros(0), *(part.area for part in parts)]),
-            np.concatenate([np.zeros((0, d), dtype=bool), *(part.kept for part in parts)]),
+            csr_array(vstack([csr_array((0, nodes)), *(each.operator for each in couplings)])),
+            np.concatenate([np.zeros((0, d, d)), *(each.frame for each in couplings)]),
+            np.concatenate([np.zeros(0), *(each.area for each in couplings)]),
+            np.concatenate([np.zeros((0, d), bool), *(each.transmits for each in couplings)]),
         )
 
     def __getitem__(self, rows: slice) -> "Coupling":
-        return Coupling(self.operator[rows], self.frame[rows], self.area[rows], self.kept[rows])
+        return Coupling(
+            self.operator[rows], self.frame[rows], self.area[rows], self.transmits[rows]
+        )
 
     def slip_operator(self, old: "Coupling") -> csr_array:
-        """Weighted slip (2) over positions: partners of the step before, areas of now."""
+        """Weighted slip (2) over positions: partners of the step before, current areas."""
         facing = old.area > 0.0
         share = np.where(facing, self.area / np.where(facing, old.area, 1.0), 0.0)
         return csr_array(
@@ -241,9 +243,9 @@ class ContactInterface:
     contact: Contact
     faces: tuple[OrientedFace, ...]  # side 1, and side 2 unless it is an obstacle
     nodes: tuple[np.ndarray, ...]  # their nodes, numbered over all bodies
-    part: slice  # of the contact nodes of the problem, which are the nodes of the sides 1
-    area: np.ndarray  # area that each node of side 1 stands for, undeformed, shape (n1,), m²
-    free: np.ndarray  # components of side 1 that no support holds, shape (n1, d)
+    rows: slice  # among the contact nodes of the problem, which are the nodes of the sides 1
+    area: np.ndarray  # undeformed area of each node of side 1, shape (n1,), m²
+    free: np.ndarray  # components of side 1 without support, shape (n1, d)
 
     @property
     def follows(self) -> bool:
@@ -252,12 +254,13 @@ class ContactInterface:
 
     def couple(self, x: np.ndarray, time: float) -> Coupling:
         """Couple both sides at positions of all nodes, (nodes, d), m, and an obstacle at a time."""
+        # normals, areas, and the operator (1)
         n1, d = len(self.nodes[0]), x.shape[1]
         side1, obstacle = x[self.nodes[0]], self.contact.obstacle
         if obstacle is not None:
             shift = obstacle.moved(d, time) if self.contact.finite_sliding else np.zeros(d)
             normal = -obstacle.distance(side1 - shift)[1]
-            area = self.area  # of the undeformed body: the reaction is then a force per that area
+            area = self.area  # the reaction is a force per undeformed area
             operator = csr_array((-area, (np.arange(n1), self.nodes[0])), shape=(n1, len(x)))
         else:
             normal = nodal_normals(self.faces[0], side1, self.free)
@@ -270,15 +273,16 @@ class ContactInterface:
                 sizes=(len(x), len(x)),
             )
             area, operator = np.asarray(D.sum(axis=1)), csr_array(M - D)  # (1)
+        # frames, and components that can transmit traction
         frame = tangent_frames(normal)
         free = np.sqrt(np.sum((frame * self.free[:, None, :]) ** 2, axis=2)) >= LOCKED
-        kept = free & (area > LEAST_AREA * self.area)[:, None]
-        return Coupling(operator, frame, area, kept)
+        transmits = free & (area > LEAST_AREA * self.area)[:, None]
+        return Coupling(operator, frame, area, transmits)
 
     def obstacle_gap(
         self, start: np.ndarray, motion: np.ndarray, normal: np.ndarray, shift: np.ndarray
     ) -> np.ndarray:
-        """Gap to an obstacle, shape (n1,), m, of nodes that move along with its shift, (n1, d)."""
+        """Gap of nodes to an obstacle, shape (n1,), m, from their motion and its shift, m."""
         distance = cast(RigidObstacle, self.contact.obstacle).distance
         if self.contact.finite_sliding:
             return distance(start + motion - shift)[0]
@@ -286,9 +290,9 @@ class ContactInterface:
         return np.asarray(distance(start)[0] + closing)
 
     def fitted_gap(self, gap: np.ndarray, area: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Gap at the start that is taken off where the user states that the faces fit, m.
+        """Gap at the start that is subtracted if the faces are stated to fit, m.
 
-        Refuses bodies that overlap at the start by less than their facets hide.
+        Refuses bodies that overlap at the start by less than the error of their facets.
         """
         if self.contact.fitted:
             return gap + self.contact.interference
@@ -299,14 +303,14 @@ class ContactInterface:
             if typical < FACETED * sagitta:
                 raise CaseError(
                     f"contact {self.name!r}: the bodies overlap at the start, with gaps of about "
-                    f"{typical:.2g} m, which the facets of both curved meshes hide: they do not "
-                    f"match and miss the surface by {sagitta:.2g} m; give fitted=True and the "
-                    f"interference, or meshes that match on the face"
+                    f"{typical:.2g} m, below the error of the facets of both curved meshes: they "
+                    f"do not match and miss the surface by {sagitta:.2g} m; give fitted=True and "
+                    f"the interference, or meshes that match on the face"
                 )
         return np.zeros_like(gap)
 
     def _sagitta(self, start: np.ndarray) -> float:
-        r"""Distance of the facets of curved faces that do not match from their surface, m.
+        r"""Distance from facets to their curved surface, m; zero if the faces match.
 
         An edge of the length L between normals that differ by :math:`\theta` misses its arc by
         :math:`L \theta / 8`; this is the median over the nodes of the larger side.

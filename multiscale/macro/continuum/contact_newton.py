@@ -1,11 +1,11 @@
 r"""Semismooth Newton on displacement and contact reaction together.
 
-One load step of the source's problem (4)-(5) with Coulomb friction,
+A load step of the problem (4)-(5) of the source with Coulomb friction is
 
 .. math:: f_{int}(u) - H r = f, \qquad 0 \le g(u) \perp r_n \ge 0, \quad |r_t| \le \mu r_n,
 
-for any bulk law and either kind of sliding: material, geometry, contact set and friction are
-updated in one loop, and the displacement is kept as the main unknown.
+for any bulk law and small or finite sliding: material, geometry, contact set and friction are
+updated in the same loop, with displacement and reaction as unknowns.
 
 A linear problem is condensed onto its contact unknowns: with one factorisation of :math:`K` and the
 Delassus operator :math:`W = H^t K^{-1} H`,
@@ -43,26 +43,26 @@ from multiscale.numerics.newton import Limits, NewtonRun
 __all__ = ["ContactEquilibrium", "condense_contact", "linearise_contact", "newton_step", "rest"]
 
 PATIENCE = 15
-"""Iterations without a smaller residual after which a step gives up."""
+"""Iterations without a smaller residual after which a step fails."""
 
 CYCLE = 4
 """Iterations without a smaller residual after which steps are halved to leave a cycle."""
 
 ROUND_OFF, UNSURE = 8.0 * np.finfo(float).eps, 1e-6
-"""Unbalance, relative to the terms of K u, that rounding leaves: it counts with stiff bodies; and
-the largest residual that it excuses, or a body that runs away would count as in balance."""
+"""Rounding of the residual force relative to the terms of K u, which matters for stiff bodies; and
+the largest residual ascribed to it: a body that moves away must not count as in equilibrium."""
 
 SMALLEST_RATIO = 0.05
 """Volume ratio of an element below which a Newton step is shortened."""
 
 LANDINGS = 5
-"""How often in a step a loose body is put down on the nearest surface."""
+"""Limit in a step of closures of the nearest surface for a body without support."""
 
 HALVINGS = 8
-"""How often a Newton step may be halved."""
+"""Limit of halvings of a Newton step."""
 
 RELAXATION = 0.3
-"""Stiffness of the contact law relative to that of the bodies: 1 makes friction cycle."""
+"""Stiffness of the contact law relative to the bodies: with 1, friction cycles."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class ContactEquilibrium:
     state: tuple[np.ndarray, ...]  # internal variables of the bodies
     coupling: Coupling  # of all interfaces
     jump: np.ndarray  # gap and slip of the step, shape (contact nodes, c), m
-    unbalance: np.ndarray  # internal less external and contact forces, N: of the supports
+    unbalance: np.ndarray  # internal less external and contact forces, N: support forces
 
 
 class LocalLaw(NamedTuple):
@@ -106,7 +106,7 @@ def linearise_contact(
     jump: np.ndarray,
     friction: np.ndarray,
     stiffness: np.ndarray,
-    kept: np.ndarray,
+    transmits: np.ndarray,
 ) -> LocalLaw:
     r"""Evaluate the contact law at nodes and a member of its generalised derivative.
 
@@ -118,7 +118,7 @@ def linearise_contact(
     :math:`0 \le g \perp r_n \ge 0`, :math:`|r_t| \le \mu r_n`, and friction opposes slip.
     """
     c = reaction.shape[1]
-    lost = ~kept
+    lost = ~transmits
     lost[:, 1:] |= lost[:, :1] | (friction == 0.0)[:, None]
     space = np.zeros((2, len(reaction), 3))
     space[:, :, :c] = np.where(lost, 0.0, [stiffness[:, None] * jump, reaction])
@@ -159,7 +159,7 @@ def newton_step(
 
 @dataclass(frozen=True)
 class _Step:
-    """One load step of a problem."""
+    """A load step of a problem."""
 
     assembly: FiniteAssembly
     before: ContactEquilibrium
@@ -176,11 +176,12 @@ class _Step:
         motion, times = (before.displacement, u), (before.time, self.time)
         jump = assembly.jump(before.coupling, coupling, motion, times)
         rho = _contact_stiffness(assembly, B, coupling.area)
-        kept = coupling.kept[:, : assembly.components]
-        law = linearise_contact(reaction, jump, assembly.friction, rho, kept)
+        transmits = coupling.transmits[:, : assembly.components]
+        law = linearise_contact(reaction, jump, assembly.friction, rho, transmits)
         contact = B.T @ reaction.ravel()  # H r
         unbalance = force - contact - self.load  # (4)
 
+        # residual of equilibrium, contact law and supports, relative to the largest force
         free = assembly.free
         scale = max(float(norm(f)) for f in (self.load, contact, (force - contact)[~free]))
         wrong = law.residual * coupling.area[:, None]
@@ -194,20 +195,20 @@ class _Step:
         return _Trial(end, tangent, B, jump_tangent, rho, law, residual, floor, usable)
 
     def direction(self, trial: _Trial, *, may_land: bool) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Newton step (m, Pa), and whether a loose body was put down for it."""
+        """Newton step (m, Pa), and whether a contact was closed for a body without support."""
         try:
             return *self._direction(trial, trial.law), False
         except MultiscaleError as error:
             closer = self._close_nearest(trial) if may_land else None
             if closer is None:
-                raise self._loose(error) from error
+                raise self._name_free_bodies(error) from error
         try:
             return *self._direction(trial, closer), True
         except MultiscaleError as error:
-            raise self._loose(error) from error
+            raise self._name_free_bodies(error) from error
 
     def advance(self, trial: _Trial, du: np.ndarray, dr: np.ndarray, length: float) -> _Trial:
-        """Take a step of at most a length, so short that no element is turned inside out."""
+        """Move by at most a length, halved until no element is inverted."""
         for _ in range(HALVINGS):
             new = self.evaluate(
                 trial.end.displacement + length * du,
@@ -220,14 +221,14 @@ class _Step:
         return new
 
     def _direction(self, trial: _Trial, law: LocalLaw) -> tuple[np.ndarray, np.ndarray]:
-        """Solve the linearised problem; open components leave it at once."""
+        """Solve the linearised problem without its open components."""
         # supports jump to their prescribed displacement
         assembly, B = self.assembly, trial.operator
         free = assembly.free
         du = np.zeros(free.size)
         du[~free] = self.motion - trial.end.displacement[~free]
 
-        # reactions of open components fall to zero at once
+        # reactions of open components become zero
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         dr = np.where(live, 0.0, -law.residual.ravel())
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
@@ -259,64 +260,64 @@ class _Step:
         return du, dr.reshape(-1, assembly.components)
 
     def _close_nearest(self, trial: _Trial) -> LocalLaw | None:
-        """Contact law with the nearest nodes of every open interface closed: a loose body lands."""
+        """Contact law with the nearest nodes of every open interface closed."""
         law, jump = trial.law, trial.end.jump
         closed = np.zeros(len(jump), dtype=bool)
         coupling = trial.end.coupling
         for interface in self.assembly.interfaces:
-            part = interface.part
-            possible = coupling.kept[part, 0]
-            if possible.any() and not np.any(law.by_jump[part, 0, 0]):
-                gap = np.where(possible, jump[part, 0], np.inf)
-                closed[part] = gap <= gap.min() + 1e-6 * np.sqrt(coupling.area[part].max())
+            rows = interface.rows
+            possible = coupling.transmits[rows, 0]
+            if possible.any() and not np.any(law.by_jump[rows, 0, 0]):
+                gap = np.where(possible, jump[rows, 0], np.inf)
+                closed[rows] = gap <= gap.min() + 1e-6 * np.sqrt(coupling.area[rows].max())
         if not closed.any():
             return None
         rho = trial.rho
-        residual, by_reaction, by_jump = (np.array(part) for part in law)
+        residual, by_reaction, by_jump = (np.array(field) for field in law)
         residual[closed] = trial.end.reaction[closed]
         residual[closed, 0] = rho[closed] * jump[closed, 0]
         by_reaction[closed, 0, 0] = 0.0
         by_jump[closed, 0, 0] = rho[closed]
         return LocalLaw(residual, by_reaction, by_jump)
 
-    def _loose(self, error: MultiscaleError) -> ConvergenceError:
-        """Error that names the bodies that their supports do not hold."""
+    def _name_free_bodies(self, error: MultiscaleError) -> ConvergenceError:
+        """Error that names the bodies without sufficient supports."""
         names = list(self.assembly.bodies)
         assembly, first = self.assembly, self.assembly.first
-        flat = assembly.start.shape[1] == 2  # in a plane, as nodes held across it
+        flat = assembly.start.shape[1] == 2  # in a plane, nodes are fixed across it
         x = np.pad(assembly.start, ((0, 0), (0, int(flat))))
-        held = np.pad(~assembly.free.reshape(assembly.start.shape), ((0, 0), (0, int(flat))))
-        held[:, 2] |= flat
-        loose = [
+        fixed = np.pad(~assembly.free.reshape(assembly.start.shape), ((0, 0), (0, int(flat))))
+        fixed[:, 2] |= flat
+        free = [
             name
-            for name, part in zip(names, map(slice, first[:-1], first[1:]), strict=True)
-            if count_free_motions(x[part], held[part])
+            for name, nodes in zip(names, map(slice, first[:-1], first[1:]), strict=True)
+            if count_free_motions(x[nodes], fixed[nodes])
         ]
-        if not loose:
+        if not free:
             return ConvergenceError(
                 f"the tangent stiffness is singular at time {self.time:g}: {error}"
             )
-        for name in loose:
+        for name in free:
             if slides := self._slides(name):
                 return ConvergenceError(slides)
         return ConvergenceError(
-            f"{' and '.join(repr(name) for name in loose)} can move without force at time "
+            f"{' and '.join(repr(name) for name in free)} can move without force at time "
             f"{self.time:g}: the supports do not hold it and no contact closes; "
             f"add supports or move it by prescribed displacements"
         )
 
     def _slides(self, name: str) -> str | None:
-        """Sentence on the friction before this step, if it cannot carry the load on a body."""
+        """Explain a load on a body above the friction before this step, if it is above."""
         assembly, before = self.assembly, self.before
         d, body = assembly.start.shape[1], list(assembly.bodies).index(name)
         low, high = assembly.first[body : body + 2]
         carried, normal = 0.0, np.zeros(d)
         for interface in assembly.interfaces:
-            part = interface.part
+            rows = interface.rows
             if any(low <= nodes[0] < high for nodes in interface.nodes):
-                force = before.reaction[part, 0] * before.coupling.area[part]
-                carried += float(assembly.friction[part] @ force)
-                normal += force @ before.coupling.frame[part, 0]
+                force = before.reaction[rows, 0] * before.coupling.area[rows]
+                carried += float(assembly.friction[rows] @ force)
+                normal += force @ before.coupling.frame[rows, 0]
         load = self.load[assembly.unknowns(body)].reshape(-1, d).sum(axis=0)
         normal /= norm(normal) or 1.0
         along = float(norm(load - (load @ normal) * normal))
@@ -331,7 +332,7 @@ class _Step:
 
 
 def _contact_stiffness(assembly: FiniteAssembly, B: csr_array, area: np.ndarray) -> np.ndarray:
-    """Stiffness rho of the contact law, Pa/m: of the order of the stiffness that a node feels."""
+    """Stiffness rho of the contact law, Pa/m: of the order of the stiffness at a node."""
     diagonal = assembly.diagonal
     compliance = np.where(diagonal > 0.0, 1.0 / np.where(diagonal > 0.0, diagonal, 1.0), 0.0)
     normal = B[:: assembly.components]
@@ -363,7 +364,7 @@ class CondensedContact:
     def step(
         self, before: ContactEquilibrium, time: float, limits: Limits
     ) -> tuple[Solution, ContactEquilibrium]:
-        """Solve a load step; arguments and result as of ``newton_step``."""
+        """Solve a load step; arguments and result as in ``newton_step``."""
         load = self.assembly.load(time)
         motion = self.assembly.supported(time)
         # gap and slip without reactions, and the size of the forces
@@ -392,9 +393,9 @@ class CondensedContact:
 
     def _linearise(self, r: np.ndarray, q: np.ndarray, scale: float) -> tuple[LocalLaw, float]:
         """Contact law at a reaction, and its error relative to the forces."""
-        kept = self.coupling.kept[:, : self.assembly.components]
+        transmits = self.coupling.transmits[:, : self.assembly.components]
         jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (2)
-        law = linearise_contact(r, jump, self.assembly.friction, self.rho, kept)
+        law = linearise_contact(r, jump, self.assembly.friction, self.rho, transmits)
         size = max(scale, float(norm(self.operator.T @ r.ravel())))
         error = float(norm(law.residual * self.coupling.area[:, None]))
         return law, error / size if size > 0.0 else float(error > 0.0)
@@ -422,7 +423,7 @@ class CondensedContact:
         return self.assembly.jump(coupling, coupling, motions, times)
 
     def _direction(self, law: LocalLaw) -> np.ndarray:
-        """Newton step of the reactions, Pa; open components leave at once."""
+        """Newton step of the reactions, Pa; reactions of open components become zero."""
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         residual = law.residual.ravel()
         dr = np.where(live, 0.0, -residual)
@@ -439,7 +440,7 @@ class CondensedContact:
 def condense_contact(
     assembly: FiniteAssembly, start: ContactEquilibrium
 ) -> CondensedContact | None:
-    """Factorise the bodies and compute W; None if only its contacts hold a body."""
+    """Factorise the bodies and compute W; None if a body is supported only by contacts."""
     coupling = start.coupling
     operator = assembly.operators(coupling, coupling)[0]
     stiffness = assembly.internal(start.displacement, start.state)[1]

@@ -25,7 +25,7 @@ from multiscale.numerics.newton import Limits, join_solutions, march
 __all__ = ["ContactStep", "SurfaceState", "solve_contact"]
 
 CUTS = 6
-"""How often a load step may be halved."""
+"""Limit of halvings of a load step."""
 
 MAX_CONDENSED = 1500
 """Contact unknowns up to which a linear problem is condensed onto them."""
@@ -48,12 +48,12 @@ class SurfaceState:
 
     @property
     def pressure(self) -> np.ndarray:
-        """Contact pressure, shape (nodes,), Pa, never negative."""
+        """Contact pressure, shape (nodes,), Pa, at least zero."""
         return np.asarray(-self.traction[0])
 
     @property
     def force(self) -> np.ndarray:
-        """Force on side 2, shape (d,), N (N/m in two dimensions); side 1 feels its opposite."""
+        """Force on side 2, shape (d,), N (N/m in two dimensions); opposite on side 1."""
         return np.asarray(-np.einsum("ka,aki,a->i", self.traction, self.frame, self.area))
 
 
@@ -63,8 +63,7 @@ class ContactStep:
 
     time: float
     solution: Solution
-    """Reason for which the solver stopped, and its residuals; the value is the displacement of all
-    bodies."""
+    """Status of the solver, and its residuals; the value is the displacement of all bodies."""
     displacement: dict[str, np.ndarray]
     """By body, shape (d, nodes), m."""
     contact: dict[str, SurfaceState]
@@ -96,29 +95,29 @@ def solve_contact(
     assembly : FiniteAssembly
     times : sequence of float
         Ends of the load steps, increasing and positive; the path starts undeformed at zero.
-        Friction and plasticity remember the steps.
+        Friction and plasticity depend on the steps.
     condensed : bool, optional
         Whether to condense a linear problem onto its contact unknowns: the Delassus operator
-        :math:`W = H^t K^{-1} H` by one factorisation. By default where it can be done and the
-        contacts are few; otherwise the displacement is kept.
+        :math:`W = H^t K^{-1} H` by one factorisation. By default if it is possible and the contacts
+        are few.
     max_iterations : int
         Iteration limit of a step. A step that fails is cut into halves.
     tolerance : float
-        Bound on the unbalanced forces and the error of the contact law, relative to the largest
+        Bound on the residual forces and the error of the contact law, relative to the largest
         of load, reaction of the supports and contact force; dimensionless.
     callback : callable, optional, called as ``callback(time, iteration, residual)``
 
     Returns
     -------
     tuple of ContactStep
-        One per time, up to and including the first that did not converge; see
+        Steps at all times, up to and including the first step that did not converge; see
         :meth:`ContactStep.unwrap`.
 
     Raises
     ------
     CaseError
         If the times do not increase from zero, a load is not finite, two surfaces have no
-        common area, or ``condensed`` is asked for a problem that is not linear.
+        common area, or ``condensed`` is True for a nonlinear problem.
     ConvergenceError
         If a body can move without force in the first step; a later step is then INFEASIBLE.
 
@@ -141,7 +140,7 @@ def solve_contact(
         raise CaseError(f"times must increase from zero and be finite, got {times}")
     state = rest(assembly)
     for interface in assembly.interfaces:
-        if not np.any(state.coupling.kept[interface.part, 0]):
+        if not np.any(state.coupling.transmits[interface.rows, 0]):
             raise CaseError(
                 f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
                 f"{interface.contact.side2} have no common area; check positions, boundaries "
@@ -192,7 +191,7 @@ def _choose(
             return lambda before, time: model.step(before, time, at(time))
         if condensed:
             raise CaseError(
-                "only its contacts hold a body, so the problem cannot be condensed; "
+                "a body is supported only by contacts, so the problem cannot be condensed; "
                 "leave out condensed=True or add supports"
             )
     return lambda before, time: newton_step(assembly, before, time, at(time))
@@ -201,14 +200,16 @@ def _choose(
 def _march(
     solve: Solve, before: ContactEquilibrium, time: float
 ) -> tuple[Solution, ContactEquilibrium]:
-    """Reach a time, in one step or in halves of it."""
-    parts = march(solve, before, (before.time, time), CUTS)
-    # the parts of a step that was cut count together
-    slips = (part.state.jump[:, 1:] for part in parts if part.solution.converged)
+    """Solve up to a time, with halved steps where necessary."""
+    substeps = march(solve, before, (before.time, time), CUTS)
+    # the slip of a load step is the sum over its substeps
+    slips = (substep.state.jump[:, 1:] for substep in substeps if substep.solution.converged)
     slip = sum(slips, start=np.zeros_like(before.jump[:, 1:]))
-    trail = [f"step to {part.aim:g}: {part.solution.status.name.lower()}" for part in parts]
-    end = parts[-1].state
-    whole = join_solutions([part.solution for part in parts], trail)
+    trail = [
+        f"step to {substep.aim:g}: {substep.solution.status.name.lower()}" for substep in substeps
+    ]
+    end = substeps[-1].state
+    whole = join_solutions([substep.solution for substep in substeps], trail)
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
 
 
@@ -218,11 +219,11 @@ def _report(assembly: FiniteAssembly, solution: Solution, end: ContactEquilibriu
     known = 1.0 if solution.converged else np.nan
     contact = {}
     for interface in assembly.interfaces:
-        part = interface.part
-        coupling = end.coupling[part]
+        rows = interface.rows
+        coupling = end.coupling[rows]
         traction = np.full((d, len(coupling.area)), 0.0 * known)
-        traction[:c] = -known * end.reaction[part].T
-        jump = known * np.where(coupling.kept[:, :1], end.jump[part], np.nan)
+        traction[:c] = -known * end.reaction[rows].T
+        jump = known * np.where(coupling.transmits[:, :1], end.jump[rows], np.nan)
         place = assembly.start[interface.nodes[0]].T
         contact[interface.name] = SurfaceState(
             place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T

@@ -1,9 +1,9 @@
 r"""Bodies that crack in bands of elements, by a sequence of linear solves.
 
-Each element bears a fraction of its first stiffness, which falls tooth by tooth of its softening
-law. In every event the load is scaled so that the most critical element reaches the strength of
-its tooth; it goes on to its next tooth, and the structure is solved again [1]_. No step can fail to
-converge, and load and displacement may both fall.
+Each element has a fraction of its initial stiffness, which falls by the teeth of its softening law.
+In every event the load is scaled so that the most critical element reaches the strength of its
+tooth; the element proceeds to its next tooth, and the structure is solved again [1]_. Every step
+converges, and load and displacement may both fall.
 
 Cracked elements are few. With the factors of an earlier stiffness :math:`K_0 = K + M`, where M is
 the loss since then, which couples only the unknowns A of cracked elements, and with the columns
@@ -34,10 +34,10 @@ __all__ = ["follow_crack_band"]
 SHAPES = ("MeshQuad1", "MeshHex1")
 
 ROUNDING = 1e-9
-"""Tension over the largest stress that is none."""
+"""Tension over the largest stress up to which it is zero."""
 
 MOST_UNKNOWNS = 600
-"""Unknowns of cracked elements above which the stiffness is factorised anew."""
+"""Unknowns of cracked elements above which the stiffness is factorised again."""
 
 
 def follow_crack_band(
@@ -57,9 +57,9 @@ def follow_crack_band(
         Elastic, of quadrilaterals (plane strain, isotropic) or hexahedra; its supports are at rest.
     law : Softening
     load : ndarray, shape (d nodes,), optional
-        Nodal forces at the factor one, N; of the tractions at the time one if not given.
-    teeth : int, parts into which the law of an element is cut
-    stop : float, load over the largest one at which the search ends, dimensionless
+        Nodal forces at the factor 1, N; of the tractions at the time 1 if not given.
+    teeth : int, number of teeth of the law of an element
+    stop : float, load over the largest load at which the path ends, dimensionless
     max_events : int
 
     Returns
@@ -69,8 +69,8 @@ def follow_crack_band(
     Raises
     ------
     CaseError
-        If the mesh is of triangles or tetrahedra, whose bands have no width, supports move, or
-        nothing loads the body in tension.
+        If the mesh is of triangles or tetrahedra, in which bands have no width, supports move, or
+        no element is in tension.
     """
     kinds = Elastic if body.mesh.dim() == 2 else Elastic | AnisotropicElastic
     if type(body.mesh).__name__ not in SHAPES or not isinstance(body.law, kinds):
@@ -86,6 +86,8 @@ def follow_crack_band(
     fixed, motion = fixed_motion(body, 1.0)
     if np.any(motion):
         raise CaseError("the supports of a body with a crack band must be at rest; load its faces")
+
+    # sound body
     force = load_vector(body, 1.0) if load is None else load
     weakened = _Weakened(body, body.law, np.setdiff1d(np.arange(force.size), fixed), force)
     n, plane = body.mesh.t.shape[1], body.mesh.dim() == 2
@@ -96,6 +98,7 @@ def follow_crack_band(
     largest, done = 0.0, False
     band: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for _ in range(max_events):
+        # load at which the most critical element reaches its strength
         u = weakened.solve()
         worst, ratio, normal = weakened.find_worst(u, share / strength)
         if not ratio > 0.0:
@@ -105,7 +108,8 @@ def follow_crack_band(
         largest = max(largest, factor)
         if done := factor < stop * largest:
             break
-        if worst not in band:  # the band lies across the first tension
+        # next tooth of this element; its band lies across the first tension
+        if worst not in band:
             width[worst] = np.ptp(normal @ corner[:, :, worst])
             modulus = _modulus(body.law, normal, plane=plane)
             band[worst] = law.teeth(modulus, float(width[worst]), teeth)
@@ -134,7 +138,7 @@ def _modulus(law: Elastic | AnisotropicElastic, normal: np.ndarray, *, plane: bo
 
 
 class _Weakened:
-    """Stiffness of a body with elements that weaken one after the other, by (1)."""
+    """Stiffness of a body with elements that weaken in turn, by (1)."""
 
     def __init__(
         self, body: Body, law: Elastic | AnisotropicElastic, free: np.ndarray, force: np.ndarray
@@ -146,7 +150,7 @@ class _Weakened:
         self._slopes = np.stack(
             [np.einsum("jep,ep->je", np.asarray(shape[0].grad), weight) for shape in basis.basis]
         )
-        self._place = np.full(force.size, -1)  # of an unknown among those that are free
+        self._place = np.full(force.size, -1)  # of an unknown among the free unknowns
         self._place[free] = np.arange(free.size)
         self._unknowns = (d * basis.element_dofs[:, None] + np.arange(d)[:, None]).reshape(
             -1, self.share.size
@@ -154,7 +158,7 @@ class _Weakened:
         self._factorise()
 
     def _factorise(self) -> None:
-        """Take the stiffness of now as K_0."""
+        """Factorise the current stiffness as K_0."""
         K = elastic_matrix(self.body.basis, self.law, self.share)
         self._apply = factorise(csr_array(K[self.free][:, self.free]), name="the cracked body")
         self._first = self._apply(self.force[self.free])
@@ -163,11 +167,13 @@ class _Weakened:
         self._matrices: dict[int, np.ndarray] = {}
 
     def weaken(self, element: int, share: float) -> None:
-        """Leave a share of the stiffness to an element."""
+        """Reduce the stiffness of an element to a share."""
         lost, self.share[element] = self.share[element] - share, share
         unknowns = self._unknowns[:, element]
-        held = self._place[unknowns] < 0
-        at = self._place[unknowns[~held]]
+        free = self._place[unknowns] >= 0
+        at = self._place[unknowns[free]]
+
+        # columns Z of an element that cracks for the first time
         if element not in self._matrices:
             if self._cracked.size > MOST_UNKNOWNS:
                 self._factorise()
@@ -179,11 +185,13 @@ class _Weakened:
             self._columns = np.hstack([self._columns, self._apply(unit)])
             self._loss = np.pad(self._loss, (0, new.size))
             K = elastic_matrix(self.body.basis.with_elements(np.array([element])), self.law)
-            rows = unknowns[~held]
+            rows = unknowns[free]
             self._matrices[element] = K[rows][:, rows].toarray()
+
+        # its loss in M
         order = np.argsort(self._cracked)
-        mine = order[np.searchsorted(self._cracked, at, sorter=order)]
-        self._loss[np.ix_(mine, mine)] += lost * self._matrices[element]
+        rows = order[np.searchsorted(self._cracked, at, sorter=order)]
+        self._loss[np.ix_(rows, rows)] += lost * self._matrices[element]
 
     def solve(self) -> np.ndarray:
         """Displacement of all unknowns under the load, m."""
@@ -194,10 +202,10 @@ class _Weakened:
         return u
 
     def find_worst(self, u: np.ndarray, weight: np.ndarray) -> tuple[int, float, np.ndarray]:
-        """Element whose largest principal stress of the sound material weighs most.
+        """Element with the largest weighted principal stress of the sound material.
 
-        ``weight``, shape (elements,), is in 1/Pa. Also that stress times its weight, 0 without any
-        tension, and its direction.
+        ``weight``, shape (elements,), is in 1/Pa. Returns the element, its weighted stress, 0
+        without any tension, and the direction of the stress.
         """
         d = self.body.mesh.dim()
         local = u.reshape(-1, d)[self.body.basis.element_dofs]  # (nodes, elements, d)

@@ -20,10 +20,10 @@ __all__ = ["FiniteAssembly"]
 
 @dataclass(frozen=True)
 class FiniteAssembly:
-    r"""Bodies of any bulk law and the contacts between them: the source's problem (4)-(5).
+    r"""Bodies of any bulk law and the contacts between them: problem (4)-(5) of the source.
 
     Displacements, strains and sliding may be large. Unknown d a + i is component i of node a,
-    counted over all bodies; :func:`solve_contact` finds its equilibria.
+    counted over all bodies; :func:`solve_contact` solves for equilibrium.
 
     Parameters
     ----------
@@ -51,24 +51,24 @@ class FiniteAssembly:
             for side in contact.surfaces:
                 if side[0] not in self.bodies:
                     raise CaseError(
-                        f"contact {name!r} names no body of the problem: {side[0]!r}; "
-                        f"its bodies are {sorted(self.bodies)}"
+                        f"contact {name!r} names an unknown body {side[0]!r}; known bodies: "
+                        f"{sorted(self.bodies)}"
                     )
                 self.bodies[side[0]].check_boundary(side[1])
                 touched.add(side[0])
             if contact.side1 == contact.side2:
                 raise CaseError(f"both sides of contact {name!r} are the same surface")
         if not any(body.supports or body.pins for body in self.bodies.values()):
-            raise CaseError("no body has a support; hold one of them by its supports")
+            raise CaseError("no body has a support; give supports to a body")
         for name, body in self.bodies.items():
             if body.element is not None:
                 raise CaseError(
-                    f"body {name!r} has an element of its own, {type(body.element).__name__}; "
-                    f"contact at large displacement takes the corners of the mesh as nodes"
+                    f"body {name!r} must not have the element {type(body.element).__name__}; "
+                    f"contact at large displacement uses the corners of the mesh as nodes"
                 )
             if not (body.supports or body.pins) and name not in touched:
                 raise CaseError(
-                    f"body {name!r} has neither a support nor a contact; give it one of them"
+                    f"body {name!r} has neither a support nor a contact; give it either"
                 )
 
     @cached_property
@@ -83,7 +83,7 @@ class FiniteAssembly:
 
     @cached_property
     def free(self) -> np.ndarray:
-        """Unknowns that no support holds, shape (unknowns,)."""
+        """Unknowns without support, of bool, shape (unknowns,)."""
         free = np.ones(self.start.size, dtype=bool)
         for k, body in enumerate(self.bodies.values()):
             free[self.unknowns(k)][fixed_motion(body, 0.0)[0]] = False
@@ -116,9 +116,9 @@ class FiniteAssembly:
             area = face_points(self.bodies[body].basis, side)[1].sum(axis=1)
             free = self.free.reshape(self.start.shape)[nodes[0]]
             begin, end = end, end + nodes[0].size
-            part = slice(begin, end)
+            rows = slice(begin, end)
             interfaces.append(
-                ContactInterface(name, contact, tuple(faces), tuple(nodes), part, area, free)
+                ContactInterface(name, contact, tuple(faces), tuple(nodes), rows, area, free)
             )
         return tuple(interfaces)
 
@@ -139,15 +139,15 @@ class FiniteAssembly:
 
     @cached_property
     def offset(self) -> np.ndarray:
-        """Gap that is taken off at every contact node, m, as of faces that fit at the start."""
+        """Gap that is subtracted at every contact node, m, for faces that fit at the start."""
         rest = np.zeros(self.start.size)
         coupling = self.couple(rest, 0.0)
         gap = self.jump(coupling, coupling, (rest, rest), (0.0, 0.0), fitted=False)[:, 0]
-        parts = [
-            interface.fitted_gap(gap[interface.part], coupling.area[interface.part], self.start)
+        offsets = [
+            interface.fitted_gap(gap[interface.rows], coupling.area[interface.rows], self.start)
             for interface in self.interfaces
         ]
-        return np.concatenate([np.zeros(0), *parts])
+        return np.concatenate([np.zeros(0), *offsets])
 
     @property
     def components(self) -> int:
@@ -156,10 +156,10 @@ class FiniteAssembly:
 
     @cached_property
     def diagonal(self) -> np.ndarray:
-        """Diagonal of the first stiffness, shape (unknowns,), N/m, zero where a support holds.
+        """Diagonal of the initial stiffness, shape (unknowns,), N/m, zero at supports.
 
-        It lacks the resistance to a change of volume: this is what a contact node feels, of nearly
-        incompressible bodies too.
+        It excludes the resistance to a change of volume, so that it is the stiffness at a contact
+        node also for nearly incompressible bodies.
         """
         diagonal = np.concatenate(
             [
@@ -171,12 +171,12 @@ class FiniteAssembly:
 
     @property
     def is_linear(self) -> bool:
-        """Whether everything but the contact law is linear."""
+        """Whether only the contact law is nonlinear."""
         return self.is_fixed and all(matrix is not None for matrix in self.linear)
 
     @property
     def is_fixed(self) -> bool:
-        """Whether partners and normals of all interfaces stay as at the start."""
+        """Whether partners and normals of all interfaces are constant."""
         return not any(contact.finite_sliding for contact in self.contacts.values())
 
     def unknowns(self, body: int) -> slice:
@@ -185,7 +185,7 @@ class FiniteAssembly:
         return slice(d * self.first[body], d * self.first[body + 1])
 
     def supported(self, time: float) -> np.ndarray:
-        """Displacement of the unknowns that supports hold, in their order, m."""
+        """Prescribed displacement of the unknowns with supports, in their order, m."""
         return np.concatenate([fixed_motion(body, time)[1] for body in self.bodies.values()])
 
     def load(self, time: float) -> np.ndarray:
@@ -206,13 +206,15 @@ class FiniteAssembly:
         """Compute internal forces (N), tangent (N/m), new state and smallest volume ratio."""
         forces, matrices, states, smallest = [], [], [], np.inf
         for k, body in enumerate(self.bodies.values()):
-            part, linear = u[self.unknowns(k)], self.linear[k]
+            moved, linear = u[self.unknowns(k)], self.linear[k]
             if linear is not None:
-                forces.append(linear @ part)
+                forces.append(linear @ moved)
                 matrices.append(linear)
                 states.append(state[k])
                 continue
-            force, matrix, new, ratio = element_response(self.elements[k], body.law, part, state[k])
+            force, matrix, new, ratio = element_response(
+                self.elements[k], body.law, moved, state[k]
+            )
             forces.append(force)
             matrices.append(matrix)
             states.append(new)
@@ -221,22 +223,22 @@ class FiniteAssembly:
         return np.concatenate(forces), tangent, tuple(states), smallest
 
     def couple(self, u: np.ndarray, time: float, old: Coupling | None = None) -> Coupling:
-        """Couple all interfaces at a displacement; those of small sliding stay as they were."""
+        """Couple all interfaces at a displacement; old couplings of small sliding are reused."""
         if old is not None and self.is_fixed:
             return old
-        x, parts = self.start + u.reshape(self.start.shape), []
+        x, couplings = self.start + u.reshape(self.start.shape), []
         for interface in self.interfaces:
             moving = interface.contact.finite_sliding
             if old is not None and not moving:
-                parts.append(old[interface.part])
+                couplings.append(old[interface.rows])
             else:
-                parts.append(interface.couple(x if moving else self.start, time))
-        return Coupling.stack(parts, *self.start.shape)
+                couplings.append(interface.couple(x if moving else self.start, time))
+        return Coupling.stack(couplings, *self.start.shape)
 
     def operators(self, old: Coupling, now: Coupling) -> tuple[csr_array, csr_array]:
         """Weighted jump B in the local frames and its derivative, (c contact nodes, unknowns), m².
 
-        The transpose of B times the reaction is H r. The derivative of the slip takes the partners
+        The transpose of B times the reaction is H r. The derivative of the slip uses the partners
         of the step before; without friction there are only normal rows.
         """
         c, d = self.components, self.start.shape[1]
@@ -261,26 +263,26 @@ class FiniteAssembly:
     ) -> np.ndarray:
         """Gap and slip of a step, means over the area of each contact node, (nodes, c), m.
 
-        Couplings, motions and times are those of its begin and its end.
+        Couplings, motions and times are given at its start and its end.
         """
         start, d = self.start, self.start.shape[1]
         before, u = (field.reshape(-1, d) for field in motion)
         area = np.where(now.area > 0.0, now.area, 1.0)[:, None]
         distance = now.operator @ (start + u) / area
         slip = now.operator @ (u - before) / area
-        # partners of the step before, (2); a node that had none has only the slip above
+        # partners of the step before, (2); nodes without partner have the slip above
         partner = self.follows & (old.area > 0.0)
         if partner.any():
             turned = now.slip_operator(old) @ (start + u) / area - distance
             slip[partner] = turned[partner]
         gap = np.einsum("ai,ai->a", now.frame[:, 0], distance)
         for interface in self.interfaces:
-            part = interface.part
+            rows = interface.rows
             if (obstacle := interface.contact.obstacle) is not None:
                 last, shift = (obstacle.moved(d, time) for time in times)
-                slip[part] += shift - last
-                nodes, normal = interface.nodes[0], now.frame[part, 0]
-                gap[part] = interface.obstacle_gap(start[nodes], u[nodes], normal, shift)
+                slip[rows] += shift - last
+                nodes, normal = interface.nodes[0], now.frame[rows, 0]
+                gap[rows] = interface.obstacle_gap(start[nodes], u[nodes], normal, shift)
         jump = np.einsum("aki,ai->ak", now.frame, slip)
         jump[:, 0] = gap - self.offset if fitted else gap
         return np.asarray(jump[:, : self.components])
@@ -288,5 +290,5 @@ class FiniteAssembly:
 
 def _stiffness(elements: Elements, law: BulkLaw, *, shape_only: bool = False) -> csr_array:
     """Stiffness of an undeformed body, N/m; maybe without its resistance to a change of volume."""
-    rest, still = law.initial_state(elements.weight.shape), np.zeros(elements.size)
-    return element_response(elements, law, still, rest, shape_only=shape_only)[1]
+    state, u = law.initial_state(elements.weight.shape), np.zeros(elements.size)
+    return element_response(elements, law, u, state, shape_only=shape_only)[1]
