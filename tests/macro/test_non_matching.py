@@ -166,7 +166,7 @@ def test_plates_that_lap_in_part_name_the_part():
     lower, upper = assembly.bodies
     moved = upper.mesh.translated((0.7 * EDGE, 0.0, 0.0))
     far = replace(assembly, bodies=(lower, replace(upper, mesh=moved)))
-    with pytest.raises(CaseError, match="name the part of the faces where they meet"):
+    with pytest.raises(CaseError, match="name the regions where the faces meet"):
         cut_assembly(far)
     lap = lower.mesh.with_boundaries(
         {"lap": lambda x: np.isclose(x[2], EDGE) & (x[0] > 0.75 * EDGE)}

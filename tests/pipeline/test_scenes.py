@@ -329,8 +329,8 @@ def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(table
 @pytest.mark.parametrize(
     ("kinds", "message"),
     [
-        (("strut", "strut"), "none of the 1 states of self-stress has all cables that it"),
-        (("cable", "cable"), "none of the 1 states of self-stress has all cables that it"),
+        (("strut", "strut"), "none of the 1 states of self-stress has all its cables"),
+        (("cable", "cable"), "none of the 1 states of self-stress has all its cables"),
         (("bar", "bar"), "the state of self-stress is ambiguous"),
     ],
 )

@@ -58,7 +58,7 @@ def step_jump(problem, before, now):
     start = problem.couple(np.zeros(problem.start.size), 0.0)
     couplings = [problem.couple(u, 1.0, start) for u in motion]
     jump = problem.jump(*couplings, motion, (1.0, 1.0))
-    return jump.reshape(-1, d)[couplings[0].kept[:, 0] & couplings[1].kept[:, 0]]
+    return jump.reshape(-1, d)[couplings[0].transmits[:, 0] & couplings[1].transmits[:, 0]]
 
 
 def slid(distance, turn=None, shift=0.0):
