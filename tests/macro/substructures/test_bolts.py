@@ -346,5 +346,5 @@ def test_a_bolt_that_nothing_tightens_or_whose_washer_is_held_is_refused():
     with pytest.raises(CaseError, match=r"the washer on .* moves 9 nodes along z that a supp"):
         solve_assembly(replace(assembly, bodies=(lower, upper)), np.array([[1.0, 0.0]]))
     aside = replace(upper, mesh=upper.mesh.translated((0.1 * EDGE, 0.0, 0.0)))
-    with pytest.raises(CaseError, match=r"lie above each other \(middles 0.002 m aside\)"):
+    with pytest.raises(CaseError, match=r"lie above each other \(centres 0.002 m aside\)"):
         replace(assembly, bodies=(assembly.bodies[0], aside))
