@@ -49,5 +49,5 @@ def test_factors_that_do_not_fit_are_cut_until_they_do():
 @pytest.mark.parametrize("size", [LAP, LONG])
 def test_the_choice_says_what_the_others_would_take(size):
     said = choose_method(size, memory=10.0 * GIGABYTE).explain()
-    assert "Newton's method on the whole takes" in said
+    assert "Newton's method on the whole needs" in said
     assert "LATIN takes" in said

@@ -36,5 +36,5 @@ def test_steps_that_differ_and_masses_that_do_not_fit_are_refused():
         simulate_latin(problem, np.array([0.0]), 1.0)
     with pytest.raises(CaseError, match="mass must be positive"):
         simulate_latin(problem, np.array([0.0, 1.0]), 0.0)
-    with pytest.raises(CaseError, match="one per node"):
+    with pytest.raises(CaseError, match="a number or an array"):
         simulate_latin(problem, np.array([0.0, 1.0]), np.ones(3))
