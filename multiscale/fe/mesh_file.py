@@ -139,7 +139,8 @@ def _serendipity(corners: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _check_elements(mesh: "Mesh", path: Path) -> None:
     """Refuse elements with a Jacobian of both signs, or neighbours on the same side of a facet."""
     place = mesh.p[:, mesh.t]  # (d, corners, elements)
-    jacobian = np.asarray(mesh.mapping().detDF(mesh.elem().refdom.p))  # (elements, corners)
+    tangents = np.moveaxis(mesh.mapping().DF(mesh.elem().refdom.p), (0, 1), (-2, -1))
+    jacobian = np.linalg.det(tangents)  # (elements, corners)
     size = np.ptp(place, axis=1).max(axis=0) ** mesh.dim()
     sign = np.sign(jacobian.sum(axis=1, keepdims=True))
     bad = np.min(sign * jacobian, axis=1) <= FLAT * size
