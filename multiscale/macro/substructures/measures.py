@@ -98,7 +98,8 @@ def follow_cut_loads(
     :math:`F^2 / (f \cdot u)`, by :meth:`~.tangents.Tangents.work`, against a small
     rise of its factor away from zero, and against changes so small that no point slips. The energy
     of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
-    :func:`~.path.cycle_work`; interfaces share it in proportion to the dissipation at their points.
+    :func:`~.load_path.cycle_work`; interfaces share it in proportion to the dissipation at their
+    points.
     """
     loaded = _follow_path(problem, path, method, near, rising=True)
     factors, forces = path.factors(), np.array(path.forces)
@@ -161,7 +162,8 @@ def load_joint(
     :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot u)` at a preload is the stiffness
     for vibrations too small for any point to slip, with u of (1) of
     :meth:`~.tangents.Tangents.work`; joints and bodies are in series, with the work that each
-    stores. The energy of a cycle is the work of the shear on its face, :func:`~.path.cycle_work`.
+    stores. The energy of a cycle is the work of the shear on its face,
+    :func:`~.load_path.cycle_work`.
 
     Every cycle is solved: pressing makes points slip, and the shear of a lap joint changes its
     pressure, so that Masing's rule from the first loading does not hold. The secant stiffness is
