@@ -299,8 +299,10 @@ class ConvexDecreasing(NormalLaw):
         left = np.searchsorted(-at_knot, -target, side="right") - 1
         gap = np.where(last, s[-1] - np.cbrt(target / c[-1]), s[np.maximum(left, 0)])
         for _ in range(200):
-            error = self.pressure(gap) - target
-            step = np.where(last, 0.0, error / np.where(last, 1.0, self.stiffness(gap)))
+            error, slope = self.pressure(gap) - target, np.where(last, 1.0, self.stiffness(gap))
+            if not np.all(slope > 0.0):  # a pressure that the fitted law does not reach
+                break
+            step = np.where(last, 0.0, error / slope)
             small = np.abs(step) <= 1e-14 * (np.abs(gap) + s[-1] - s[0])
             passed = (error <= 0.0) & (error >= -1e-9 * target)  # only round-off passes the root
             finished = last | small | passed
