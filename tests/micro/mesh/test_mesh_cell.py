@@ -254,7 +254,7 @@ def test_a_mesh_whose_sides_do_not_match_is_refused():
 
 
 def test_missing_boundaries_are_named():
-    with pytest.raises(CaseError, match="boundaries named base and top, which .* are none"):
+    with pytest.raises(CaseError, match=r"boundaries named base and top, which .* are none"):
         MeshCell(MeshTet(), ElementTetP1(), Elastic(1.0, 0.3))
 
 
