@@ -47,7 +47,7 @@ __all__ = [
 PATIENCE = 30
 """Iterations without a smaller residual after which the solver stops."""
 
-SOFT = 0.25
+SOFT = 0.7
 """Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides are in series,
 and the material around a node deforms. With the full stiffness, iterations on metal with plastic
 flow and slip cycle."""
@@ -230,7 +230,7 @@ class Assembled:
         balance.scale = float(norm(load)) or balance.size(here.gradient) or 1.0
         run = NewtonRun(limits, PATIENCE)
         last, _ = find_equilibrium(balance, here, run)
-        if run.status is Status.STALLED:
+        if run.status in (Status.STALLED, Status.MAX_ITERATIONS):
             # bring the load up in parts, from the load with which the start is in balance
             target, begin, last = balance.load, balance.load + here.gradient, here
             for share in np.linspace(0.0, 1.0, PARTS + 1)[1:]:

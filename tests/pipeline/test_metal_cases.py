@@ -57,7 +57,7 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     assert response.sizes["step"] == len(case.micro.path)
     assert response["flowing_fraction"].values.max() > 0.01
     assert 0.0 < np.abs(response["mean_gap_increment_error"]).max() < 0.05
-    assert "the increments of the body that flows leave" in response.attrs["cautions"]
+    assert "the pressure increments of the yielding body cause" in response.attrs["cautions"]
 
     law = hysteretic_from_dataset(open_law(tmp_path / "out" / "interface_law.nc"))
     assert law.stiffness_ratio > 1.0

@@ -58,7 +58,7 @@ def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
     added = set(aimed.built) - set(plain.built)
     assert added == {"planner"}
     assert set(plain.built) - set(aimed.built) == {"coarser cells", "control cells"}
-    assert "starts from these cells, whose memory this is" in aimed.built["planner"]
+    assert "starts from these cells (memory as above)" in aimed.built["planner"]
 
 
 def test_a_given_depth_under_cells_of_several_sizes_is_a_caution(tmp_path):
