@@ -47,7 +47,7 @@ __all__ = [
 PATIENCE = 30
 """Iterations without a smaller residual after which the solver stops."""
 
-SOFT = 0.7
+SOFT = 0.25
 """Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides are in series,
 and the material around a node deforms. With the full stiffness, iterations on metal with plastic
 flow and slip cycle."""
@@ -64,9 +64,9 @@ GROWTH, ROUNDS = 1e4, 8
 """Factor of the residual above which a full step has left the range of the tangent, and steps
 without a smaller residual after which the iteration may cycle: a line search follows."""
 
-PARTS = 4
-"""Parts in which a load is brought up after Newton's method has stalled: each solution is the start
-for the next part. The state of the laws is that before the step throughout."""
+ATTEMPTS = ((2.8, 1), (1.0, 1), (1.0, 4))
+"""Factors of the stiffness of the bodies at a point, and parts in which the load rises, until
+Newton's method converges; the state of the laws is that before the step throughout."""
 
 RIGID = 1e4
 """Largest stiffness of the bodies at a point, relative to the mean: supports may hold a point."""
@@ -228,17 +228,19 @@ class Assembled:
         balance = Equilibrium(bodies, bodies.split(load, motions=False), law, state)
         here = balance.place(bodies.split(u), jump)
         balance.scale = float(norm(load)) or balance.size(here.gradient) or 1.0
-        run = NewtonRun(limits, PATIENCE)
-        last, _ = find_equilibrium(balance, here, run)
-        if run.status in (Status.STALLED, Status.MAX_ITERATIONS):
-            # bring the load up in parts, from the load with which the start is in balance
-            target, begin, last = balance.load, balance.load + here.gradient, here
-            for share in np.linspace(0.0, 1.0, PARTS + 1)[1:]:
-                balance.load = begin + share * (target - begin)
+        # a load that fails rises in parts, from the load with which the start is in balance
+        target, begin = balance.load, balance.load + here.gradient
+        for stiffer, parts in ATTEMPTS:
+            last, balance.resistance = here, stiffer * bodies.resistance
+            for share in np.linspace(0.0, 1.0, parts + 1)[1:]:
+                rising = share < 1.0  # the start may be so far off that its load overflows
+                balance.load = begin + share * (target - begin) if rising else target
                 run = NewtonRun(limits, PATIENCE)
                 last, _ = find_equilibrium(balance, balance.place(last.value, last.at), run)
                 if not run.converged:
                     break
+            if run.converged:
+                break
         u = bodies.join(last.value)
         return InterfaceSolution(
             u, run.status, tuple(run.residuals), tuple(run.seconds), jump=last.at
@@ -317,7 +319,8 @@ class Equilibrium:
         state: np.ndarray,
     ) -> None:
         self.bodies, self.load, self.law, self.state, self.scale = bodies, load, law, state, 1.0
-        self.resists, self.descends = bool(np.all(bodies.resistance > 0.0)), False
+        self.resistance = bodies.resistance
+        self.resists, self.descends = bool(np.all(self.resistance > 0.0)), False
 
     def inner(self, value: np.ndarray, elastic: np.ndarray) -> np.ndarray:
         """Return the forces of bodies and links less the load, N."""
@@ -351,7 +354,7 @@ class Equilibrium:
     def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular, even with a floor of the law."""
         tangent = here.tangent.copy()
-        lent = floor * self.bodies.resistance * self.bodies.weight
+        lent = floor * self.resistance * self.bodies.weight
         tangent[range(len(tangent)), range(len(tangent))] += lent
         with suppress(MultiscaleError):
             return self.bodies.direction(tangent, -here.gradient)
@@ -371,7 +374,7 @@ class Equilibrium:
         """
         at = jump if at is None else at
         exact = self.law.respond(at, self.state)
-        response = soften_tangent(exact, self.bodies.resistance)
+        response = soften_tangent(exact, self.resistance)
         inner = self.inner(value, elastic)
         gradient, fault = (
             inner + self.bodies.jump.T @ (self.bodies.weight * traction).ravel()
@@ -410,7 +413,7 @@ class Equilibrium:
         if (enough(first, last) and not here.softened) or not self.resists:
             return there
         # (1) of this module from the sum t + k y on the law towards that on its tangent
-        k, law = self.bodies.resistance, self.law
+        k, law = self.resistance, self.law
         response = soften_tangent(law.respond(here.at, self.state), k)
         begin = response.traction + k * here.at
         change = tangent_traction(response, here.at, there.jump) + k * there.jump - begin
