@@ -14,7 +14,6 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.bodies.bolt import Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
-from multiscale.macro.links.link_equations import compatibility, equations
 from multiscale.macro.links.link_system import LinkSystem
 from multiscale.macro.substructures.cut_interfaces import cut_interface
 from multiscale.macro.substructures.problem import (
@@ -330,6 +329,8 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     CaseError
         If a substructure is empty or in pieces, or a link has a fixed length.
     """
+    from multiscale.macro.links.link_equations import compatibility, equations
+
     owner = np.asarray(owner)
     if owner.shape != (system.n_links,):
         raise CaseError(
