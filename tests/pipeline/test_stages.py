@@ -81,7 +81,9 @@ def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monke
 def test_figures_of_stages_that_are_not_asked_for_go_and_others_stay(run_folder, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(run_folder, out)
-    save_figure(new_figure(), out / "figures" / "sliding.png")
+    figure = new_figure()
+    figure.subplots()
+    save_figure(figure, out / "figures" / "sliding.png")
     (out / "figures" / "my_own.png").write_bytes(b"")
     assert "sliding" not in {file.stem for file in draw_figures(out)}
     assert not (out / "figures" / "sliding.png").exists()
