@@ -65,7 +65,7 @@ def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
     found = run(case_of(tmp_path, TEXT, lay), tmp_path / "out")
     x, y = (found["interface_law"]["hydraulic_aperture"].sel(direction=k)[1] for k in "xy")
     assert x > 1.2 * y
-    assert "along x and y differ" in found["seal"].attrs["cautions"]
+    assert "hydraulic apertures along x and y differ" in found["seal"].attrs["cautions"]
     across = ("[seal]", '[seal]\ndirection = "y"')
     told = run(case_of(tmp_path, TEXT, lay, across), tmp_path / "out")["seal"]
     np.testing.assert_array_equal(told["hydraulic_aperture"][1], y)

@@ -171,10 +171,14 @@ def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
     said = "its law: the tangential stiffness ratio of 0.824 is assumed; shear the cells to measure"
     assert said in result.attrs["cautions"]
     strict = case_of(tmp_path, "strict = true\n" + text)
-    with pytest.raises(CaseError, match=r"no stiffness_ratio, .* strict = true assumes nothing"):
+    with pytest.raises(
+        CaseError, match=r"no stiffness_ratio, and neither .* strict = true assumes nothing"
+    ):
         run_macro(strict, tmp_path / "out.nc")
     none = case_of(tmp_path, text.replace("friction = 0.3\n", ""))
-    with pytest.raises(CaseError, match=r"no friction, and .* by \[micro.shear\], slide"):
+    with pytest.raises(
+        CaseError, match=r"no friction, and neither has the law .*\[micro.shear\], slide"
+    ):
         run_macro(none, tmp_path / "out.nc")
     save_law(assume_shear(open_law(law), friction=0.2, stiffness_ratio=0.8), law)
     bodies, laws = joints_of(none)

@@ -168,7 +168,9 @@ def test_a_cell_that_fails_says_so(monkeypatch):
 def test_what_is_not_a_law_is_refused():
     with pytest.raises(CaseError, match=r"two rising pressures .* got 1e\+06 to"):
         CellLaw(rough_cell(), (1e6, 1e6))
-    with pytest.raises(CaseError, match="only flat cells without hardness"):
+    with pytest.raises(
+        CaseError, match="only flat cells without hardness give the gaps of a structure"
+    ):
         CellLaw(Cell(rough_cell().surface, 1e-3, 8, 210e9, 0.3), RANGE)
     with pytest.raises(CaseError, match=r"is closed at .* lower the highest"):
         CellLaw(rough_cell(), (1e6, 1e12)).pressure(np.array([0.0]))
