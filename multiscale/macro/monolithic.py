@@ -29,7 +29,7 @@ from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
-from multiscale.numerics.newton import Limits, NewtonRun, enough, step_length
+from multiscale.numerics.newton import Limits, NewtonRun, enough, join_solutions, step_length
 
 __all__ = [
     "FLOOR",
@@ -145,7 +145,8 @@ def solve_interface(
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
-    max_iterations : int, iteration limit
+    max_iterations : int
+        Iteration limit; a load that stalls has this many in each further attempt.
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
         residual); dimensionless. Rounding may raise it up to 1e-8.
@@ -167,7 +168,9 @@ def solve_interface(
     module, which also works for laws without energy and laws of any stiffness; the residual is
     evaluated with the traction there. A line search for the least energy, from the iterate of the
     smallest residual, follows where a small stiffness supports bodies on an open interface, where
-    the residual grows too much, and where it has not fallen for some steps.
+    the residual grows too much, and where it has not fallen for some steps. A load at which the
+    iteration stalls is tried again with another stiffness of the bodies, then in parts; the record
+    has the residuals of all attempts.
     """
     check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size
@@ -230,6 +233,7 @@ class Assembled:
         balance.scale = float(norm(load)) or balance.size(here.gradient) or 1.0
         # a load that fails rises in parts, from the load with which the start is in balance
         target, begin = balance.load, balance.load + here.gradient
+        tries: list[Solution] = []
         for stiffer, parts in ATTEMPTS:
             last, balance.resistance = here, stiffer * bodies.resistance
             for share in np.linspace(0.0, 1.0, parts + 1)[1:]:
@@ -237,14 +241,14 @@ class Assembled:
                 balance.load = begin + share * (target - begin) if rising else target
                 run = NewtonRun(limits, PATIENCE)
                 last, _ = find_equilibrium(balance, balance.place(last.value, last.at), run)
+                tries.append(run.solution(last.value))
                 if not run.converged:
                     break
-            if run.converged:
-                break
+            if run.converged or run.status is Status.MAX_ITERATIONS:
+                break  # the limit of the caller holds
+        record = join_solutions(tries)
         u = bodies.join(last.value)
-        return InterfaceSolution(
-            u, run.status, tuple(run.residuals), tuple(run.seconds), jump=last.at
-        )
+        return InterfaceSolution(u, run.status, record.residuals, record.seconds, jump=last.at)
 
     @cached_property
     def _solve(self) -> Solve:
