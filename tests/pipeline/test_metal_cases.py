@@ -90,4 +90,4 @@ def test_halved_increments_tell_the_error_that_the_increments_leave():
     assert found == pytest.approx(exact, rel=0.35)
     response = MICRO_RESPONSE.assign(one, increment_errors(one, half))
     (caution,) = _increments(response)
-    assert f"leave up to {100.0 * abs(found):.2g} % in the mean gap" in caution
+    assert f"cause errors of up to {100.0 * abs(found):.2g} % in the mean gap" in caution
