@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import ShowProgress
     from multiscale.schema import Dataset
 
-__all__ = ["main"]
-
 app = typer.Typer(
     help="From measured roughness to the stiffness of a joint.",
     no_args_is_help=True,

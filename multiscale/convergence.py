@@ -9,8 +9,6 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 
-__all__ = ["Solution", "Status", "check_limits", "verdict"]
-
 
 class Status(Enum):
     """Why an iterative solver stopped. The value is the sentence shown to the user."""

@@ -3,16 +3,6 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = [
-    "CaseError",
-    "ConvergenceError",
-    "FileError",
-    "MultiscaleError",
-    "SchemaError",
-    "listed",
-    "suggest",
-]
-
 
 class MultiscaleError(Exception):
     """Base of all errors with a message for the user."""

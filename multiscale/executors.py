@@ -18,18 +18,6 @@ from multiscale.errors import CaseError, MultiscaleError
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-__all__ = [
-    "call_on_one_thread",
-    "cores",
-    "process_pool",
-    "run_jobs",
-    "run_ranges",
-    "thread_count",
-    "threads",
-    "usable_memory",
-    "workers",
-]
-
 USABLE = 0.8  # of the memory of a machine
 
 Key = TypeVar("Key", bound=Hashable)

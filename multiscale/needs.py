@@ -4,8 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isnan, nan
 
-__all__ = ["Choice", "Cost", "Needs", "choose", "join_needs", "readable_time"]
-
 
 def readable_time(seconds: float) -> str:
     """Format a time in its most readable unit."""

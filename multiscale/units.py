@@ -13,18 +13,6 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     import pint
 
-__all__ = [
-    "ZERO_CELSIUS",
-    "Unit",
-    "html_table",
-    "length_unit",
-    "readable",
-    "shown_unit",
-    "stiffness_unit",
-    "to_lengths",
-    "to_si",
-]
-
 ZERO_CELSIUS = 273.15
 """Melting point of ice, K."""
 

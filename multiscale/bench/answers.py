@@ -16,8 +16,6 @@ from multiscale.micro.damage import (
     youngs_modulus_along,
 )
 
-__all__ = ["CHAIN", "DAMAGE", "DAMAGE_SCENES", "LAWS", "VOLUMES", "life"]
-
 # ---------------------------------------------------------------------------------------------
 # chain: stiffness of an interface of a shipped case, from surface to answer
 

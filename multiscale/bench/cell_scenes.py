@@ -9,8 +9,6 @@ import numpy as np
 from multiscale.bench.measure import BenchFamily, Row, Runner, judge, limit_of
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 
-__all__ = ["LIMIT", "LIMIT_SCENES", "MESHES", "STRAIN", "measure_kernel"]
-
 YOUNG, POISSON = 1e9, 0.3  # Pa, 1
 
 

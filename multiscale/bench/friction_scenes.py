@@ -7,17 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
-__all__ = [
-    "GRAVITY",
-    "TIME_STEP",
-    "RigidBodies",
-    "block_tower",
-    "box_stack",
-    "rigid_bodies",
-    "sphere_pile",
-    "wedged_block",
-]
-
 GRAVITY = 9.81  # m/s²
 UP = (0.0, 0.0, 1.0)
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from multiscale.bench.measure import BenchFamily, Row, Runner, judge
 
-__all__ = ["BOUNCE", "COMPLIANCES", "DEPOSIT", "EXACT", "ROLL", "STEPS", "answer"]
-
 GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
 HEIGHTS = 1.0 + 0.05 * (np.arange(16) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0)
 """Heights of the falls of bouncing grains, m: their impacts are spread over a step, as the error of

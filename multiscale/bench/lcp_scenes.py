@@ -5,8 +5,6 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-__all__ = ["condensed", "granular", "loaded_column", "membrane", "p_matrix", "tensegrity"]
-
 
 def granular(
     grains: int, *, mass_ratio: float = 1.0, contacts_per_grain: float = 3.3, seed: int = 0

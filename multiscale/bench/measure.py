@@ -24,21 +24,6 @@ from multiscale.executors import thread_count
 from multiscale.executors import threads as kernel_threads
 from multiscale.schema import WORK_PRECISION, Dataset
 
-__all__ = [
-    "THREADS",
-    "BenchFamily",
-    "Measurement",
-    "Row",
-    "Runner",
-    "extrapolate",
-    "judge",
-    "limit_of",
-    "measure",
-    "measure_family",
-    "peak_memory",
-    "versions",
-]
-
 THREADS = 2
 """Number of threads that a measured code may use by default."""
 

@@ -28,8 +28,6 @@ from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, ver
 from multiscale.nonsmooth.friction import FRICTION_METHODS
 from multiscale.nonsmooth.lcp import LCP_METHODS
 
-__all__ = ["FRICTION_SCENES", "LCP_SCENES", "NONSMOOTH", "Problem", "problem_of"]
-
 LCP = Callable[[int], tuple[csr_array | np.ndarray, np.ndarray]]
 """From a size to the matrix and the vector of a problem."""
 

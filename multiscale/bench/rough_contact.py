@@ -15,18 +15,6 @@ import numpy as np
 from multiscale.bench.measure import THREADS, BenchFamily, Row, Runner, extrapolate
 from multiscale.surfaces.surface import Surface
 
-__all__ = [
-    "CODES",
-    "MICRO",
-    "Code",
-    "ContactAnswer",
-    "common_reference",
-    "press_cell",
-    "press_with_contact_mechanics",
-    "press_with_tamaas",
-    "scene_surface",
-]
-
 LENGTH, CONTACT_MODULUS, RMS_SLOPE = 1e-3, 1e9, 0.1  # m, Pa, 1
 TOLERANCE = 1e-6
 """Overlap in the contact relative to the range of the heights, where a code has this option."""

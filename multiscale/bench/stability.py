@@ -17,16 +17,6 @@ from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY, Dataset
 
-__all__ = [
-    "OUTCOMES",
-    "Outcome",
-    "StabilityCase",
-    "check_stability",
-    "read_cases",
-    "solve_case",
-    "tabulate_stability",
-]
-
 OUTCOMES = ("failed", "refused", "converged")
 """Meanings of the flag ``outcome``: 0, 1, 2."""
 

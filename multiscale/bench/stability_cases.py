@@ -20,22 +20,6 @@ if TYPE_CHECKING:
     from multiscale.surfaces.surface import Surface
 
 
-__all__ = [
-    "bolts",
-    "complementarity",
-    "cut_structure",
-    "friction",
-    "grains",
-    "joint",
-    "joint_path",
-    "large_strain",
-    "motion",
-    "rough_cell",
-    "structure",
-    "voids",
-    "wedge",
-]
-
 MODULES = 8
 """Number of modules along an edge of the grids."""
 REFERENCE_PRESTRESS, CABLE_RIGIDITY = 600.0, 4e6

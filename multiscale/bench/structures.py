@@ -15,17 +15,6 @@ from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.links.link_equations import compatibility
 
-__all__ = [
-    "GRID_METHODS",
-    "STRUCTURES",
-    "GridAnswer",
-    "GridMethod",
-    "distance",
-    "scene_grid",
-    "solve_grid",
-    "verify",
-]
-
 MODULES, QUICK_MODULES = (8, 16, 32, 64, 128, 256), (8, 16, 32)
 """Modules along an edge of the grid."""
 REPEATED = 64

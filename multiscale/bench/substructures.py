@@ -31,8 +31,6 @@ from multiscale.macro.substructures import (
 )
 from multiscale.schema import Dataset
 
-__all__ = ["CUT_METHODS", "RIGHT", "SUBSTRUCTURES", "CutAnswer", "CutScene", "make_scenes"]
-
 CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
 """Methods: the first is the reference of the others, and the second of the first."""
 

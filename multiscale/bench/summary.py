@@ -6,8 +6,6 @@ import numpy as np
 
 from multiscale.schema import WORK_PRECISION, Dataset
 
-__all__ = ["TARGETS", "describe_load", "join_families", "tabulate_cheapest", "tabulate_runs"]
-
 TARGETS = (0.1, 0.05, 0.02, 0.01)
 """Relative errors of the table of cheapest answers."""
 

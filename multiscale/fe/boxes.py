@@ -9,8 +9,6 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["HEX_ORDER", "box_mesh", "plane_block"]
-
 GROWTH = 1.25
 """Height of a layer of a plane block over the height of the layer below it, nearer its face."""
 

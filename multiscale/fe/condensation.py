@@ -14,8 +14,6 @@ from scipy.sparse import csc_array, csr_array
 
 from multiscale.numerics.factorisation import Solve, factorise
 
-__all__ = ["CondensedStiffness", "Split", "compliances", "condense", "condense_body", "split"]
-
 COLUMNS = 64  # right-hand sides that are solved together
 
 

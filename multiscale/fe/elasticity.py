@@ -12,14 +12,6 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = [
-    "assemble_elasticity",
-    "assemble_mass",
-    "displacement_basis",
-    "elastic_matrix",
-    "mode_stiffness",
-]
-
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
     """Finite-element space of a displacement component."""

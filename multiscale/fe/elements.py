@@ -27,16 +27,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
     from skfem import CellBasis, Element, Mesh
 
-__all__ = [
-    "Elements",
-    "element_of_order",
-    "element_response",
-    "elements_of_basis",
-    "is_first_order",
-    "prepare_elements",
-    "sum_blocks",
-]
-
 
 @dataclass(frozen=True)
 class Elements:

@@ -34,25 +34,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
     from skfem import CellBasis, Mesh
 
-__all__ = [
-    "COINCIDENT",
-    "OrientedFace",
-    "check_boundary",
-    "corner_integrals",
-    "face_of",
-    "face_operator",
-    "face_points",
-    "facet_nodes",
-    "facet_normals",
-    "match_faces",
-    "mean_rows",
-    "mortar_rows",
-    "nodal_normals",
-    "plane_axes",
-    "plane_frame",
-    "tangent_frames",
-]
-
 COINCIDENT = 1e-6
 """Distance up to which nodes coincide, relative to the size of a face."""
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["integrate", "integrate_pairs"]
-
 SLIVER = 1e-12  # pieces smaller than this share of their facet are left out
 
 # seven points of degree 5 on the triangle: barycentric coordinates and weights

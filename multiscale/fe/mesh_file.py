@@ -16,8 +16,6 @@ from multiscale.io.gmsh_model import mesh_geometry
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
 
-__all__ = ["check_orientation", "load_geometry", "load_mesh"]
-
 FLAT = 1e-9
 """Jacobian of an element, relative to the cube of its length, up to which it has no volume."""
 

@@ -4,8 +4,6 @@ import numpy as np
 from numpy.linalg import eigh, matrix_rank
 from scipy.sparse import csr_array
 
-__all__ = ["count_free_motions", "free_motions", "rigid_motions"]
-
 FREE = 1e-9  # largest energy of a free motion, relative to its energy on the diagonal stiffness
 
 

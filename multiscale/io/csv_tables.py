@@ -9,8 +9,6 @@ from typing import Any
 from multiscale.errors import CaseError
 from multiscale.io.files import read_text
 
-__all__ = ["finite", "positive", "read_table"]
-
 SEPARATORS = (";", "\t", ",")
 """The first mark that the line of names contains separates all entries."""
 

@@ -23,16 +23,6 @@ from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SCHEMAS, Schema
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "open_dataset",
-    "open_law",
-    "open_response",
-    "open_run",
-    "reading_run",
-    "save_law",
-    "write_dataset",
-]
-
 logger = logging.getLogger(__name__)
 
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")

@@ -11,15 +11,6 @@ from multiscale.errors import SchemaError
 from multiscale.io.files import replacing, write_bytes
 from multiscale.schema import GRANULATE, MACRO_RESULT, VIBRATION, Dataset
 
-__all__ = [
-    "write_body_fields",
-    "write_grain_fields",
-    "write_life_fields",
-    "write_link_fields",
-    "write_mode_fields",
-    "write_surface_fields",
-]
-
 LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
 NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step
 ELEMENTS = {4: "tetra", 8: "hexahedron"}  # in meshio, by the number of corners

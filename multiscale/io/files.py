@@ -10,22 +10,6 @@ from tempfile import mkstemp
 
 from multiscale.errors import CaseError, FileError, suggest
 
-__all__ = [
-    "check_file",
-    "first_line",
-    "logging_to",
-    "make_folder",
-    "missing_file",
-    "read_bytes",
-    "read_text",
-    "remove",
-    "replacing",
-    "system_reason",
-    "try_to_write",
-    "write_bytes",
-    "writing",
-]
-
 
 def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file under a temporary name, force it to the disk, then rename it.

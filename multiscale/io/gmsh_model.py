@@ -12,8 +12,6 @@ from typing import Any
 
 from multiscale.errors import CaseError
 
-__all__ = ["gmsh_model", "mesh_geometry", "write_whole_mesh"]
-
 
 @contextmanager
 def gmsh_model(name: str) -> Iterator[Any]:

@@ -12,8 +12,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io.files import first_line, missing_file
 
-__all__ = ["VoxelImage", "read_images"]
-
 
 @dataclass(frozen=True)
 class VoxelImage:

@@ -8,8 +8,6 @@ from zipfile import ZipFile
 
 import numpy as np
 
-__all__ = ["mend", "place_on_grid"]
-
 TRUEMAP, ZYGO, ZIP = b"Binary TrueMap Data File v2.0\r\n\0", b"Zygo XYZ Data File", b"PK\x03\x04"
 
 COMMENT = 24

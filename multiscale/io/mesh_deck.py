@@ -11,8 +11,6 @@ from multiscale.errors import CaseError
 from multiscale.io.files import read_bytes
 from multiscale.io.named_mesh import CORNERS, NamedMesh
 
-__all__ = ["read_deck"]
-
 TYPES = (
     re.compile(r"(?:[A-Z]*C3D|SC|CSS)(\d+)"),
     re.compile(r"(?:[A-Z]*CPS|[A-Z]*CPEG?|[A-Z]*CAX|STRI|SFM3D|M3D|R3D|DS|S)(\d+)"),

@@ -15,8 +15,6 @@ from multiscale.io.gmsh_model import write_whole_mesh
 from multiscale.io.mesh_deck import read_deck
 from multiscale.io.named_mesh import CORNERS, NamedMesh, named_mesh
 
-__all__ = ["MeshArrays", "open_mesh", "read_mesh"]
-
 SHAPES = {
     **dict.fromkeys(("hexahedron", "hexahedron20", "hexahedron27"), "hexahedron"),
     **dict.fromkeys(("tetra", "tetra10"), "tetra"),

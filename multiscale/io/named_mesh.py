@@ -8,8 +8,6 @@ import numpy as np
 if TYPE_CHECKING:
     from meshio import Mesh
 
-__all__ = ["CORNERS", "NamedMesh", "named_mesh"]
-
 CORNERS = {
     **{"line": 2, "triangle": 3, "quad": 4},
     **{"tetra": 4, "pyramid": 5, "wedge": 6, "hexahedron": 8},

@@ -20,8 +20,6 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     from multiscale.surfaces import Surface
 
-__all__ = ["Topography", "open_topography", "read_surface"]
-
 _TRENDS = ("mean", "plane", "curvature")
 
 NPY = b"\x93NUMPY"

@@ -10,8 +10,6 @@ from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.laws.interface_law import Response, check_parameters
 from multiscale.laws.sliders import SliderBed
 
-__all__ = ["Asperities", "AsperityLaw", "class_densities", "gaussian_asperities"]
-
 NODES = 400  # approaches at which the ratio of plastic to elastic force is tabulated
 REACH = 4.0  # heights of Gaussian asperities end at this multiple of their root mean square
 

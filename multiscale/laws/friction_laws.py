@@ -8,17 +8,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, check_parameters
 
-__all__ = [
-    "BellFriction",
-    "Coulomb",
-    "DecayingFriction",
-    "FrictionLaw",
-    "RigidContact",
-    "SteadySliding",
-    "limit_traction",
-    "wlf_shift",
-]
-
 LEAST_RATIO = 1e-150
 """Least pressure and speed of a bell, relative to the pressure and speed of its peak."""
 

@@ -15,8 +15,6 @@ from multiscale.laws.interface_law import (
 )
 from multiscale.laws.normal import PowerLaw
 
-__all__ = ["HystereticLaw"]
-
 
 @dataclass(frozen=True)
 class HystereticLaw(GapLaw):

@@ -16,17 +16,6 @@ from multiscale.units import html_table
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "GapLaw",
-    "InterfaceLaw",
-    "NormalLaw",
-    "Response",
-    "Sliding",
-    "check_parameters",
-    "forwarded",
-    "newton_from_the_left",
-]
-
 MAX_ITERATIONS = 300
 TOLERANCE = 1e-13  # bound on the residual of a resolvent relative to the largest of its three terms
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["Bar", "Beam", "Cable", "LinkLaw", "LinkResponse", "Strut"]
-
 
 @dataclass(frozen=True)
 class LinkResponse:

@@ -8,8 +8,6 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import NormalLaw, check_parameters, forwarded
 
-__all__ = ["ConvexDecreasing", "Exponential", "ModifiedLaw", "PowerLaw", "Tabulated"]
-
 CONCAVE = 1e-9
 """Decrease of the stiffness from chord to chord that counts as round-off, relative to it."""
 

@@ -8,8 +8,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import check_parameters
 
-__all__ = ["AreaLaw", "ErrorFunctionArea", "PowerStiffness", "StiffnessLaw"]
-
 
 @dataclass(frozen=True)
 class AreaLaw:

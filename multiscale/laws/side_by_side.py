@@ -9,8 +9,6 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Response, Sliding
 
-__all__ = ["SideBySide", "advance_state", "lay_side_by_side"]
-
 GAIN = 1e-12  # energy gained by rounding in a step, relative to the largest that a point has stored
 
 

@@ -14,8 +14,6 @@ import numpy as np
 from multiscale.executors import run_ranges
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["asperity_loads", "resolve", "respond_slabs"]
-
 LEAST_DIVISOR = 1e-300
 
 ROUNDING_CHANGE = 1e-5

@@ -16,8 +16,6 @@ from multiscale.laws.interface_law import (
     check_parameters,
 )
 
-__all__ = ["SliderBed", "Sliders"]
-
 STICKING_SLIP = 1e-3
 """Slip in a step up to which a slab counts as sticking, relative to its elastic displacement at
 the friction limit."""

@@ -6,8 +6,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["LAST_STRESS", "Softening"]
-
 LAST_SHARE = 1e-6  # stiffness of an element that has cracked through, over its first
 LAST_STRESS = 1e-3  # stress of the last tooth over the strength
 

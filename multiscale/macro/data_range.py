@@ -11,8 +11,6 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     from multiscale.laws.interface_law import InterfaceLaw
 
-__all__ = ["FAR_FACTOR", "FAR_SHARE", "data_ends", "load_shares", "with_load_shares"]
-
 FAR_FACTOR = 2.0
 """Factor outside the data beyond which a law is no longer valid."""
 

@@ -31,19 +31,6 @@ from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.newton import Limits, NewtonRun, enough, join_solutions, step_length
 
-__all__ = [
-    "FLOOR",
-    "FULL",
-    "Assembled",
-    "Equilibrium",
-    "FlexibleBodies",
-    "InterfaceSolution",
-    "Place",
-    "face_stiffness",
-    "find_equilibrium",
-    "solve_interface",
-]
-
 PATIENCE = 30
 """Iterations without a smaller residual after which the solver stops."""
 

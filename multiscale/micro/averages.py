@@ -26,17 +26,6 @@ from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer, contact_areas
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = [
-    "SPOTS",
-    "ContactSurface",
-    "Keep",
-    "average_surface",
-    "average_traction",
-    "pad_spots",
-    "recovered_force",
-    "to_components",
-]
-
 SPOTS = {"spot_area": (), "spot_traction": (3,), "spot_traction_by_normal": (3,)}
 """Variables of contact spots, and the shape of each variable for a single spot."""
 

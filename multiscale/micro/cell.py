@@ -30,8 +30,6 @@ from multiscale.surfaces.surface import Surface as Surface
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-__all__ = ["WORTH", "AnyCell", "Cell", "Checkpoint", "GridCell", "record_cell", "solve_cell"]
-
 logger = logging.getLogger(__name__)
 
 GridCell = FlatCell | GraphCell | FiniteCell

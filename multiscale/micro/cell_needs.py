@@ -4,8 +4,6 @@ from collections.abc import Mapping
 
 from multiscale.needs import Choice
 
-__all__ = ["AVERAGES", "cell_choices"]
-
 AVERAGES = "averages the change of volume over an element, which is too stiff otherwise ({})"
 
 NO_ELEMENTS = "Poisson's ratio below 0.4, or no elements"

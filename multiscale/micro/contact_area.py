@@ -46,8 +46,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["HALF_SPACE", "EdgeLayer", "contact_areas", "contact_fraction", "edge_layer"]
-
 TINY = np.finfo(float).tiny
 LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure, 1 at a smooth edge
 

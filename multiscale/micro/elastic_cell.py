@@ -11,8 +11,6 @@ from multiscale.micro.averages import ContactSurface, to_components
 from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer
 from multiscale.micro.path import Step, Target
 
-__all__ = ["ContactState", "ElasticCell", "obstacle_normal", "untouched"]
-
 
 @dataclass(frozen=True)
 class ContactState:

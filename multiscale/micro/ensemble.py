@@ -17,8 +17,6 @@ from multiscale.micro.cell import WORTH, AnyCell, Checkpoint, record_cell
 from multiscale.micro.path import Path
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset, Schema
 
-__all__ = ["record_realisation", "run_ensemble", "run_realisations"]
-
 logger = logging.getLogger(__name__)
 
 LOCAL = frozenset({"height", "pressure", "gap"})

@@ -9,8 +9,6 @@ from scipy.sparse.csgraph import connected_components
 
 from multiscale.numerics.factorisation import symmetric_lu
 
-__all__ = ["GapFlow", "gap_flow", "open_gap"]
-
 CLOSED = 1e-4
 """Relative to the largest gap: smaller gaps are closed, as contact solvers leave such errors."""
 

@@ -15,22 +15,6 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from skfem import MeshHex
 
-__all__ = [
-    "Coating",
-    "GraphArrays",
-    "GraphMesh",
-    "LayerLaw",
-    "Linear",
-    "PeriodicLayer",
-    "SecondBody",
-    "at_first_touch",
-    "depth_caution",
-    "elements_of",
-    "graded_planes",
-    "moduli_by_layer",
-    "statistics_of",
-]
-
 FEWEST_ELEMENTS = 3
 """Fewest layers of elements that resolve a coating."""
 

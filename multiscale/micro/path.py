@@ -13,8 +13,6 @@ from multiscale.schema import branch_of
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["CellModel", "Path", "State", "Step", "Target"]
-
 State = TypeVar("State", bound="DataclassInstance")
 
 

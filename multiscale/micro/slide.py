@@ -16,14 +16,12 @@ from multiscale.micro.path import Path
 from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.fourier import rms_height
 
-__all__ = ["shear_path", "slide_cell"]
-
 REACH = 8.0
 """Largest slip of the interface, relative to the slip u_* of (1): full slip."""
 
 DECAY = 0.4  # pressure over stiffness and rms height, of a self-affine surface at light load
 
-LONGEST = 20.0  # longest slide in periods of the cell
+LONGEST_SLIDE = 20.0  # longest slide in periods of the cell
 
 
 def shear_path(
@@ -171,11 +169,11 @@ def slide_cell(
     if not 0.0 < distance < np.inf:
         raise CaseError(f"the sliding distance must be positive (m), got {distance:g}")
     period = cell.surface.size[0]
-    if distance > LONGEST * period:
+    if distance > LONGEST_SLIDE * period:
         raise CaseError(
             f"a slide of {distance:.3g} m is {distance / period:.3g} periods of the cell; an "
             f"elastic cell repeats itself after a period, and a plastic cell is run in after a "
-            f"few: slide at most {LONGEST:g} periods"
+            f"few: slide at most {LONGEST_SLIDE:g} periods"
         )
     slide = np.zeros((steps + 1, 2))
     slide[:, 0] = np.linspace(0.0, distance, steps + 1)

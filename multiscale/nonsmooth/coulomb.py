@@ -11,8 +11,6 @@ from scipy.sparse import csr_array
 
 from multiscale.convergence import check_limits
 
-__all__ = ["Verdict", "natural_map", "project_friction_cone", "shifted_velocity", "verify_friction"]
-
 ORDINARY = 1e50
 """Numbers between this and its inverse have powers that neither underflow nor overflow."""
 

@@ -26,8 +26,6 @@ from multiscale.nonsmooth.refusals import (
     refuse_out_of_range,
 )
 
-__all__ = ["FRICTION_METHODS", "solve_friction"]
-
 SAFETY = 0.5  # share of the tolerance that the methods aim at, so that the verifier agrees
 
 FIRST_LANCZOS_STEPS = 20

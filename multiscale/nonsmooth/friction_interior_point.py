@@ -12,8 +12,6 @@ import numpy as np
 from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, factorise_blocks
 from multiscale.nonsmooth.lcp_methods import LONGEST, longest_positive
 
-__all__ = ["friction_interior_point"]
-
 REGULARISATION = 1e-12  # added to the diagonal of W, relative to it, in the tangent matrix only
 PATIENCE = 25  # steps in which the mean product has to fall by a tenth
 

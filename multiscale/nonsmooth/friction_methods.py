@@ -9,8 +9,6 @@ import numpy as np
 from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, factorise_blocks
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["gauss_seidel", "linearise", "semismooth_newton", "solve_one_contact"]
-
 BURST = 20  # sweeps between two measurements of the error
 SMALLEST, LARGEST = 1e-14, 1.0  # range of the regularisation, relative to the diagonal of W
 PATIENCE = 10  # steps without progress after which the iteration ends

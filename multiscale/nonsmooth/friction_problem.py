@@ -19,8 +19,6 @@ from multiscale.nonsmooth.coulomb import ROUND_OFF, closing_norm, contact_mass
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 
-__all__ = ["Progress", "ScaledFriction", "factorise_blocks", "scale_friction"]
-
 SMALL = 100  # unknowns up to which a matrix is treated as full
 DENSE = 0.25  # share of blocks from which on a matrix is treated as full
 PIVOT = 0.01  # least diagonal pivot that is accepted, relative to its column: others cost fill-in

@@ -22,8 +22,6 @@ from multiscale.nonsmooth.refusals import (
     refuse_indefinite,
 )
 
-__all__ = ["LCP_METHODS", "solve_lcp"]
-
 LCP_METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] = {
     "newton_min": iterate_newton_min,
     "interior_point": iterate_interior_point,

@@ -12,8 +12,6 @@ from multiscale.nonsmooth.lcp_problem import ScaledLCP
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 
-__all__ = ["iterate_interior_point", "iterate_newton_min", "iterate_pivoting", "longest_positive"]
-
 SHIFT = 1e-13  # added to the unit diagonal of an active block, so that redundant constraints share
 REFINEMENTS = 1  # corrections of the active unknowns after the first
 ROUNDING = 1e-14  # negative part of an unknown or slack that does not count as a violation

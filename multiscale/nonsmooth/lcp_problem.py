@@ -13,8 +13,6 @@ from multiscale.errors import CaseError
 from multiscale.nonsmooth.refusals import refuse_out_of_range
 from multiscale.numerics.factorisation import Solve, symmetric_lu
 
-__all__ = ["ScaledLCP", "lcp_verifier", "scale_lcp", "verify_lcp"]
-
 DENSE = 0.2  # fraction of nonzero entries above which a matrix is factorised as a dense matrix
 
 SYMMETRY = 1e-6

@@ -12,18 +12,6 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 
-__all__ = [
-    "FIRST_LOOK",
-    "SMALL",
-    "THOROUGH",
-    "infeasibility_detail",
-    "jamming",
-    "lanczos",
-    "refuse_indefinite",
-    "refuse_out_of_range",
-    "solve_conic",
-]
-
 LARGEST_EXPONENT = 300
 """Power of ten of the unknowns beyond which fractions of 1e-8 of them lose digits or overflow."""
 

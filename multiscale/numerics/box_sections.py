@@ -15,8 +15,6 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["box_section", "void_section"]
-
 
 def box_section(
     size: tuple[float, float, float], normal: np.ndarray, distance: np.ndarray

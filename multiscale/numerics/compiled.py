@@ -9,8 +9,6 @@ from typing import Any
 import numba
 from filelock import FileLock
 
-__all__ = ["compiled"]
-
 _compiling = RLock()
 
 

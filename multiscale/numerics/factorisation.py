@@ -24,8 +24,6 @@ from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
 
-__all__ = ["Factorise", "Solve", "factorise", "on_diagonal", "prepare_cholesky", "symmetric_lu"]
-
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
 

@@ -5,8 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.linalg import norm
 
-__all__ = ["Anderson", "conjugate_gradients", "minimal_residual"]
-
 WORSE, DAMPED = 10.0, 0.5
 """Residual, relative to the best, above which the iterates are dropped; relaxation after that."""
 

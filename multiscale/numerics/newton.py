@@ -15,16 +15,6 @@ import numpy as np
 from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import ConvergenceError
 
-__all__ = [
-    "Limits",
-    "NewtonRun",
-    "PathPart",
-    "enough",
-    "join_solutions",
-    "march",
-    "step_length",
-]
-
 State = TypeVar("State")
 
 SUFFICIENT = 0.1  # share of the first slope that may be left after a full step

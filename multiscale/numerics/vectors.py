@@ -8,8 +8,6 @@ import numpy as np
 from multiscale.executors import run_ranges
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["LEAST", "advance", "dot", "turn"]
-
 BLOCKS = 64  # blocks of a vector, with sums that are added in their order
 LEAST = 2**18  # least numbers per thread
 

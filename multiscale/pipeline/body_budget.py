@@ -40,16 +40,6 @@ from multiscale.upscaling.budget import (
 from multiscale.upscaling.propagation import STRETCH
 from multiscale.upscaling.shear_budget import loss_term
 
-__all__ = [
-    "Change",
-    "ErrorSources",
-    "JointSolve",
-    "change_friction",
-    "changed_sliders",
-    "few_steps",
-    "with_joint_budget",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Change:

@@ -12,18 +12,6 @@ from multiscale.pipeline.tables.settings import KINDS, Case
 from multiscale.pipeline.tables.toml_model import Settings, read_toml, validate
 from multiscale.schema import INTERFACE_LAW, RVE, Schema
 
-__all__ = [
-    "case_of_image",
-    "find_case",
-    "load_case",
-    "read_case",
-    "shipped_cases",
-    "taken_cases",
-    "taken_law",
-    "taken_volume",
-    "validate_case",
-]
-
 TAGS: dict[str, type[Settings]] = {
     "synthetic": SyntheticSurface,
     "instrument": InstrumentSurface,

@@ -25,29 +25,6 @@ from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 from multiscale.upscaling.scales import ScaleSeparation
 
-__all__ = [
-    "case_budget",
-    "cell_of",
-    "coating_caution",
-    "composite_coating",
-    "composite_material",
-    "flat_bodies",
-    "flat_composite",
-    "flat_pair",
-    "joint_scales",
-    "longest_wave",
-    "make_cells",
-    "make_surfaces",
-    "measured_cells",
-    "rough_sides",
-    "smooth_pair",
-    "surface_modulus",
-    "try_cells",
-    "two_bodies",
-    "two_surfaces",
-]
-
-
 ALIKE = 1e-3
 """Relative error of the compliance of a mode below which a single body replaces both."""
 

@@ -18,8 +18,6 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, report_far
 from multiscale.upscaling import law_from_dataset, read_law
 
-__all__ = ["prepare", "refuse_excess", "requirements"]
-
 
 def prepare(case: Case) -> None:
     """Refuse a case for its files, and for loads that are far outside the data of its laws."""

@@ -8,8 +8,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.upscaling.budget import ERROR_TERMS, add_terms, total_error
 
-__all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
-
 SIZES = range(-1, 5)
 GRIDS = range(3)
 COARSE = -1

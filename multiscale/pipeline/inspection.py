@@ -22,8 +22,6 @@ from multiscale.schema import SURFACE_STATISTICS, Dataset
 from multiscale.surfaces import describe_surface, find_spikes, spectrum
 from multiscale.units import readable
 
-__all__ = ["INSPECTION", "inspect_surface", "inspection_lines", "tabulate_statistics"]
-
 PLAUSIBLE_SLOPES = (1e-5, 3.0)
 FILLED = 0.1  # share of undefined points that needs a caution
 SPIKED = 30.0  # kurtosis of heights that needs a caution; 3 is Gaussian

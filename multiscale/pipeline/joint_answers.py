@@ -11,16 +11,6 @@ from multiscale.macro import substructures
 from multiscale.schema import MACRO_RESULT, Dataset
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
 
-__all__ = [
-    "STIFFNESSES",
-    "CycleAnswers",
-    "JointAnswers",
-    "answer_at",
-    "joint_answers",
-    "load_answers",
-]
-
-
 Reader = Callable[["Dataset"], np.ndarray]
 """Maps a result to the values of an answer."""
 

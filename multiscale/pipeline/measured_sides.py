@@ -30,8 +30,6 @@ from multiscale.surfaces import (
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
 
-__all__ = ["STAGES", "Measured", "RoughSide", "cut_windows", "measured_map", "measured_side"]
-
 STAGES = ("map", "windows", "cells")
 """Labels of the dimension ``stage`` of the roughness of a body."""
 

@@ -44,8 +44,6 @@ from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.law_budget import grid_term
 
-__all__ = ["Plan", "pilot_cases", "plan", "resize", "surface_at_large"]
-
 logger = logging.getLogger(__name__)
 
 FEWEST_WAVELENGTHS = (

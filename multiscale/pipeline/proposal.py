@@ -13,8 +13,6 @@ from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.surfaces import Spectrum, Surface
 from multiscale.units import readable, to_si
 
-__all__ = ["Proposal", "propose_case"]
-
 MOST_POINTS = 256  # of flat cells, along an edge
 SLOPE_HELD = 0.95
 REALISATIONS = (4, 3, 2, 1)

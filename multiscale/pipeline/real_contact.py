@@ -13,17 +13,6 @@ from multiscale.upscaling import Uncertainty, area_from_dataset, cell_share
 from multiscale.upscaling.budget import has_budget, known_terms
 from multiscale.upscaling.reading import TABLE
 
-__all__ = [
-    "behaviour",
-    "contact_source",
-    "negative_gap",
-    "real_pressure",
-    "unknown_cells",
-    "with_contact",
-    "with_interface_contact",
-    "with_real_pressure",
-]
-
 ELASTIC = 0.01
 """Mean real pressure over the contact modulus above which most metals flow."""
 

@@ -14,8 +14,6 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.toml_model import read_toml
 from multiscale.schema import Dataset
 
-__all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "is_whole", "open_stages"]
-
 MOST_KEYS = 4
 """Keys that a message names."""
 

@@ -27,8 +27,6 @@ from multiscale.upscaling import read_law
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
-__all__ = ["Results", "run", "run_macro"]
-
 logger = logging.getLogger(__name__)
 
 PLANNED = (CELLS, FITTED_LAW, JOINT)

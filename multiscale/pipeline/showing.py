@@ -24,33 +24,6 @@ from multiscale.upscaling.budget import (
     unknown_terms,
 )
 
-__all__ = [
-    "LOWER_BOUND",
-    "ROUNDING",
-    "SLIP",
-    "Rows",
-    "Table",
-    "View",
-    "answer_columns",
-    "format_error",
-    "format_error_behind",
-    "format_interval",
-    "format_mean",
-    "format_share",
-    "format_sides",
-    "format_total_error",
-    "list_bolts",
-    "list_cycles",
-    "list_facts",
-    "list_missing",
-    "padded",
-    "round_by",
-    "some_steps",
-    "tabulate_budget",
-    "tabulate_prediction",
-    "tabulate_sensitivity",
-]
-
 Rows: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
 """Head and rows of text."""
 

@@ -17,20 +17,6 @@ if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.tables.toml_model import Settings
 
-__all__ = [
-    "Datasets",
-    "Job",
-    "Section",
-    "ShowProgress",
-    "Shown",
-    "Stage",
-    "Summary",
-    "format_table",
-    "list_cautions",
-    "unseen",
-    "with_sample_band",
-]
-
 Datasets: TypeAlias = "Mapping[str, Dataset]"
 """Dataset of every stage, by its name."""
 

@@ -32,20 +32,6 @@ from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Dataset, Schema, with
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
-__all__ = [
-    "ReadyBodies",
-    "SolveAgain",
-    "choose_solver",
-    "counting",
-    "require_converged",
-    "require_known",
-    "solver_needs",
-    "structure_stage",
-    "with_cautions_of",
-    "with_law_cautions",
-    "with_too_far",
-]
-
 SOLVES = 3  # time of all solves for the intervals over the time of the whole path, about
 
 

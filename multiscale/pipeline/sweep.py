@@ -34,8 +34,6 @@ from multiscale.pipeline.tables.toml_model import read_toml
 from multiscale.schema import SWEEP, Dataset
 from multiscale.upscaling.budget import has_budget, unknown_terms
 
-__all__ = ["Sweep", "load_sweep", "run_sweep"]
-
 MOST_POINTS = 100_000
 
 MOST_KEPT = 100

@@ -21,9 +21,6 @@ from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.schema import SWEEP, Dataset
 
-__all__ = ["POINTS", "name_point", "tabulate_sweep"]
-
-
 MOST_NAMED = 3
 """Points that are named for one caution."""
 

@@ -19,8 +19,6 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-__all__ = ["MOST_DRAWN", "load_pictures", "plot_body_stress", "plot_load_paths"]
-
 MOST_DRAWN = 4
 """Largest number of drawn interfaces, from the first."""
 

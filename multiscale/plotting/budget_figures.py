@@ -9,8 +9,6 @@ from multiscale.schema import Dataset
 from multiscale.units import length_unit
 from multiscale.upscaling.budget import ALWAYS, known_error, total_error, unknown_terms
 
-__all__ = ["estimated_steps", "plot_error_budget", "step_labels"]
-
 COLOURS = (*(f"C{k}" for k in range(10)), "0.3", "0.7")  # colours of the terms
 
 UNKNOWN = 0.15

@@ -17,15 +17,6 @@ if TYPE_CHECKING:
 
     from multiscale.micro.damage.sections import Volume
 
-__all__ = [
-    "colour_sphere",
-    "plot_damage_sphere",
-    "plot_element_field",
-    "plot_woehler",
-    "plot_worst_section",
-]
-
-
 ELEMENT_FIELDS = {
     "damage": (1.0, "mean damage of the inclusions"),
     "cracked_share": (100.0, "cracked inclusions (%)"),

@@ -5,8 +5,6 @@ from itertools import combinations
 
 import numpy as np
 
-__all__ = ["OuterFaces", "list_faces", "outer_faces"]
-
 _CORNERS = {
     4: [*combinations(range(4), 3)],
     8: [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],

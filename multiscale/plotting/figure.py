@@ -11,28 +11,13 @@ import numpy as np
 from multiscale.io import write_bytes
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from matplotlib.axes import Axes as Axes
     from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 else:  # a name for annotations, without the slow import
     Axes = Any
-
-__all__ = [
-    "DOTS_PER_INCH",
-    "WIDE",
-    "Axes",
-    "add_colour_bar",
-    "axes_or_current",
-    "colour_faces",
-    "in_space",
-    "is_drawn",
-    "new_figure",
-    "on_axes",
-    "save_figure",
-    "set_box",
-]
 
 DOTS_PER_INCH = 150
 

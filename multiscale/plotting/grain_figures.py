@@ -14,13 +14,6 @@ from multiscale.plotting.lines import plot_lines
 from multiscale.plotting.link_figures import plot_energies
 from multiscale.schema import Dataset
 
-__all__ = [
-    "grain_pictures",
-    "plot_biaxial_curve",
-    "plot_contact_error",
-    "plot_force_network",
-]
-
 ANSWERS = ("side_share", "floor_share", "plate_shear", "plate_pressure")
 """Answers of a motion, in addition to the run-out."""
 

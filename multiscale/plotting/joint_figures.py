@@ -20,13 +20,6 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from matplotlib.collections import Collection
 
-__all__ = [
-    "draw_points",
-    "joint_pictures",
-    "plot_hysteresis",
-    "plot_joint_plan",
-]
-
 ZONES = ("open", "stick", "sliding")
 """Names of the values 0, 1 and 2 of ``contact_state``."""
 

@@ -26,18 +26,6 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.reading import friction_at
 
-__all__ = [
-    "plot_area_law",
-    "plot_conductance",
-    "plot_footprint",
-    "plot_friction_bell",
-    "plot_gap_law",
-    "plot_joint_stiffness",
-    "plot_leakage",
-    "plot_shear_law",
-    "plot_unloading",
-]
-
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
 

@@ -7,8 +7,6 @@ import numpy as np
 from multiscale.plotting.figure import Axes, axes_or_current
 from multiscale.schema import SHOWN, Dataset, unit_in
 
-__all__ = ["BANDS", "draw_band", "draw_bands", "plot_lines"]
-
 BANDS = {"one_part": 0.2, "mean_law": 0.45}
 """Both intervals of an answer, and the opacity of their bands."""
 

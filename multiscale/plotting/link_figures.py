@@ -14,9 +14,6 @@ from multiscale.schema import SHOWN, Dataset
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-__all__ = ["ENERGIES", "plot_deformed_links", "plot_energies", "plot_sorted_tensions"]
-
-
 ENERGIES = (
     "kinetic_energy",
     "elastic_energy",

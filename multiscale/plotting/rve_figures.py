@@ -17,18 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-__all__ = [
-    "plot_crack_damage",
-    "plot_cracked_load",
-    "plot_modulus_surface",
-    "plot_rve",
-    "plot_rve_damage",
-    "plot_size_damage",
-    "plot_size_stiffness",
-    "plot_size_study",
-    "plot_softening",
-]
-
 MOST_FACES = 15_000
 """Faces of voxels above which an image is drawn at half its resolution."""
 

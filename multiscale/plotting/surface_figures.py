@@ -17,16 +17,6 @@ if TYPE_CHECKING:
 
     from multiscale.surfaces.surface import Surface
 
-__all__ = [
-    "plot_bearing_curve",
-    "plot_contact_map",
-    "plot_flow_channels",
-    "plot_measured_heights",
-    "plot_road",
-    "plot_spectral_density",
-    "plot_surface",
-]
-
 SHOWN = (0.002, 0.998)
 """Quantiles of the heights at the ends of the colour scale, so that outliers do not stretch it."""
 

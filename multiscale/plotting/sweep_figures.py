@@ -6,8 +6,6 @@ from multiscale.plotting.figure import Axes, axes_or_current
 from multiscale.plotting.lines import draw_band
 from multiscale.schema import Dataset
 
-__all__ = ["key_in_words", "plot_sweep", "plot_sweep_steps", "sweep_ends"]
-
 LARGEST_LEGEND = 10
 """Largest number of lines with a legend."""
 

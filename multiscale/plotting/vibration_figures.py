@@ -15,8 +15,6 @@ from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset
 from multiscale.units import Unit, length_unit
 
-__all__ = ["plot_backbone", "plot_mode_shape", "plot_vibrating_joint", "vibration_pictures"]
-
 LEAN = 0.12
 """Largest displacement in a figure of a mode, relative to the longest edge of the structure."""
 

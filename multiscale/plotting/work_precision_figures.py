@@ -11,8 +11,6 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
 
-__all__ = ["draw_work_precision", "plot_growth", "plot_history", "plot_work_precision"]
-
 QUANTITIES = {"wall_time": ("wall time (s)", 1.0), "peak_memory": ("peak memory (MB)", 1e-6)}
 """Label and unit factor of each quantity that can be plotted."""
 

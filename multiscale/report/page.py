@@ -37,18 +37,6 @@ from multiscale.schema import SURFACE_STATISTICS, Dataset
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
-__all__ = [
-    "FinishedRun",
-    "draw_figures",
-    "draw_run",
-    "draw_sections",
-    "open_finished",
-    "show_run",
-    "write_inspection",
-    "write_report",
-    "write_reports",
-]
-
 Figures: TypeAlias = Sequence[tuple[Path, Callable[[Path], Path]]]
 
 

@@ -7,21 +7,6 @@ import numpy as np
 
 from multiscale.schema.dataset_schema import Schema, Variable
 
-__all__ = [
-    "COARSER_RESPONSE",
-    "COARSER_SHEAR_RESPONSE",
-    "CONTROL_RESPONSE",
-    "FIELDS",
-    "HOLDING",
-    "LOADING",
-    "MICRO_RESPONSE",
-    "SHEAR_RESPONSE",
-    "SLIDING_RESPONSE",
-    "SURFACE_STATISTICS",
-    "UNLOADING",
-    "branch_of",
-]
-
 BRANCHES = ("loading", "unloading", "holding")
 LOADING, UNLOADING, HOLDING = range(3)
 

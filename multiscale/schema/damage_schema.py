@@ -4,19 +4,6 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import Schema, Variable
 
-__all__ = [
-    "CRACKED_BODY",
-    "CRACK_BAND",
-    "CRACK_GROWTH",
-    "DAMAGE_SECTIONS",
-    "FATIGUE",
-    "FATIGUE_LIFE",
-    "RVE",
-    "RVE_VOLUMES",
-    "VOLUME_GROWTH",
-    "WOEHLER",
-]
-
 _number = partial(Variable, ())
 _record = partial(Variable, ("record",))
 _step = partial(Variable, ("step",))

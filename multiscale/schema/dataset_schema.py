@@ -9,20 +9,10 @@ from multiscale.errors import SchemaError
 from multiscale.schema.shown import SHOWN
 
 if TYPE_CHECKING:
-    from xarray import Coordinates, Dataset
+    from xarray import Coordinates
+    from xarray import Dataset as Dataset
 else:  # a name for annotations, without the slow import
     Dataset = Any
-
-__all__ = [
-    "BUDGET",
-    "COMPONENTS",
-    "SENSITIVITY",
-    "Dataset",
-    "PlainDataset",
-    "Schema",
-    "Variable",
-    "with_cautions",
-]
 
 COMPONENTS = ("n", "t1", "t2")
 """Labels of the dimension ``component``: the normal and the two tangents of the joint."""

@@ -4,8 +4,6 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import BUDGET, SENSITIVITY, Schema, Variable
 
-__all__ = ["ERROR_BUDGET", "INTERFACE_LAW", "LAW_COMPARISON"]
-
 _step = partial(Variable, ("step",))
 _flow = partial(Variable, ("direction", "step"))
 _number = partial(Variable, ())

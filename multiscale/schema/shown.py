@@ -9,8 +9,6 @@ from multiscale.units import Unit, shown_unit
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["SHOWN", "Show", "unit_in"]
-
 
 @dataclass(frozen=True)
 class Show:

@@ -4,8 +4,6 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import BUDGET, SENSITIVITY, Schema, Variable
 
-__all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT", "SEAL", "VIBRATION"]
-
 _step = partial(Variable, ("step",))
 _face = partial(Variable, ("step", "interface"))
 _element = partial(Variable, ("step", "element"))

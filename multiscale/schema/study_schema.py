@@ -4,8 +4,6 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import Schema, Variable
 
-__all__ = ["STABILITY", "SWEEP", "WORK_PRECISION"]
-
 _case = partial(Variable, ("case",))
 
 STABILITY = Schema(

@@ -13,8 +13,6 @@ from multiscale.laws.interface_law import NormalLaw
 from multiscale.micro import FlatCell
 from multiscale.micro.flat.flat_cell import assemble_flat_cell
 
-__all__ = ["CellLaw"]
-
 CLOSED = 1e-9
 """Mean gap over the gap at the lowest pressure up to which a cell counts as closed."""
 

@@ -36,19 +36,6 @@ from multiscale.schema import Dataset
 from multiscale.studies.cell_law import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
 
-__all__ = [
-    "Answer",
-    "RoughStructure",
-    "RoughWave",
-    "StructureOutcome",
-    "TiltedJoint",
-    "checked",
-    "half_space_stiffness",
-    "solve_concurrent",
-    "solve_direct",
-    "solve_sequential",
-]
-
 BAND = 4.0  # longest over shortest wavelength of the roughness
 HURST_EXPONENT = 0.8
 CELL_WAVES = 4

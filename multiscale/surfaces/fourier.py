@@ -13,19 +13,6 @@ import scipy
 from multiscale.errors import CaseError
 from multiscale.surfaces.surface import Surface
 
-__all__ = [
-    "Roughness",
-    "Spectrum",
-    "breadth",
-    "nayak_parameter",
-    "ring_density",
-    "rms_height",
-    "rms_slope",
-    "spectrum",
-    "wave_power",
-    "wavenumbers",
-]
-
 NEGLECTED_SHARE = 0.01  # share of the mean squares beyond the longest and the shortest wavelength
 
 

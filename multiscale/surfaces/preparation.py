@@ -7,18 +7,6 @@ from multiscale.errors import CaseError
 from multiscale.surfaces.fourier import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
-__all__ = [
-    "composite",
-    "crop",
-    "detrend",
-    "find_spikes",
-    "low_pass",
-    "mirror",
-    "resample",
-    "rotate",
-    "window",
-]
-
 AROUND = 5  # points across the surroundings of a point that may be a spike
 
 SPIKE, GAUSSIAN = 10.0, 1.4826

@@ -11,15 +11,6 @@ from multiscale.surfaces.fourier import Spectrum, breadth, ring_density, spectru
 from multiscale.surfaces.preparation import window
 from multiscale.surfaces.surface import Surface
 
-__all__ = [
-    "Lay",
-    "SelfAffineFit",
-    "describe_surface",
-    "find_lay",
-    "fit_of_statistics",
-    "fit_self_affine",
-]
-
 PIXELS_PER_WAVELENGTH = 4  # at the shortest reliable wavelength
 BINS_PER_DECADE = 12  # of the fitted density
 FEWEST_BINS = 6  # of a fit

@@ -11,8 +11,6 @@ from multiscale.units import html_table
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Surface", "remove_trend"]
-
 
 @dataclass(frozen=True, eq=False)
 class Surface:

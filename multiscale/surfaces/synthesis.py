@@ -8,8 +8,6 @@ import scipy
 from multiscale.errors import CaseError
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["Anisotropy", "self_affine"]
-
 _ROUND_OFF = 1e-9  # relative: a mode exactly on a cut-off belongs to the band
 
 

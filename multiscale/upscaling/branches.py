@@ -20,23 +20,6 @@ from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 from multiscale.upscaling.shear_fit import with_shear
 
-__all__ = [
-    "ALONG_LOADING",
-    "REFUSED",
-    "assume_shear",
-    "describe_shear",
-    "fit_branches",
-    "hysteretic_from_dataset",
-    "sliders_from_dataset",
-    "sliding_friction_at",
-    "state_shear",
-    "take_sliding_friction",
-    "tangential_values",
-    "with_damage",
-    "with_sliding",
-    "with_unloading",
-]
-
 SAME = 1e-6  # relative difference of pressures that are the same
 
 WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stiffness ratio"}

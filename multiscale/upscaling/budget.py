@@ -9,35 +9,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 
-__all__ = [
-    "ALWAYS",
-    "ERROR_TERMS",
-    "FEW_CELLS",
-    "MACRO",
-    "NORMAL",
-    "NO_PART",
-    "NO_STATED",
-    "STATED",
-    "GridEstimate",
-    "Term",
-    "add_terms",
-    "assemble_budget",
-    "estimate_grid_error",
-    "has_budget",
-    "how_attribute",
-    "interval_errors",
-    "is_absent",
-    "known_error",
-    "known_terms",
-    "limits",
-    "mean_law_error",
-    "over_steps",
-    "total_error",
-    "unknown_terms",
-    "with_budget",
-    "with_intervals",
-]
-
 FEW_CELLS = "few cells"
 """Term of a single specimen with few cells in its interface; the mean law does not have it."""
 

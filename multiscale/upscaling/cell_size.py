@@ -11,16 +11,6 @@ from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 from multiscale.upscaling.response_observations import area_observations, normal_observations
 
-__all__ = [
-    "at_rms_height",
-    "compared",
-    "ensembles_of_cells",
-    "size_term",
-    "surface_term",
-    "values_of_cells",
-    "without_bias",
-]
-
 SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # powers of the cell size
 LEAST_SHARE = 0.5
 """Share of height or slope below which a law would be read at less than half its pressures."""

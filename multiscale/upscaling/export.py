@@ -25,8 +25,6 @@ from multiscale.upscaling.transport import conductance_ratios
 if TYPE_CHECKING:
     from multiscale.laws import NormalLaw
 
-__all__ = ["ChordTable", "pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
-
 SMALLEST_STEP = 1e-10
 """Overclosures that differ by less are moved apart by CalculiX, in the unit of the table."""
 

@@ -20,8 +20,6 @@ from multiscale.laws import (
 )
 from multiscale.upscaling.observations import Observations
 
-__all__ = ["FAMILIES", "Family", "Parameter", "unloading_family"]
-
 
 @dataclass(frozen=True)
 class Parameter:

@@ -27,20 +27,6 @@ from multiscale.upscaling.regression import BY_REALISATION, NONE, fit_family, re
 from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.sampling import draw_counts
 
-__all__ = [
-    "FREE_FORM",
-    "Prediction",
-    "best_family",
-    "branch_origins",
-    "compare_laws",
-    "describe_control",
-    "fit_law",
-    "laws_of_each",
-    "predict",
-    "stiffness_of_each",
-    "with_branch",
-]
-
 BRANCHES = {
     "loading": "measured",
     "unloading": "assumed, along the same curve",

@@ -10,20 +10,6 @@ from multiscale.laws import AreaLaw, ConvexDecreasing
 from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.observations import ALLOWED, TWO_SIDED, Observations, list_pressures
 
-__all__ = [
-    "N_TERMS",
-    "FitResult",
-    "decay_share",
-    "fit_area",
-    "fit_convex_decreasing",
-    "fit_each",
-    "fit_spline",
-    "normal_errors",
-    "place_knots",
-    "representable",
-    "unseen_errors",
-]
-
 N_TERMS = 40
 """Default number of knots of a law."""
 

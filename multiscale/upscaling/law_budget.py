@@ -38,16 +38,6 @@ from multiscale.upscaling.response_observations import normal_observations, up_t
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, STEEPEST, tangential_terms
 
-__all__ = [
-    "LAW_QUANTITIES",
-    "error_budget",
-    "fit_term",
-    "grid_term",
-    "scatter_term",
-    "separation_term",
-    "with_scales",
-]
-
 FIT_ERRORS = {
     "fit_error": "gap_fit_share",
     "area_fit_error": "area_fit_share",

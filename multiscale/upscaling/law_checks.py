@@ -10,8 +10,6 @@ from multiscale.errors import CaseError
 from multiscale.laws import FrictionLaw, HystereticLaw, NormalLaw, StiffnessLaw
 from multiscale.units import readable
 
-__all__ = ["Admissibility", "Check", "admissibility"]
-
 SLACK = 1e-9  # of the largest value tested
 SPEEDS = (1e-6, 1e2)  # m/s, at which friction laws are tested
 POINTS = 500  # at which a law is tested

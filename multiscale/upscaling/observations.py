@@ -9,18 +9,6 @@ from multiscale.errors import CaseError
 from multiscale.units import readable
 from multiscale.upscaling.sampling import Control, widening
 
-__all__ = [
-    "ALLOWED",
-    "QUANTITIES",
-    "TWO_SIDED",
-    "Misfit",
-    "Observations",
-    "Quantity",
-    "error_scale",
-    "list_pressures",
-    "observe",
-]
-
 ALLOWED = 0.1
 """Largest distance of a fitting law from an observation, over its scale, besides the scatter."""
 

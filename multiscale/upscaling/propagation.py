@@ -40,18 +40,6 @@ from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.sampling import half_range
 
-__all__ = [
-    "STRETCH",
-    "Bound",
-    "Correction",
-    "Knob",
-    "Samples",
-    "Source",
-    "Uncertainty",
-    "law_sources",
-    "propagate",
-]
-
 STRETCH = 0.02
 """Relative change of a parameter with which the answers are solved again."""
 

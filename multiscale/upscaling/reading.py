@@ -19,21 +19,6 @@ from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.family import FAMILIES, Family
 from multiscale.upscaling.sampling import most_confident, widening
 
-__all__ = [
-    "TABLE",
-    "area_from_dataset",
-    "areas_from_dataset",
-    "fitted_law",
-    "fitted_laws",
-    "friction_at",
-    "frictions_at",
-    "law_band",
-    "law_from_dataset",
-    "pick",
-    "refuse_band",
-    "require_law",
-]
-
 TABLE = "table"
 """Family of laws that are linear between the points of a table of the user."""
 

@@ -14,12 +14,6 @@ from multiscale.upscaling.free_form import FitResult, Values, normal_errors, uns
 from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.sampling import widening
 
-__all__ = [
-    "Regression",
-    "fit_family",
-    "regression_of",
-]
-
 FARTHEST = 60.0  # a parameter moves at most e^60 times in one fit
 REFUSED = 1e6  # relative error of a law that cannot be made
 

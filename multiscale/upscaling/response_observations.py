@@ -12,17 +12,6 @@ from multiscale.units import readable
 from multiscale.upscaling.observations import Observations, error_scale, observe
 from multiscale.upscaling.sampling import Control
 
-__all__ = [
-    "area_observations",
-    "friction_observations",
-    "inherited",
-    "loading_branch",
-    "normal_observations",
-    "unloading_observations",
-    "up_to_limit",
-    "usable_steps",
-]
-
 HIGHEST_GAP = 20.0
 """Mean gap over the rms height above which units are wrong, or a single spike is in contact."""
 

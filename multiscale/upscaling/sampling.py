@@ -5,17 +5,6 @@ from typing import Self
 
 import numpy as np
 
-__all__ = [
-    "FEWEST_PAIRS",
-    "FEWEST_REALISATIONS",
-    "Control",
-    "best_ratio",
-    "draw_counts",
-    "half_range",
-    "most_confident",
-    "widening",
-]
-
 FEWEST_REALISATIONS = 3
 """Least number of realisations for samples: with fewer, the interval of a mean is too wide."""
 

@@ -7,14 +7,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.units import readable
 
-__all__ = [
-    "ScaleSeparation",
-    "cell_share",
-    "compare_scales",
-    "effective_cells",
-    "pressure_length_of_points",
-]
-
 FARTHEST_CELL = 1.0  # cell over macro length
 
 

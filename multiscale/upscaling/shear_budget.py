@@ -10,15 +10,6 @@ from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term, estimate_grid_e
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.sampling import half_range
 
-__all__ = [
-    "NORMAL_ALONE",
-    "STEEPEST",
-    "loss_term",
-    "shear_errors",
-    "tangential_terms",
-    "with_loss_grid",
-]
-
 STEEPEST = np.exp(-1.0)
 """Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
 

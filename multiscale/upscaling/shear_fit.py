@@ -26,16 +26,6 @@ from multiscale.upscaling.response_observations import (
 )
 from multiscale.upscaling.sampling import draw_counts, widening
 
-__all__ = [
-    "FEWEST_BELOW",
-    "LossRatio",
-    "bed_loss",
-    "bed_traction",
-    "closed_cycles",
-    "measure_loss",
-    "with_shear",
-]
-
 FULL_SLIP = 0.98  # share of the contact nodes that slip where friction is observed
 SLABS = 192  # of the fitted beds; the ratio then errs by .03 %
 RATIOS = 0.1, 3.0  # range of tangential over normal stiffness

@@ -24,14 +24,6 @@ from multiscale.upscaling.law_budget import LAW_QUANTITIES
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
 from multiscale.upscaling.reading import TABLE
 
-__all__ = [
-    "quantity_of",
-    "read_columns",
-    "read_law",
-    "read_observations",
-    "with_stated_error",
-]
-
 _COLUMN = {
     "gap": "gap",
     "normal_stiffness": "stiffness",

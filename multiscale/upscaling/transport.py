@@ -14,18 +14,6 @@ from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, re
 from multiscale.upscaling.response_observations import loading_branch
 from multiscale.upscaling.sampling import draw_counts, half_range, widening
 
-__all__ = [
-    "CONDUCTANCES",
-    "conductance_ratios",
-    "conductances",
-    "effective_permeability",
-    "elastic_source",
-    "say_sealing",
-    "sealing_pressures",
-    "with_conductance",
-    "with_leakage",
-]
-
 CONDUCTANCES = {"thermal_conductance": "W m-2 K-1", "electrical_conductance": "S m-2"}
 """Conductances of an interface, and their units."""
 

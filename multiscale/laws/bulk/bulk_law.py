@@ -7,17 +7,6 @@ import numpy as np
 
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
-__all__ = [
-    "PAIRS",
-    "BulkLaw",
-    "BulkResponse",
-    "IsotropicLaw",
-    "cofactor",
-    "cofactor_derivative",
-    "respond_bulk",
-    "volume_ratio",
-]
-
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 """Components of a symmetric matrix in the rows of a state."""
 

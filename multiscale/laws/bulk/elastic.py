@@ -10,8 +10,6 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, IsotropicLaw
 from multiscale.laws.bulk.moduli import VOIGT, check_moduli
 
-__all__ = ["AnisotropicElastic", "Elastic", "GradedElastic"]
-
 VOIGT_ROW = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 """Row of the 6 x 6 stiffness for each pair of axes (Voigt notation)."""
 

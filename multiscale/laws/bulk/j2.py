@@ -7,8 +7,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import PAIRS, BulkResponse, IsotropicLaw
 
-__all__ = ["J2"]
-
 MAX_ITERATIONS = 60
 """Limit of Newton steps of the return mapping, which converges since hardening is concave."""
 

@@ -7,16 +7,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = [
-    "VOIGT",
-    "check_moduli",
-    "contact_modulus",
-    "drop_soft_modes",
-    "lame_parameters",
-    "mindlin_ratio",
-    "youngs_modulus_along",
-]
-
 MANDEL = np.array([1.0, 1.0, 1.0, 2.0**0.5, 2.0**0.5, 2.0**0.5])
 """Factors between the components and an orthonormal basis of symmetric tensors."""
 

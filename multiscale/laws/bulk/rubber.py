@@ -14,8 +14,6 @@ from multiscale.laws.bulk.bulk_law import (
     cofactor_derivative,
 )
 
-__all__ = ["NeoHookean", "Prony"]
-
 
 @dataclass(frozen=True)
 class NeoHookean(IsotropicLaw):

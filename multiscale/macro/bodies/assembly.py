@@ -10,8 +10,6 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.bolt import Bolt, BoltSection, Platen
 from multiscale.macro.continuum.body import Body
 
-__all__ = ["GROUND", "Assembly", "GapMap", "Interface"]
-
 GROUND = (None, None)
 """Body and boundary of the first side of an interface with the rigid ground."""
 

@@ -12,8 +12,6 @@ from multiscale.laws.bulk import respond_bulk
 from multiscale.macro.continuum.body import Body
 from multiscale.schema import MACRO_RESULT, Dataset
 
-__all__ = ["add_body_fields", "element_corners", "element_stress", "list_elements"]
-
 
 def add_body_fields(
     result: Dataset, bodies: Sequence[Body], *, damage: Sequence[float] = ()

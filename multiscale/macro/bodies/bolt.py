@@ -9,8 +9,6 @@ from multiscale.errors import CaseError
 from multiscale.fe.faces import face_of
 from multiscale.macro.continuum.body import Body, Value
 
-__all__ = ["Bolt", "BoltSection", "Platen", "shank_stiffness"]
-
 ASIDE = 0.01
 """Misalignment up to which washers are opposite: distance of their centres across the axis relative
 to their size, and 1 less the cosine of their normals to the axis."""

@@ -20,8 +20,6 @@ from multiscale.macro.continuum.body import Body
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["LapShape", "lap_joint", "lap_meshes", "stacked_blocks"]
-
 TIMES = (0.0, 1.0)
 """Times of the load cases: a preload of 1 Pa, then a shear of 1 Pa."""
 

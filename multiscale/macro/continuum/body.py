@@ -16,8 +16,6 @@ from multiscale.laws.bulk import BulkLaw
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = ["Body", "Value", "evaluate", "fixed_motion", "load_vector"]
-
 Value = float | Callable[[np.ndarray, float], np.ndarray | float]
 """A number that grows in proportion to time, or a function ``value(position, time)``."""
 

@@ -36,8 +36,6 @@ from multiscale.errors import CaseError
 from multiscale.fe.faces import OrientedFace, mortar_rows, nodal_normals, tangent_frames
 from multiscale.macro.continuum.body import Value
 
-__all__ = ["Contact", "ContactInterface", "Coupling", "RigidGraph", "RigidObstacle", "RigidPlane"]
-
 FACETED = 10.0
 """Least ratio of an overlap to the distance by which facets miss their curved surface."""
 

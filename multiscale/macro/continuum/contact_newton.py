@@ -40,8 +40,6 @@ from multiscale.nonsmooth.friction_methods import linearise
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["ContactEquilibrium", "condense_contact", "linearise_contact", "newton_step", "rest"]
-
 PATIENCE = 15
 """Iterations without a smaller residual after which a step fails."""
 

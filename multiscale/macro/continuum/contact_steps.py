@@ -22,8 +22,6 @@ from multiscale.macro.continuum.contact_newton import (
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.numerics.newton import Limits, join_solutions, march
 
-__all__ = ["ContactStep", "SurfaceState", "solve_contact"]
-
 CUTS = 6
 """Limit of halvings of a load step."""
 

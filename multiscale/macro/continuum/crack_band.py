@@ -29,8 +29,6 @@ from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.numerics.factorisation import factorise
 from multiscale.schema import CRACK_BAND, Dataset
 
-__all__ = ["follow_crack_band"]
-
 SHAPES = ("MeshQuad1", "MeshHex1")
 
 ROUNDING = 1e-9

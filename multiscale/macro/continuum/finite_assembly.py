@@ -15,8 +15,6 @@ from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.continuum.contact import Contact, ContactInterface, Coupling
 from multiscale.numerics.factorisation import on_diagonal
 
-__all__ = ["FiniteAssembly"]
-
 
 @dataclass(frozen=True)
 class FiniteAssembly:

@@ -11,8 +11,6 @@ from multiscale.macro.granulate.model import Solver
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["Velocities", "solve_velocities"]
-
 SWEEPS_PER_CHECK = 10
 """Number of sweeps between two evaluations of the error."""
 

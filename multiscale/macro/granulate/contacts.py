@@ -8,20 +8,6 @@ from multiscale.executors import run_ranges
 from multiscale.macro.granulate.model import PLANE
 from multiscale.numerics.compiled import compiled
 
-__all__ = [
-    "Contacts",
-    "FreeStep",
-    "Pairs",
-    "Positions",
-    "Walls",
-    "allowed_step",
-    "build_contacts",
-    "find_pairs",
-    "find_wall_pairs",
-    "mark_overlaps",
-    "penetration",
-]
-
 CONTACT_DISTANCE = 0.02
 """Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
 

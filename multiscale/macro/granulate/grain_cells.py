@@ -12,8 +12,6 @@ from multiscale.macro.granulate.packings import place_loosely
 from multiscale.macro.granulate.simulation import Record, final_grains, simulate_grains
 from multiscale.schema import MICRO_RESPONSE, Dataset
 
-__all__ = ["biaxial_cell", "biaxial_curve", "compact", "shear_layer", "shear_response"]
-
 REST_STRAIN, REST_STEPS = 1e-6, 20
 """Strain per step below which a cell is at rest, and the number of steps for which it must hold."""
 

@@ -23,8 +23,6 @@ from multiscale.macro.granulate.contacts import (
 )
 from multiscale.macro.granulate.model import Model, Solver
 
-__all__ = ["GrainState", "initial_state", "step_grains"]
-
 LIST_MARGIN = 0.3
 """Reach of the neighbour list beyond the motion of a step, relative to the mean radius."""
 

@@ -10,18 +10,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.needs import Needs, choose
 
-__all__ = [
-    "ContactLaw",
-    "CylinderWall",
-    "Grains",
-    "Model",
-    "PlaneWall",
-    "Solver",
-    "Wall",
-    "box",
-    "grain_needs",
-]
-
 PLANE, CYLINDER = 0, 1  # kinds of walls in arrays of all walls
 
 PER_GRAIN, PER_UNKNOWN, PER_FRAME = 900, 350, 150

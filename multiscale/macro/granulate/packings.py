@@ -5,8 +5,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.model import ContactLaw, CylinderWall, Grains, Model, PlaneWall, box
 
-__all__ = ["column", "deposit", "draw_radii", "place_loosely", "release", "silo"]
-
 
 def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.ndarray:
     r"""Draw radii with a volume that is distributed uniformly over the radius.

@@ -10,17 +10,6 @@ from multiscale.macro.granulate.grain_motion import GrainState, initial_state, s
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.schema import GRANULATE, Dataset
 
-__all__ = [
-    "Record",
-    "coordination",
-    "final_grains",
-    "network",
-    "simulate_grains",
-    "with_plate_stress",
-    "with_run_out",
-    "with_weight_shares",
-]
-
 
 def simulate_grains(
     model: Model,

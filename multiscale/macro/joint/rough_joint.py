@@ -21,8 +21,6 @@ from multiscale.schema import MACRO_RESULT, Dataset
 if TYPE_CHECKING:
     from skfem import Element
 
-__all__ = ["Block", "RoughJoint", "press_joint", "pressed_blocks", "soften"]
-
 TOLERANCE = 1e-8
 """Error of the pressure at the gap of an inverted law, relative to the preload."""
 

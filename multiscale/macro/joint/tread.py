@@ -18,8 +18,6 @@ from multiscale.macro.monolithic import Assembled
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.whole import assemble, condense_problem
 
-__all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_block"]
-
 
 @dataclass(frozen=True)
 class TreadBlock:

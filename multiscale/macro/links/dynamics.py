@@ -22,8 +22,6 @@ from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun, step_length
 from multiscale.schema import Dataset
 
-__all__ = ["limited_motion", "mean_tension", "simulate"]
-
 EXCHANGED = ("work", "numerical_dissipation", "link_dissipation", "smallest_link_dissipation")
 """Energies of each step; all but the last are summed over the steps."""
 

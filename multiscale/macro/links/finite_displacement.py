@@ -12,8 +12,6 @@ from multiscale.macro.links.link_newton import RESIDUAL_STIFFNESS
 from multiscale.macro.links.link_system import LinkSystem, nodal_pull
 from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
 
-__all__ = ["find_finite_state"]
-
 MAX_STEP_HALVINGS = 8
 """Largest number of halvings of a load step."""
 

@@ -11,8 +11,6 @@ from multiscale.macro.links.link_equations import LinkEquations, LinkState, forc
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["solve_interior_point"]
-
 BOUNDARY_SHARE = 0.995
 """Largest step, relative to the step that reaches the boundary."""
 

@@ -12,17 +12,6 @@ from multiscale.macro.links.link_system import LinkSystem
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Factorise, Solve, prepare_cholesky
 
-__all__ = [
-    "LinkEquations",
-    "LinkState",
-    "Tangent",
-    "compatibility",
-    "equations",
-    "force_scale",
-    "round_off",
-    "state_of",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Tangent:

@@ -19,8 +19,6 @@ from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["RESIDUAL_STIFFNESS", "SlackStiffness", "exact_step", "solve_newton"]
-
 RESIDUAL_STIFFNESS = 1e-8
 """Stiffness of a slack link in the tangent, relative to its elastic stiffness."""
 

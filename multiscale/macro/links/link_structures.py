@@ -10,8 +10,6 @@ from multiscale.io import NamedMesh
 from multiscale.laws.link import Bar, Beam, Cable, LinkLaw
 from multiscale.macro.links.link_system import LinkSystem
 
-__all__ = ["cable_net", "system_from_mesh", "system_from_table", "tensegrity_grid"]
-
 MODULE_ENDS = np.array(
     [[i, (i + 1) % 4] for i in range(4)]  # lower cables
     + [[4 + i, 4 + (i + 1) % 4] for i in range(4)]  # upper cables

@@ -15,15 +15,6 @@ from multiscale.laws.link import Beam, LinkLaw
 from multiscale.needs import Choice, Needs
 from multiscale.schema import MACRO_RESULT, Dataset
 
-__all__ = [
-    "LinkSystem",
-    "check_supports",
-    "describe",
-    "link_dataset",
-    "link_needs",
-    "nodal_pull",
-]
-
 BALANCE_TOLERANCE = 1e-6
 """Largest allowed residual force, relative to the largest prestress."""
 

@@ -12,16 +12,6 @@ from multiscale.macro.links.link_equations import LinkEquations, LinkState, Tang
 from multiscale.macro.links.link_system import LinkSystem
 from multiscale.numerics.factorisation import Solve
 
-__all__ = [
-    "factorise_taut",
-    "name_mechanism",
-    "name_motion",
-    "prestress_by_itself",
-    "self_stress",
-    "smallest_eigenvalue",
-    "stability_eigenvalues",
-]
-
 RANK_TOLERANCE = 1e-10
 """Singular values of the compatibility operator below this share of the largest count as zero."""
 

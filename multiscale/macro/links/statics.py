@@ -30,8 +30,6 @@ from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, join_solutions
 from multiscale.schema import Dataset
 
-__all__ = ["solve_static"]
-
 METHODS = ("auto", "newton", "interior_point", "lcp")
 
 MAX_DENSE_LINKS = 5000

@@ -15,8 +15,6 @@ from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import stack_substructures
 
-__all__ = ["Slide", "find_slide", "refuse_free", "require_held"]
-
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 """Initial tangents of the slip of a point; limit of the cutting planes added afterwards; change of
 the work, relative to the work of all friction for slip of 1, at which they stop."""

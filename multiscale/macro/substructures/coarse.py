@@ -24,17 +24,6 @@ from multiscale.macro.substructures.stack import (
 from multiscale.numerics.factorisation import Solve, on_diagonal
 from multiscale.schema import HOMOGENISED, Dataset
 
-__all__ = [
-    "Balancing",
-    "Coarse",
-    "Layout",
-    "coarse_basis",
-    "homogenise",
-    "lay_out",
-    "prepare_balancing",
-    "prepare_coarse",
-]
-
 INDEPENDENT = 1e-8
 """Singular value of a motion, relative to the largest, below which it depends on the others."""
 

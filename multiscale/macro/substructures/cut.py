@@ -24,8 +24,6 @@ from multiscale.macro.substructures.problem import (
     expand_numbers,
 )
 
-__all__ = ["cut_assembly", "cut_links", "split_boxes", "split_grid"]
-
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
     """Assign elements to boxes of equal size.

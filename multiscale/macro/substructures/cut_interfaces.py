@@ -35,8 +35,6 @@ from multiscale.macro.bodies.assembly import Interface
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutInterface, Substructure
 
-__all__ = ["cut_interface"]
-
 REACH = 1e-3
 """Distance of facets, relative to the size of a face, beyond which they do not overlap."""
 

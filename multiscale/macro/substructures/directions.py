@@ -11,16 +11,6 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, ProcessGroup, Sides, Stack
 
-__all__ = [
-    "SideStiffness",
-    "body_stiffness",
-    "interface_stiffness",
-    "joint_directions",
-    "law_stiffness",
-    "schur_complements",
-    "side_stiffness",
-]
-
 SOFTEST = 1e-9
 """Stiffness of the softest motions of an interface, relative to the stiffest."""
 

@@ -36,8 +36,6 @@ from scipy.sparse import csr_array
 from multiscale.macro.substructures.latin import Latin, LatinIterate
 from multiscale.macro.substructures.stack import Factors
 
-__all__ = ["Admissible", "ErrorBound", "ForceError", "JointError", "indicate_error"]
-
 LENT = 1e-10
 """Stiffness lent to the sides where only forces are given, relative to the search direction."""
 

@@ -28,8 +28,6 @@ from multiscale.macro.substructures.stack import (
 )
 from multiscale.macro.substructures.stepping import JointState
 
-__all__ = ["Latin", "LatinIterate"]
-
 FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
 """Search direction of a link relative to the stiffness of the link: at first, and by status."""
 

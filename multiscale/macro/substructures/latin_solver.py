@@ -19,8 +19,6 @@ from multiscale.macro.substructures.stepping import JointState, Method, StepAnsw
 from multiscale.numerics.krylov import Anderson
 from multiscale.schema import MACRO_RESULT, Dataset
 
-__all__ = ["LatinMethod", "LatinSolver", "simulate_latin", "solve_latin"]
-
 MEMORY, RELAXED = 16, 0.95
 """Iterates stored by the acceleration; share of an image in the next iterate."""
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["FEW_STEPS", "JointLoading", "LoadPath", "closed_cycle", "cycle_work"]
-
 FEW_STEPS = 2
 """Load steps from zero to an amplitude in the cycles at every preload."""
 

@@ -36,17 +36,6 @@ from multiscale.macro.substructures.whole import condense_assembly
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import readable
 
-__all__ = [
-    "OPEN",
-    "FollowedJoint",
-    "contact_measures",
-    "follow_cut_loads",
-    "follow_joint",
-    "joint_shares",
-    "load_joint",
-    "measure_joint",
-]
-
 OPENED, STICKS, SLIPS = 0, 1, 2
 """States of a point of a joint."""
 

@@ -22,15 +22,6 @@ from multiscale.macro.substructures.whole import DENSE, AssembledNewton
 from multiscale.needs import Needs, choose
 from multiscale.schema import Dataset
 
-__all__ = [
-    "JointSize",
-    "MethodChoice",
-    "MethodCost",
-    "choose_method",
-    "cut_needs",
-    "solve_assembly",
-]
-
 FACTORS, SOLVE, DENSE_FACTORS = 4e-9, 4e-8, 2.5e-11
 """Seconds for sparse factors over the square of the unknowns, for a solve over their power of 4/3,
 and for dense factors over their cube."""

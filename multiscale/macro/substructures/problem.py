@@ -15,8 +15,6 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.side_by_side import SideBySide, lay_side_by_side
 from multiscale.numerics.factorisation import factorise
 
-__all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
-
 
 @dataclass(frozen=True, eq=False)
 class Links:

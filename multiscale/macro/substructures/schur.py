@@ -42,8 +42,6 @@ from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun, step_length
 from multiscale.schema import Dataset
 
-__all__ = ["NewtonSchur", "SchurIterate", "SchurSolver", "solve_schur"]
-
 LENT = 1e-12
 """Stiffness lent to every unknown in the tangent, relative to its diagonal."""
 

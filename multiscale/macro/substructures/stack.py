@@ -16,21 +16,6 @@ from multiscale.macro.monolithic import FULL
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.numerics.factorisation import Factorise, Solve, on_diagonal, prepare_cholesky
 
-__all__ = [
-    "Alone",
-    "Factors",
-    "ProcessGroup",
-    "Ranks",
-    "Sides",
-    "Stack",
-    "lay_out_sides",
-    "share",
-    "split_columns",
-    "stack_substructures",
-    "together",
-    "world",
-]
-
 T = TypeVar("T")
 
 LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")

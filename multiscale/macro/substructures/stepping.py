@@ -23,17 +23,6 @@ from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import COMPONENTS, MACRO_RESULT, Dataset
 
-__all__ = [
-    "FollowedPath",
-    "JointState",
-    "Method",
-    "PreparedStructure",
-    "StepAnswer",
-    "StepSolver",
-    "follow",
-    "sliding_share",
-]
-
 ALONG = np.array([[0.0], [1.0], [1.0]])
 """Picks the tangential components of a jump."""
 

@@ -16,8 +16,6 @@ from multiscale.macro.substructures.stepping import JointState
 from multiscale.macro.substructures.whole import assemble
 from multiscale.numerics.factorisation import Solve, factorise
 
-__all__ = ["Tangents"]
-
 SMALL = 1e-8
 """Probing change of the traction, relative to the largest pressure, which decides which points
 slip."""

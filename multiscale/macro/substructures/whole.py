@@ -28,17 +28,6 @@ from multiscale.macro.substructures.stepping import JointState, Method, StepAnsw
 from multiscale.numerics.factorisation import on_diagonal
 from multiscale.schema import MACRO_RESULT, Dataset
 
-__all__ = [
-    "DENSE",
-    "AssembledNewton",
-    "CondensedProblem",
-    "assemble",
-    "condense_assembly",
-    "condense_problem",
-    "solve_whole",
-    "stack_jumps",
-]
-
 DENSE = 1500
 """Boundary unknowns up to which bodies are condensed: every Newton step then factorises a dense
 matrix of this size in place of the sparse matrix of the whole."""

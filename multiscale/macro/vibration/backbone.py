@@ -37,8 +37,6 @@ from multiscale.macro.vibration.modes import TangentModes
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions
 
-__all__ = ["Amplitudes", "Backbone", "TractionChange", "follow_backbone", "loading_work", "vibrate"]
-
 SPRING = 1e3
 """Stiffness of the spring on the modal amplitude that drives a mode, relative to the mode."""
 

@@ -16,8 +16,6 @@ from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.factorisation import factorise, on_diagonal
 
-__all__ = ["TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
-
 FEW = 600
 """Unknowns up to which a dense solver computes all modes."""
 

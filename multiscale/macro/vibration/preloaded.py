@@ -25,8 +25,6 @@ from multiscale.macro.substructures.whole import (
 from multiscale.macro.vibration.modes import find_free_motions
 from multiscale.schema import Dataset
 
-__all__ = ["Preloaded", "press_structure", "require_joined"]
-
 LARGEST = 6000
 """Limit of the boundary unknowns of condensed bodies: their dense matrix is factorised once, and a
 matrix of half its size in every step."""

@@ -16,18 +16,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
 
-__all__ = [
-    "NEGLIGIBLE",
-    "Cavities",
-    "Cracks",
-    "Ellipsoids",
-    "check_box",
-    "penny_cracks",
-    "perpendicular",
-    "spheres",
-    "voxelise",
-]
-
 NEGLIGIBLE = 1e-9  # ratio of a length to the size of its body below which it counts as zero
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
 EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
@@ -71,7 +59,7 @@ def _box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Bodies(ABC):
+class CavityShapes(ABC):
     """Bodies centre + root @ w, abs(w) <= 1."""
 
     centre: np.ndarray  # (n, 3), m
@@ -109,7 +97,7 @@ class Bodies(ABC):
         return np.asarray(np.sum(w**2, axis=0) <= 1.0)
 
 
-class Ellipsoids(Bodies):
+class Ellipsoids(CavityShapes):
     """Ellipsoidal cavities."""
 
     @property
@@ -130,7 +118,7 @@ class Ellipsoids(Bodies):
         return centre, np.einsum("ai,nij,nkj->nak", plane.frame, R, circle)
 
 
-class Cracks(Bodies):
+class Cracks(CavityShapes):
     """Flat elliptic cracks."""
 
     @property
@@ -237,17 +225,17 @@ class Cavities:
     """
 
     size: tuple[float, float, float]
-    bodies: Sequence[Bodies] = ()
+    bodies: Sequence[CavityShapes] = ()
     periodic: bool = True
 
     def __post_init__(self) -> None:
         check_box(self.size)
         object.__setattr__(self, "size", tuple(float(length) for length in self.size))
-        single = isinstance(self.bodies, Bodies)
+        single = isinstance(self.bodies, CavityShapes)
         object.__setattr__(self, "bodies", (self.bodies,) if single else tuple(self.bodies))
 
     @cached_property
-    def images(self) -> list[Bodies]:
+    def images(self) -> list[CavityShapes]:
         """All bodies that reach into the box, with their periodic images."""
         images = []
         size = np.array(self.size)

@@ -31,15 +31,6 @@ from multiscale.micro.damage.cavities import NEGLIGIBLE, Cavities, penny_cracks
 from multiscale.micro.damage.sections import plane_damage
 from multiscale.schema import CRACK_GROWTH, VOLUME_GROWTH, Dataset, with_cautions
 
-__all__ = [
-    "Microcracks",
-    "grow_microcracks",
-    "grow_volumes",
-    "half_widths",
-    "softening_of",
-    "softening_samples",
-]
-
 GROWTH = 0.02
 """Growth of a crack in an event, relative to its radius."""
 

@@ -24,8 +24,6 @@ from multiscale.micro.damage.fatigue import (
 )
 from multiscale.schema import FATIGUE_LIFE, Dataset
 
-__all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
-
 StressOf = Callable[[np.ndarray], np.ndarray]
 """From the cracked share of every element to the corners of its stress in a cycle, of shape
 (corners, elements, 6), Pa: the stress of the sound material at the strain of the element."""

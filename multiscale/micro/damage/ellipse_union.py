@@ -12,8 +12,6 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["union_area"]
-
 BOUNDARY_MARGIN = 1e-11  # relative distance by which rounding may move a point across a boundary
 
 

@@ -14,15 +14,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import FATIGUE, WOEHLER, Dataset
 
-__all__ = [
-    "STATE_SIZE",
-    "FatigueMaterial",
-    "FatigueProgress",
-    "Inclusions",
-    "two_scale_fatigue",
-    "woehler_curve",
-]
-
 STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 

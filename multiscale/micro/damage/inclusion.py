@@ -65,8 +65,6 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["damage_rate", "effective_stress", "run_cycles", "run_points"]
-
 # places of the parameters in the array of a material, as the fields of FatigueMaterial
 E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 

@@ -11,8 +11,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cavities import Cavities, check_box, penny_cracks, spheres
 
-__all__ = ["Recipe", "boolean_spheres", "random_spheres"]
-
 
 def random_spheres(
     size: tuple[float, float, float],

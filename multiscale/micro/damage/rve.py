@@ -55,14 +55,6 @@ from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxels import VoxelOperator
 
-__all__ = [
-    "SIDES",
-    "STRAINS",
-    "effective_stiffness",
-    "measure_volume",
-    "represent",
-]
-
 SIDES = ("traction", "periodic", "displacement")
 """Conditions on the sides of a volume, from the softest to the stiffest."""
 

@@ -18,8 +18,6 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import perpendicular
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 
-__all__ = ["Volume", "max_damage", "plane_damage", "section_normals", "sphere_directions"]
-
 QUANTILES = (0.5, 0.9, 0.95, 0.99)  # reported quantiles of the damage over all sections
 LARGEST_INDEX = 12  # largest Miller index of a plane that counts as closed
 N_STARTS = 4  # number of worst sections from which the local search starts

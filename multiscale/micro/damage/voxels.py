@@ -56,13 +56,6 @@ from multiscale.laws.bulk.moduli import VOIGT
 from multiscale.numerics import vectors
 from multiscale.numerics.compiled import compiled
 
-__all__ = [
-    "FixedVoxels",
-    "VoxelOperator",
-    "traction_stiffness",
-    "update_iterate",
-]
-
 LEAST = 10_000  # fewest bricks for a thread
 
 DEEP = 12

@@ -24,8 +24,6 @@ from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.numerics.krylov import conjugate_gradients
 from multiscale.numerics.vectors import advance, dot, turn
 
-__all__ = ["Constrained", "ElasticBody", "Inverse", "ReferenceInverse", "solve_elastic_contact"]
-
 _COARSE = 1e-2  # reduction of the residual before the first check of the active set
 _INNER = 1e-4  # tolerance of the surface problems in the preconditioner: no more iterations
 _BLOCKS = 5  # exchanges of all wrong nodes without a smaller number of wrong nodes

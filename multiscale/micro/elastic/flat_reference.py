@@ -11,15 +11,6 @@ from multiscale.micro.elastic.lateral_fft import LateralInverse, SurfaceFilter, 
 from multiscale.micro.flat.compliance import layered_compliance
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
 
-__all__ = [
-    "Field",
-    "Reference",
-    "element_edges",
-    "flat_inverse",
-    "flat_reference",
-    "surface_slopes",
-]
-
 EDGE_POINTS = 32  # points along the longest wavelength in the effect of elements at an edge
 
 Field = np.ndarray

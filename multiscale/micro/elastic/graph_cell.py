@@ -16,8 +16,6 @@ from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.micro.path import CellModel, Path
 from multiscale.needs import Needs
 
-__all__ = ["GraphCell", "assemble_graph_cell"]
-
 Operator = Callable[[np.ndarray], np.ndarray]
 
 ELASTIC = 5.5e-7  # s per load step and unknown on a core, measured

@@ -30,8 +30,6 @@ import scipy
 from multiscale.executors import run_ranges, thread_count
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["LateralInverse", "SurfaceFilter", "factorise_flat_cell"]
-
 SLAB = 2**20  # bytes of displacements in a slab, which fits into the second-level cache
 MANY = 2**16  # fewest points of a surface for several threads
 LEAST = 2**17  # fewest pivots, or factors of pivots, for a thread

@@ -22,16 +22,6 @@ from multiscale.executors import run_ranges
 from multiscale.micro.layer import GraphMesh
 from multiscale.numerics.compiled import compiled
 
-__all__ = [
-    "differences",
-    "differences_transposed",
-    "element_geometry",
-    "gather",
-    "lateral_heights",
-    "scatter",
-    "stiffness_operator",
-]
-
 BATCH = 32  # elements along y in a batch, whose arrays fit into the first two caches
 X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y and z
 NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions

@@ -13,8 +13,6 @@ from multiscale.micro.finite.equations import CellEquations, CellScene, CellStat
 from multiscale.micro.path import Target
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Walk", "solve_increment", "walk_step"]
-
 logger = logging.getLogger(__name__)
 
 LEAST_DILATATION = 0.05  # smallest det F of an accepted iterate

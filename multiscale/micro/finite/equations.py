@@ -32,16 +32,6 @@ from multiscale.convergence import Status
 from multiscale.micro.finite.surfaces import Meeting, OppositeSide
 from multiscale.micro.path import Target
 
-__all__ = [
-    "BodyResponse",
-    "CellEquations",
-    "CellScene",
-    "CellState",
-    "FiniteBody",
-    "Iterate",
-    "join",
-]
-
 LARGEST_SHARE = 0.9999  # bound on the share, for a finite resistance across the slip
 UNLOADED = 1e-3  # least scale of residuals over the largest contact forces so far
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from multiscale.micro.elastic.lateral_fft import LateralInverse
     from multiscale.micro.finite.equations import CellScene, CellState, FiniteBody
 
-__all__ = ["FiniteCell", "HistoryModel", "current_weight", "make_scene", "plastic_approach"]
-
 PLASTIC_APPROACH = 0.05  # largest approach of an increment over the gap amplitude, if a body flows
 LONGEST_SLIDE = 1000  # largest number of increments of a slide in a step of the path
 TANGENTIAL_WEIGHT = 0.3  # relative to the tangential stiffness of a single node

@@ -58,8 +58,6 @@ from multiscale.micro.finite.strain import (
 )
 from multiscale.micro.layer import GraphMesh
 
-__all__ = ["LargeStrainLayer", "pressure_scale"]
-
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
 SHARE = math.sqrt(0.125)  # weight of each corner in an amplitude

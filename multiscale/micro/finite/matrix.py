@@ -24,8 +24,6 @@ from multiscale.micro.elastic.stiffness import BATCH
 from multiscale.micro.finite.strain import inlined, kernel
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["add_matrix", "multiply", "walsh"]
-
 MOTIONS = 21  # modes 1 to 7, component by component
 ENTRIES = 3 * 28 + 3 * 49
 POINT_ROWS = 6 * 9  # rows of the tangent of a Gauss point, with all entries of each block

@@ -53,8 +53,6 @@ from multiscale.micro.finite.strain import (
 )
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["SINGLE_ROWS", "plastic", "plastic_state"]
-
 ALPHA = LAST  # accumulated plastic strain
 SIZE = ALPHA + BATCH  # |e|
 GAMMA = SIZE + BATCH  # flow of the step

@@ -51,8 +51,6 @@ from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.numerics.krylov import conjugate_gradients, minimal_residual
 
-__all__ = ["Constraint", "FlatCells", "MixedReference", "join_flat_cells", "mixed_reference"]
-
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which the preconditioner has a spring
 KRYLOV_MEMORY = 1e9  # bytes of the directions of a linear problem
 SINGLE = 4e-6  # least relative tolerance of a linear problem, which single precision reaches

@@ -42,21 +42,6 @@ from multiscale.micro.elastic.stiffness import (
 )
 from multiscale.numerics.compiled import compiled
 
-__all__ = [
-    "Moduli",
-    "combine",
-    "edge_forces",
-    "inlined",
-    "kernel",
-    "logarithm",
-    "logarithmic_strain",
-    "point_rows",
-    "pull_back",
-    "strain_batch",
-    "trial_strain",
-    "turn_vectors",
-]
-
 # without ninf and nnan, because callers check for NaN
 kernel = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"})
 inlined = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)

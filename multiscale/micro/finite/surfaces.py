@@ -41,8 +41,6 @@ from multiscale.micro.layer import at_first_touch
 from multiscale.numerics.compiled import compiled
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["MIRROR", "DeformedSurface", "Meeting", "OppositeSide", "Projection"]
-
 MIRROR = np.array([1.0, 1.0, -1.0])[None, :, None]
 SEARCHES = 40  # largest number of Newton steps of a search
 LEAST = 1000  # fewest searches for a thread

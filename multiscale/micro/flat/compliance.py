@@ -74,8 +74,6 @@ from scipy import fft
 
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["expanded_compliance", "layered_compliance"]
-
 _DEEP = 24.0  # thickness times wavenumber above which a layer is a half-space to rounding
 
 

@@ -17,8 +17,6 @@ from multiscale.surfaces.fourier import rms_slope
 from multiscale.surfaces.preparation import composite
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["FlatCell", "assemble_flat_cell", "flat_compliance"]
-
 STEEPEST = 0.5
 """Largest root mean square slope of the expansion in the slopes."""
 

@@ -11,8 +11,6 @@ from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.vectors import dot
 
-__all__ = ["FlatSolution", "coarse_start", "solve_flat"]
-
 _GAIN = 0.03  # reduction of the residual in single precision, on the nodes near contact
 _NEAR = 0.02  # largest distance of a node near contact, over the range of the gap
 _EXACT = 1e-4  # error of the load after a step, relative to the residual

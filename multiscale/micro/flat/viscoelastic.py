@@ -25,8 +25,6 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
-__all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding"]
-
 _COARSE = 1e-3  # tolerance relative to the first residual, while the active set changes
 
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from multiscale.micro.elastic.active_set import Inverse
     from multiscale.micro.mesh.unknowns import CellUnknowns, ElasticMesh
 
-__all__ = ["CellSides", "MeshCell", "assemble_elastic_mesh"]
-
 Operator = Callable[[np.ndarray], np.ndarray]
 
 MOST_FACTORED = 20_000

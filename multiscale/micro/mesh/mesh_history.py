@@ -41,8 +41,6 @@ from multiscale.micro.path import Path
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["assemble_mesh_history"]
-
 TANGENTIAL_WEIGHT = 0.3  # of slip, over the stiffness of a node
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from multiscale.micro.damage import Cavities
 
-__all__ = ["ElementKind", "cell_from_file", "graph_mesh_cell"]
-
 VOID = 1e-4
 """Modulus of an element in a pore over the modulus of the solid."""
 

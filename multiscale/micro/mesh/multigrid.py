@@ -25,8 +25,6 @@ from multiscale.micro.elastic.active_set import Constrained
 from multiscale.micro.elastic_cell import ContactState
 from multiscale.numerics.krylov import conjugate_gradients
 
-__all__ = ["MultigridInverse"]
-
 Operator = Callable[[np.ndarray], np.ndarray]
 
 MOTION_TOLERANCE = 1e-3  # residual of the motion d, relative to its forces on the active set

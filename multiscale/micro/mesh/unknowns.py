@@ -32,8 +32,6 @@ from multiscale.micro.elastic_cell import ElasticCell
 if TYPE_CHECKING:
     from skfem import CellBasis, FacetBasis
 
-__all__ = ["CellUnknowns", "ElasticMesh", "cell_unknowns", "mean_strain", "strained_weight"]
-
 ALPHA = 0.2
 
 

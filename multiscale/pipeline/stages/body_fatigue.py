@@ -36,8 +36,6 @@ from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions
 from multiscale.upscaling import interval_errors, propagate
 from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, unknown_terms
 
-__all__ = ["BODY_FATIGUE"]
-
 SOLVES = 40  # number of solves while the inclusions crack one after the other, about
 
 STATES, CYCLE_SECONDS = 5, 5e-4

@@ -36,8 +36,6 @@ from multiscale.upscaling.budget import MACRO, NORMAL, Term
 from multiscale.upscaling.reading import frictions_at
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
-__all__ = ["BRAKING", "braking_answer", "solve_treads"]
-
 OTHERS = "not known: {} were solved; run the case with {} in [cell], and compare"
 
 REPORTED = 0.05

@@ -48,8 +48,6 @@ from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["CELLS", "caution_steep", "count_cells", "run_micro", "write_fields"]
-
 COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
 MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
 MESH_CAUTION = (

@@ -21,8 +21,6 @@ from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
 from multiscale.schema import CRACK_BAND, CRACKED_BODY, VOLUME_GROWTH, Dataset, with_cautions
 
-__all__ = ["CRACKED_BODY_STAGE"]
-
 EVENT_SECONDS = 2e-6
 """CPU seconds of an element in an event; there are about 20 events of an element that cracks."""
 

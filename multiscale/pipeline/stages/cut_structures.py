@@ -28,8 +28,6 @@ from multiscale.plotting.link_figures import (
 )
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, SHOWN, Dataset
 
-__all__ = ["CONDENSED_PARTS", "LINKS", "PLATE"]
-
 FURTHEST = 0.05
 """Relative displacement of the ends of a link, over its length, up to which it is small."""
 

@@ -29,18 +29,6 @@ from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import loading_branch, normal_observations
 from multiscale.upscaling.sampling import Control, best_ratio
 
-__all__ = [
-    "COARSER_CELLS",
-    "COARSER_SHEAR",
-    "CONTROL_CELLS",
-    "COST",
-    "POINT_FRICTION",
-    "SHEARED_CELLS",
-    "best_count",
-    "press_control",
-    "run_shear",
-]
-
 SHEARED, COARSER, FLAT = "micro-shear", "micro-coarser", "micro-control"
 """Folders of a run; sheared and flat cells have a subfolder for each set of their keys."""
 

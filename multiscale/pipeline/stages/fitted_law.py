@@ -54,8 +54,6 @@ from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
-__all__ = ["FITTED_LAW"]
-
 CLOSED = 1.0 - 1e-6  # contact fraction above which the gap is closed
 FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s of a fit, and of each of its samples, about
 OPEN = (

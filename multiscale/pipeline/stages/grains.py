@@ -20,8 +20,6 @@ from multiscale.plotting.figure import on_axes
 from multiscale.plotting.grain_figures import grain_pictures
 from multiscale.schema import GRANULATE, Dataset, with_cautions
 
-__all__ = ["GRAINS"]
-
 STEP_TIME, GRAIN_TIME = 1.5e-3, 1e-5  # s of a step, and of a grain in it, about
 LAST = 0.2  # share of the motion over which means are taken
 UNSETTLED = 0.05  # relative difference of load and weight above which grains are in motion

@@ -64,9 +64,6 @@ from multiscale.upscaling.budget import MACRO, Term, has_budget, known_terms
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
 
-__all__ = ["HEADS", "JOINT", "STIFFNESS", "budget_sections", "solve_joint"]
-
-
 TANGENTIAL = "tangential_stiffness"
 
 STIFFNESS = (

@@ -45,9 +45,6 @@ from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 
-__all__ = ["LOADED_BODIES", "ROUGH_JOINTS"]
-
-
 NO_LARGER = (
     "the error of the mesh is unknown, and no interval counts it: nothing was solved with elements "
     "of twice the size; give smaller elements, or an even number of them, in [structure]"

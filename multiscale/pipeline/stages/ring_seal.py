@@ -14,8 +14,6 @@ from multiscale.schema import INTERFACE_LAW, SEAL, Dataset
 from multiscale.units import readable
 from multiscale.upscaling import area_from_dataset, say_sealing
 
-__all__ = ["RING_SEAL"]
-
 LIFTING = 0.1
 """Mean pressure of the liquid over contact pressure from which lifting of the ring matters."""
 

@@ -26,8 +26,6 @@ from multiscale.surfaces.surface import Surface
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import fit_law, fitted_law, friction_observations, require_law
 
-__all__ = ["FRICTION_LAW", "ROADS", "fit_friction", "make_roads", "slide_road"]
-
 STEP_TIME = 5e-6  # s of a point of a road at one pressure, speed and temperature
 
 

@@ -17,9 +17,6 @@ from multiscale.plotting.lines import plot_lines
 from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["SLIDING", "describe_sliding", "make_pair"]
-
-
 TOLERANCE = 1e-6
 """Tolerance of the contact solver, relative to the norm of the contact forces."""
 

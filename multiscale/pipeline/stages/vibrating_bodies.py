@@ -25,7 +25,7 @@ from multiscale.pipeline.structure_stage import structure_stage, with_cautions_o
 from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
-from multiscale.pipeline.tables.vibration_settings import COARSE
+from multiscale.pipeline.tables.vibration_settings import COARSENING
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, Dataset, with_cautions
@@ -34,8 +34,6 @@ from multiscale.upscaling.fit import branch_origins
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-__all__ = ["VIBRATING_BODIES"]
 
 TABLE = Table(
     (
@@ -197,7 +195,7 @@ def _with_budget(
         np.zeros(solved.size, dtype=int),
         np.full(solved.size, np.nan),
         np.maximum(slip, 0.0),
-        COARSE,
+        COARSENING,
     )
     asked = JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
     rest = still.rest.path.isel(step=[-1])

@@ -29,8 +29,6 @@ from multiscale.plotting.rve_figures import (
 from multiscale.schema import RVE, RVE_VOLUMES, VOLUME_GROWTH, Dataset, PlainDataset
 from multiscale.units import readable
 
-__all__ = ["GROWING_CRACKS", "REPRESENTATIVE_VOLUME", "is_representative", "measure_case"]
-
 FOLDER = "volumes"
 
 FEWEST_ACROSS = 6.0

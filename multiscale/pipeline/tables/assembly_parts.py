@@ -38,18 +38,6 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
 
-__all__ = [
-    "COARSER",
-    "GROUNDED",
-    "BodyBolt",
-    "BodyInterface",
-    "Material",
-    "MeshedBody",
-    "NamedLoad",
-    "doubt_density",
-    "n_tetrahedra",
-]
-
 COARSER = 1.2
 """Ratio of the sizes of elements below which two meshes have no error to compare."""
 

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
     from multiscale.pipeline.tables.settings import Case
 
-__all__ = ["Bodies", "LoadCycles", "LoadSteps", "StructureParts", "check_bodies"]
-
 PRELOAD = "preload"
 """Name of the tightening of the bolts among the loads."""
 

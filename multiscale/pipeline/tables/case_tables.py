@@ -28,20 +28,6 @@ from multiscale.units import readable
 from multiscale.upscaling.sampling import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
-__all__ = [
-    "ABSENT",
-    "POINTS_PER_WAVE",
-    "AccuracySettings",
-    "CellSettings",
-    "GridSettings",
-    "LawSettings",
-    "MicroSettings",
-    "SealSettings",
-    "ShearSettings",
-    "SlideSettings",
-    "VolumeSettings",
-]
-
 ABSENT: Any = None
 """Default of optional tables, which are read only where they are given."""
 

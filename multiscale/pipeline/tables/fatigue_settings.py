@@ -23,8 +23,6 @@ from multiscale.pipeline.tables.toml_model import (
 if TYPE_CHECKING:
     from typing import Self
 
-__all__ = ["FatigueSettings", "GrowthSettings"]
-
 Modulus = Annotated[float, quantity("Pa"), Field(ge=0.0), with_unit("Pa")]
 Deviation = Annotated[Number, Field(ge=0.0, lt=0.5)]
 

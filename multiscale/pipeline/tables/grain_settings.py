@@ -30,17 +30,6 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
-__all__ = [
-    "Biaxial",
-    "ColumnCollapse",
-    "Deposit",
-    "GrainSettings",
-    "Granulate",
-    "Motion",
-    "ShearCell",
-    "Silo",
-]
-
 QUICK_GRAINS, QUICK_STEPS = 60, 40
 
 COARSEST = 2.5

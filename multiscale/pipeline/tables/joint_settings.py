@@ -42,22 +42,6 @@ from multiscale.upscaling.reading import TABLE
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
-__all__ = [
-    "Cycles",
-    "Damage",
-    "JointLaw",
-    "JointPreloads",
-    "LawError",
-    "LawSource",
-    "OpenLaw",
-    "Preloads",
-    "RisingPreloads",
-    "RoughInterface",
-    "SolverChoice",
-    "StatedAsperities",
-    "Substructures",
-]
-
 PerArea = Annotated[float, quantity("1/m^2", uncertain=True), Field(gt=0.0), with_unit("1/m^2")]
 Height = Annotated[float, quantity("m"), with_unit("m")]
 

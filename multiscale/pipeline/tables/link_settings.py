@@ -32,17 +32,6 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
-__all__ = [
-    "CableNet",
-    "Dynamics",
-    "LinkLawSettings",
-    "LinkMesh",
-    "LinkStructure",
-    "LinkTable",
-    "Statics",
-    "TensegrityGrid",
-]
-
 QUICK = 4  # modules or meshes each way
 
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}

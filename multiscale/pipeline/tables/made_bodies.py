@@ -54,8 +54,6 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
-__all__ = ["Blocks", "JointedBodies", "LapJoint", "Plate", "RoughBodies", "StackedBlocks"]
-
 QUICK_ELEMENTS = 4
 """Elements along an edge, at most."""
 

@@ -16,8 +16,6 @@ from multiscale.upscaling.budget import FEW_CELLS
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["PorousBody", "SurfaceDamage"]
-
 FEWEST_ACROSS = 3.0
 """Representative volumes across a body that a continuum needs."""
 

@@ -22,15 +22,6 @@ from multiscale.surfaces import Anisotropy
 if TYPE_CHECKING:
     from multiscale.micro import Coating
 
-__all__ = [
-    "TABOR",
-    "AnisotropySettings",
-    "CoatingSettings",
-    "InstrumentSurface",
-    "RoughBody",
-    "SyntheticSurface",
-]
-
 TABOR, INDENTED = 2.8, 0.08
 """Hardness over flow stress, and plastic strain of that under a Vickers indenter (D. Tabor, The
 Hardness of Metals, Oxford 1951)."""

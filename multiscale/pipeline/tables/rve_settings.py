@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.micro.damage import Cavities, Recipe, penny_cracks, spheres
-from multiscale.micro.damage.cavities import Bodies
+from multiscale.micro.damage.cavities import CavityShapes
 from multiscale.micro.damage.sections import Volume
 from multiscale.pipeline.tables.toml_model import (
     Count,
@@ -28,8 +28,6 @@ from multiscale.pipeline.tables.toml_model import (
     with_unit,
 )
 from multiscale.units import readable
-
-__all__ = ["FEWEST", "Direction", "ImageStack", "RveSettings", "read_direction"]
 
 MOST = 20_000
 """Pores and cracks of a volume, at most; thousands are representative already."""
@@ -295,7 +293,7 @@ class RveSettings(Settings):
     def _listed(self) -> Cavities:
         """Return the volume of the lists."""
         assert self.size is not None
-        bodies: list[Bodies] = []
+        bodies: list[CavityShapes] = []
         if self.pores:
             radii = np.array([pore.radius for pore in self.pores])
             bodies.append(spheres(np.array([pore.centre for pore in self.pores]), radii))

@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.micro.layer import depth_caution
-from multiscale.micro.slide import LONGEST
+from multiscale.micro.slide import LONGEST_SLIDE
 from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.tables.case_tables import (
     ABSENT,
@@ -72,8 +72,6 @@ from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
-
-__all__ = ["KINDS", "Case"]
 
 HARDEST = 0.1
 """Largest hardness over Young's modulus; the hardness of diamond is about as large."""
@@ -336,10 +334,11 @@ class Case(Settings):
                 "out"
             )
         periods = self.slide.distance / self.cell.size[0]
-        if periods > LONGEST:
+        if periods > LONGEST_SLIDE:
             raise ValueError(
                 f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
-                f"after one and is run in after a few where it flows: slide at most {LONGEST:g}"
+                "after one and is run in after a few where it flows: slide at most "
+                f"{LONGEST_SLIDE:g}"
             )
 
     def _check_shear(self) -> None:

@@ -20,16 +20,6 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
-__all__ = [
-    "SPREAD",
-    "Face",
-    "Pressed",
-    "StructureKind",
-    "highest_pressure",
-    "refuse_far_cells",
-    "report_far",
-]
-
 SPREAD = tan(radians(30.0))
 """Slope of the cone in which a force spreads from the face that it presses."""
 

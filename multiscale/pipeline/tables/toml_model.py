@@ -27,34 +27,6 @@ from multiscale.errors import CaseError, suggest
 from multiscale.io import read_bytes, read_text
 from multiscale.units import to_si
 
-__all__ = [
-    "Count",
-    "Density",
-    "Duration",
-    "Factor",
-    "Length",
-    "Natural",
-    "Number",
-    "OneOf",
-    "Positive",
-    "Pressure",
-    "Ratio",
-    "Settings",
-    "Share",
-    "TimeSteps",
-    "Tolerance",
-    "UncertainFactor",
-    "UncertainLength",
-    "UncertainNumber",
-    "UncertainPressure",
-    "list_tables",
-    "must_rise",
-    "quantity",
-    "read_toml",
-    "validate",
-    "with_unit",
-]
-
 
 class Typed(float):
     """A float in an SI unit, with the text of the file from which it was read."""

@@ -29,8 +29,6 @@ from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
-__all__ = ["QUICK_SAMPLES", "Rubber", "Slides", "Tread", "caution_road", "check_rubber"]
-
 FASTEST = 100.0
 """Speed, m/s, beyond which rubber heats more than a steady, even temperature describes."""
 

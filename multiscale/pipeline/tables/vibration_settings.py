@@ -16,12 +16,10 @@ from multiscale.pipeline.tables.toml_model import (
     must_rise,
 )
 
-__all__ = ["VibrationSettings"]
-
 FEW, FEW_SLABS = 3, 192
 """Amplitudes and slabs of quick runs, at most."""
 
-COARSE = 2.0
+COARSENING = 2.0
 """Exponent by which the largest ratio of neighbouring amplitudes grows in coarser paths."""
 
 RATIO = 1.5
@@ -77,7 +75,7 @@ class VibrationSettings(Settings):
             mode - 1: macro.vibration.Amplitudes(
                 tuple((given if self.modal_amplitudes else given / largest[mode - 1]).tolist()),
                 full_cycle=self.cycle == "full",
-                ratio=RATIO**COARSE if coarse else RATIO,
+                ratio=RATIO**COARSENING if coarse else RATIO,
                 steps=max(1, self.steps // 2) if coarse else self.steps,
             )
             for mode in self.modes
