@@ -6,6 +6,7 @@ from .cell import solve_cell as solve_cell
 from .elastic.graph_cell import GraphCell as GraphCell
 from .ensemble import run_ensemble as run_ensemble
 from .finite.finite_cell import FiniteCell as FiniteCell
+from .flat.cell_law import CellLaw as CellLaw
 from .flat.flat_cell import FlatCell as FlatCell
 from .flat.viscoelastic import RelaxingSolid as RelaxingSolid
 from .flat.viscoelastic import solve_sliding as solve_sliding

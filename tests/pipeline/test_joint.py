@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.io import open_law
-from multiscale.laws import Exponential
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
 from multiscale.pipeline.showing import list_facts, round_by
 from multiscale.pipeline.stages.joint import JOINT, JOINT_TABLE, solve_joint
 from multiscale.schema import INTERFACE_LAW
-from multiscale.studies.rough_structures import Answer, checked
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset, with_intervals
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
@@ -165,11 +162,3 @@ def test_a_preload_that_begins_to_fall_meets_the_unloading_branch(run_folder, ex
     assert np.isfinite(pressed["unloading_stiffness_sample"][:, :3]).all()
     for name in ("unloading_stiffness", "unloading_stiffness_sample"):
         np.testing.assert_allclose(result[name], pressed[name], rtol=1e-12)
-
-
-def test_a_structure_solved_in_three_ways_is_refused_outside_its_cells():
-    law = Exponential(1e9, 1e-6, pressure_range=(1e6, 1e8))
-    x, pressure = np.arange(4.0), np.array([1e6, 2e8, 1e8, 0.0])
-    assert checked(Answer(0.0, 0.0, x, pressure), law).mean_gap == 0.0
-    with pytest.raises(CaseError, match=r"66\.6 % of the load of the structure lies more than a"):
-        checked(Answer(0.0, 0.0, x, pressure + np.array([0.0, 1e6, 0.0, 0.0])), law)

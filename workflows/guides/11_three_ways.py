@@ -5,12 +5,11 @@ Question: what does condensing the roughness into a law cost in accuracy, and sa
     python workflows/guides/11_three_ways.py
 """
 
-from multiscale.studies import (
-    RoughWave,
-    solve_concurrent,
-    solve_direct,
-    solve_sequential,
-)
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[1]))  # the folder of the script with the three ways
+from three_ways import RoughWave, solve_concurrent, solve_direct, solve_sequential
 
 # The chain condenses roughness into a law (sequential). The same structure can be solved with a
 # cell at every point where it asks for a pressure (concurrent), or with all of its roughness
@@ -22,13 +21,14 @@ for solve in (solve_sequential, solve_concurrent, solve_direct):
     print(solve.__name__, way.mean_gap, way.seconds, way.solved, way.reused)  # m, s, cells
     gaps.append(way.mean_gap)
 
-# CellLaw(cell, pressures) is the law behind the concurrent way. The solvers of joints, scenes and
-# substructures take it as any other law. It presses a flat, elastic, frictionless cell where a gap
-# asks for it, and no pressure twice; law.account counts the cells pressed and reused.
+# CellLaw(cell, pressures) of multiscale.micro is the law behind the concurrent way. The solvers of
+# joints, scenes and substructures take it as any other law. It presses a flat, elastic,
+# frictionless cell where a gap asks for it, and no pressure twice; law.account counts the cells
+# pressed and reused.
 #
 # The sequential way beside the direct one on the same seeds splits the error: sampling, cell size,
 # fit, both discretisations, and a remainder, which holds the scale separation. For the rough wave,
-# with cells of four longest waves (+- one standard error; tests/studies/test_three_ways.py):
+# with cells of four longest waves (+- one standard error; tests/workflows/test_three_ways.py):
 #
 #   longest wave   gap over rms height   resolved   error           of it: cell size
 #   1/4            1.165                 1.163      +0.2 +- 0.3 %   0

@@ -1,24 +1,23 @@
 """Three ways to one answer: a law, cells at every point, and all roughness resolved."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
+from multiscale.laws import Exponential
 from multiscale.schema import WORK_PRECISION
-from multiscale.studies import (
+from multiscale.upscaling import fit_law, law_from_dataset
+from workflows.three_ways import (
+    Answer,
     RoughWave,
     TiltedJoint,
+    checked,
+    main,
     solve_concurrent,
     solve_direct,
     solve_sequential,
 )
-from multiscale.upscaling import fit_law, law_from_dataset
-
-SCRIPT = Path(__file__).parents[2] / "workflows" / "three_ways.py"
 
 
 def test_law_and_cell_of_one_surface_agree():
@@ -53,7 +52,7 @@ def test_a_seed_gives_the_cell_the_surface_of_the_structure():
 
 @pytest.mark.slow
 def test_three_ways_leave_errors_times_and_a_figure(tmp_path, capsys):
-    assert not runpy.run_path(str(SCRIPT))["main"](["--quick", "-o", str(tmp_path)])
+    assert not main(["--quick", "-o", str(tmp_path)])
     assert len(capsys.readouterr().out.splitlines()) == 8
     found = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
     methods = [
@@ -122,3 +121,11 @@ def test_a_ratio_that_is_not_one_over_a_whole_number_is_refused():
         RoughWave(0.3)
     with pytest.raises(CaseError, match="the inverse of a whole number"):
         TiltedJoint(0.5)
+
+
+def test_a_structure_solved_in_three_ways_is_refused_outside_its_cells():
+    law = Exponential(1e9, 1e-6, pressure_range=(1e6, 1e8))
+    x, pressure = np.arange(4.0), np.array([1e6, 2e8, 1e8, 0.0])
+    assert checked(Answer(0.0, 0.0, x, pressure), law).mean_gap == 0.0
+    with pytest.raises(CaseError, match=r"66\.6 % of the load of the structure lies more than a"):
+        checked(Answer(0.0, 0.0, x, pressure + np.array([0.0, 1e6, 0.0, 0.0])), law)

@@ -13,8 +13,7 @@ from multiscale.macro import Block, LatinMethod, RoughJoint, pressed_blocks
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
-from multiscale.micro import Cell, Path, self_affine, solve_cell
-from multiscale.studies import CellLaw
+from multiscale.micro import Cell, CellLaw, Path, self_affine, solve_cell
 from multiscale.upscaling import fit_law, law_from_dataset
 from tests.pressed_joint import press_blocks
 

@@ -5,9 +5,8 @@ import pytest
 
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import Elastic
-from multiscale.studies import RoughWave, TiltedJoint
-from multiscale.studies.rough_structures import half_space_stiffness
 from tests.closed_forms import westergaard
+from workflows.three_ways import RoughWave, TiltedJoint, half_space_stiffness
 
 LENGTH, MODULUS = 1e-3, 1e11
 LAW = Exponential(pressure_scale=1e9, decay_length=2e-6)
