@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.files import read_bytes
-from multiscale.io.named_mesh import CORNERS, NamedMesh
+from multiscale.io.mesh_groups import CORNERS, NamedMesh
 
 TYPES = (
     re.compile(r"(?:[A-Z]*C3D|SC|CSS)(\d+)"),

@@ -13,7 +13,7 @@ from multiscale.errors import CaseError, listed
 from multiscale.io.files import check_file, system_reason
 from multiscale.io.gmsh_model import write_whole_mesh
 from multiscale.io.mesh_deck import read_deck
-from multiscale.io.named_mesh import CORNERS, NamedMesh, named_mesh
+from multiscale.io.mesh_groups import CORNERS, NamedMesh, named_mesh
 
 SHAPES = {
     **dict.fromkeys(("hexahedron", "hexahedron20", "hexahedron27"), "hexahedron"),

@@ -1,133 +1,49 @@
 """The datasets that pass between the layers: names, dimensions and units, written once."""
 
-from multiscale.schema.cell_schema import (
-    COARSER_RESPONSE,
-    COARSER_SHEAR_RESPONSE,
-    CONTROL_RESPONSE,
-    FIELDS,
-    HOLDING,
-    LOADING,
-    MICRO_RESPONSE,
-    SHEAR_RESPONSE,
-    SLIDING_RESPONSE,
-    SURFACE_STATISTICS,
-    UNLOADING,
-    branch_of,
-)
-from multiscale.schema.damage_schema import (
-    CRACK_BAND,
-    CRACK_GROWTH,
-    CRACKED_BODY,
-    DAMAGE_SECTIONS,
-    FATIGUE,
-    FATIGUE_LIFE,
-    RVE,
-    RVE_VOLUMES,
-    VOLUME_GROWTH,
-    WOEHLER,
-)
-from multiscale.schema.dataset_schema import (
-    COMPONENTS,
-    Dataset,
-    PlainDataset,
-    Schema,
-    Variable,
-    with_cautions,
-)
-from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
-from multiscale.schema.shown import SHOWN, Show, unit_in
-from multiscale.schema.structure_schema import (
-    GRANULATE,
-    HOMOGENISED,
-    MACRO_RESULT,
-    SEAL,
-    VIBRATION,
-)
-from multiscale.schema.study_schema import (
-    STABILITY,
-    SWEEP,
-    WORK_PRECISION,
-)
+from multiscale.schema.dataset_schema import COMPONENTS as COMPONENTS
+from multiscale.schema.dataset_schema import HOLDING as HOLDING
+from multiscale.schema.dataset_schema import LOADING as LOADING
+from multiscale.schema.dataset_schema import UNLOADING as UNLOADING
+from multiscale.schema.dataset_schema import Dataset as Dataset
+from multiscale.schema.dataset_schema import PlainDataset as PlainDataset
+from multiscale.schema.dataset_schema import Schema as Schema
+from multiscale.schema.dataset_schema import Variable as Variable
+from multiscale.schema.dataset_schema import branch_of as branch_of
+from multiscale.schema.dataset_schema import read_schemas
+from multiscale.schema.dataset_schema import with_cautions as with_cautions
+from multiscale.schema.shown import SHOWN as SHOWN
+from multiscale.schema.shown import Show as Show
+from multiscale.schema.shown import unit_in as unit_in
 
-__all__ = [
-    "COARSER_RESPONSE",
-    "COARSER_SHEAR_RESPONSE",
-    "COMPONENTS",
-    "CONTROL_RESPONSE",
-    "CRACKED_BODY",
-    "CRACK_BAND",
-    "CRACK_GROWTH",
-    "DAMAGE_SECTIONS",
-    "ERROR_BUDGET",
-    "FATIGUE",
-    "FATIGUE_LIFE",
-    "FIELDS",
-    "GRANULATE",
-    "HOLDING",
-    "HOMOGENISED",
-    "INTERFACE_LAW",
-    "LAW_COMPARISON",
-    "LOADING",
-    "MACRO_RESULT",
-    "MICRO_RESPONSE",
-    "RVE",
-    "RVE_VOLUMES",
-    "SCHEMAS",
-    "SEAL",
-    "SHEAR_RESPONSE",
-    "SHOWN",
-    "SLIDING_RESPONSE",
-    "STABILITY",
-    "SURFACE_STATISTICS",
-    "SWEEP",
-    "UNLOADING",
-    "VIBRATION",
-    "VOLUME_GROWTH",
-    "WOEHLER",
-    "WORK_PRECISION",
-    "Dataset",
-    "PlainDataset",
-    "Schema",
-    "Show",
-    "Variable",
-    "branch_of",
-    "unit_in",
-    "with_cautions",
-]
+SCHEMAS = read_schemas()
+"""Kinds of datasets by their names, as in ``datasets.toml``."""
 
-__dir__ = __all__.copy
-
-SCHEMAS = {
-    schema.name: schema
-    for schema in (
-        MICRO_RESPONSE,
-        INTERFACE_LAW,
-        MACRO_RESULT,
-        FIELDS,
-        WORK_PRECISION,
-        CRACK_BAND,
-        CRACK_GROWTH,
-        CRACKED_BODY,
-        DAMAGE_SECTIONS,
-        RVE,
-        RVE_VOLUMES,
-        VOLUME_GROWTH,
-        FATIGUE,
-        FATIGUE_LIFE,
-        WOEHLER,
-        ERROR_BUDGET,
-        LAW_COMPARISON,
-        HOMOGENISED,
-        SEAL,
-        VIBRATION,
-        GRANULATE,
-        SWEEP,
-        SHEAR_RESPONSE,
-        COARSER_RESPONSE,
-        COARSER_SHEAR_RESPONSE,
-        CONTROL_RESPONSE,
-        SLIDING_RESPONSE,
-        STABILITY,
-        SURFACE_STATISTICS,
-    )
-}
+SURFACE_STATISTICS = SCHEMAS["surface_statistics"]
+MICRO_RESPONSE = SCHEMAS["micro_response"]
+SHEAR_RESPONSE = SCHEMAS["shear_response"]
+COARSER_RESPONSE = SCHEMAS["coarser_response"]
+COARSER_SHEAR_RESPONSE = SCHEMAS["coarser_shear_response"]
+CONTROL_RESPONSE = SCHEMAS["control_response"]
+SLIDING_RESPONSE = SCHEMAS["sliding_response"]
+FIELDS = SCHEMAS["fields"]
+INTERFACE_LAW = SCHEMAS["interface_law"]
+ERROR_BUDGET = SCHEMAS["error_budget"]
+LAW_COMPARISON = SCHEMAS["law_comparison"]
+MACRO_RESULT = SCHEMAS["macro_result"]
+VIBRATION = SCHEMAS["vibration"]
+SEAL = SCHEMAS["seal"]
+HOMOGENISED = SCHEMAS["homogenised"]
+GRANULATE = SCHEMAS["granulate"]
+DAMAGE_SECTIONS = SCHEMAS["damage_sections"]
+RVE_VOLUMES = SCHEMAS["rve_volumes"]
+RVE = SCHEMAS["rve"]
+VOLUME_GROWTH = SCHEMAS["volume_growth"]
+CRACK_GROWTH = SCHEMAS["crack_growth"]
+CRACK_BAND = SCHEMAS["crack_band"]
+CRACKED_BODY = SCHEMAS["cracked_body"]
+FATIGUE = SCHEMAS["fatigue"]
+FATIGUE_LIFE = SCHEMAS["fatigue_life"]
+WOEHLER = SCHEMAS["woehler"]
+SWEEP = SCHEMAS["sweep"]
+WORK_PRECISION = SCHEMAS["work_precision"]
+STABILITY = SCHEMAS["stability"]

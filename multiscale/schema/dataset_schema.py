@@ -1,14 +1,17 @@
 """Schemas: names, dimensions and units of datasets."""
 
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import SchemaError
 from multiscale.schema.shown import SHOWN
 
 if TYPE_CHECKING:
+    import numpy as np
     from xarray import Coordinates
     from xarray import Dataset as Dataset
 else:  # a name for annotations, without the slow import
@@ -29,7 +32,7 @@ class Variable:
     dims: tuple[str, ...]
     units: str
     long_name: str
-    flags: tuple[str, ...] = ()
+    flags: Sequence[str] = ()
     coordinate: bool = False
     uncertain_part: str = ""
 
@@ -238,34 +241,51 @@ COORDINATES = frozenset(
 )
 """Physical values that label a dimension without being its index."""
 
-BUDGET = {
-    "error_half_width": Variable(
-        ("quantity", "error_term", "step"),
-        "1",
-        "half-width of the 95 % interval of the error over the value, about its bias",
-    ),
-    "error_bias": Variable(
-        ("quantity", "error_term", "step"), "1", "estimate of the systematic error, over the value"
-    ),
-    "error_total": Variable(
-        ("quantity", "step"),
-        "1",
-        "half-width of all terms together, NaN if a term is not known",
-    ),
-}
-"""Variables of the error budget of laws and results."""
 
-SENSITIVITY = {
-    "sensitivity": Variable(
-        ("parameter", "quantity", "step"),
-        "1",
-        "relative change of the answer if a parameter increases by its half-width, to first order",
-    )
-}
-"""Variables of results with parameters that have a half-width."""
+def read_schemas() -> dict[str, Schema]:
+    """Read the kinds of datasets from their table, ``datasets.toml``."""
+    text = resources.files("multiscale.schema").joinpath("datasets.toml").read_text("utf-8")
+    tables = tomllib.loads(text)
+    shared = {name: _described(group) for name, group in tables.pop("shared").items()}
+    schemas: dict[str, Schema] = {}
+    for name, table in tables.items():
+        version = table["version"]
+        if "like" in table:  # the same variables under another name
+            schemas[name] = replace(schemas[table["like"]], name=name, version=version, news="")
+            continue
+        optional = _described(table.get("optional", {}))
+        for group in table.get("shared", ()):
+            optional |= shared[group]
+        required, news = _described(table["variables"]), table.get("news", "")
+        plain = Schema(name, version, required, optional, news)
+        sampled = plain.with_samples(**table.get("samples", {}))
+        schemas[name] = sampled.with_intervals(*table.get("intervals", ()))
+    return schemas
+
+
+def _described(rows: Mapping[str, list[Any]]) -> dict[str, Variable]:
+    """Return the variables in rows of dimensions, unit, meaning, and further fields by name."""
+    return {
+        name: Variable(tuple(dims.split()), unit, meaning, **(more[0] if more else {}))
+        for name, (dims, unit, meaning, *more) in rows.items()
+    }
 
 
 def with_cautions(dataset: Dataset, *lines: str) -> Dataset:
     """Return a dataset whose attribute ``cautions`` has further lines; empty ones are left out."""
     cautions = (str(dataset.attrs.get("cautions", "")), *lines)
     return dataset.assign_attrs(cautions="\n".join(filter(None, cautions)))
+
+
+LOADING, UNLOADING, HOLDING = range(3)
+"""Branches of the path of a cell, the flags of the variable ``branch``."""
+
+
+def branch_of(load: "np.ndarray") -> "np.ndarray":
+    """Return the branch of each step of a path."""
+    import numpy as np
+
+    load = np.maximum(np.asarray(load, dtype=float), 0.0)
+    before = np.maximum.accumulate([0.0, *load[:-1]])
+    above, below = (load > before * (1.0 + 1e-9)), (load < before * (1.0 - 1e-9))
+    return np.select([above, below], [LOADING, UNLOADING], HOLDING)
