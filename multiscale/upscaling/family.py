@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -46,9 +45,6 @@ class Family:
     held : callable, optional
         Keywords of ``make`` that follow from the data and are not fitted, such as a reference
         pressure: from observations to a mapping of name to (value, unit).
-    broadcasts : bool, default False
-        Whether a parameter may be an array that broadcasts with the conditions, so that many
-        samples are fitted at once.
 
     Examples
     --------
@@ -72,7 +68,6 @@ class Family:
     held: Callable[[Observations], Mapping[str, tuple[float, str]]] = field(
         default=lambda observations: {}
     )
-    broadcasts: bool = False
 
 
 def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
@@ -186,16 +181,15 @@ def _start_bell(observations: Observations) -> dict[str, float]:
     }
 
 
-_built_in = partial(Family, broadcasts=True)
 _FAMILIES = (
-    _built_in(
+    Family(
         "exponential",
         ("gap", "normal_stiffness"),
         {"pressure_scale": Parameter("Pa"), "decay_length": Parameter("m")},
         Exponential,
         _start_exponential,
     ),
-    _built_in(
+    Family(
         "power",
         ("gap", "normal_stiffness"),
         {
@@ -206,14 +200,14 @@ _FAMILIES = (
         PowerLaw,
         _start_power,
     ),
-    _built_in(
+    Family(
         "error_function",
         ("contact_fraction",),
         {"pressure_scale": Parameter("Pa")},
         ErrorFunctionArea,
         _start_error_function,
     ),
-    _built_in(
+    Family(
         "power_stiffness",
         ("tangential_stiffness",),
         {"stiffness_scale": Parameter("Pa m-1"), "exponent": Parameter("1")},
@@ -221,14 +215,14 @@ _FAMILIES = (
         _start_stiffness,
         _reference,
     ),
-    _built_in(
+    Family(
         "coulomb",
         ("friction_coefficient",),
         {"friction_coefficient": Parameter("1")},
         Coulomb,
         lambda observations: {"friction_coefficient": float(np.mean(observations.mean))},
     ),
-    _built_in(
+    Family(
         "decaying",
         ("friction_coefficient",),
         {
@@ -239,7 +233,7 @@ _FAMILIES = (
         DecayingFriction,
         _start_decaying,
     ),
-    _built_in(
+    Family(
         "bell",
         ("friction_coefficient",),
         {
@@ -261,7 +255,7 @@ FAMILIES = {family.name: family for family in _FAMILIES}
 
 def unloading_family(loading: NormalLaw) -> Family:
     """Return the family of the unloading branches of an interface with this loading law."""
-    return _built_in(
+    return Family(
         "unloading",
         ("recovery",),
         {"stiffness_ratio": Parameter("1", lower=1.0), "exponent": Parameter("1", lower=1.0)},

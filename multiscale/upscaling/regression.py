@@ -1,9 +1,9 @@
 """Least squares for the parameters of a family, and the law of a family with its samples."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import isinf
+from math import exp, isinf
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,6 @@ from multiscale.upscaling.sampling import widening
 
 FARTHEST = 60.0  # a parameter moves at most e^60 times in one fit
 REFUSED = 1e6  # relative error of a law that cannot be made
-
-DIFFERENCE = 1e-7  # of a coordinate, for the derivative
-SMALLEST = 1e-300
-SETTLED = 1e-8  # largest step, in the coordinates, of a problem that is settled
-FLAT = 1e-12  # fall of the squares by a step, over them, of a problem that is settled
-LEAST_DAMPING = 1e-12  # keeps (1) regular where the data do not distinguish parameters
-MAX_ITERATIONS = 100
 
 BY_REALISATION = "bootstrap over realisations"
 
@@ -77,7 +70,7 @@ class Regression:
                 full_output=True,
             )
             if status in (1, 2, 3, 4):
-                return {name: float(value) for name, value in self._parameters(x, origin).items()}
+                return self._parameters(x, origin)
         raise ConvergenceError(
             f"the fit of the family {self.family.name!r} did not settle; fix a parameter that the "
             f"data do not decide ({', '.join(self.free)}), or choose another family"
@@ -86,26 +79,11 @@ class Regression:
     def solve_many(
         self, means: np.ndarray, weights: np.ndarray, start: Mapping[str, float]
     ) -> list[dict[str, float] | None]:
-        """Fit the mean values of many samples, shape (samples, points), from the same start."""
-        if not (self.free and len(means)):
-            return [dict(start) for _ in means]
-        # all samples at once, then those that did not settle
+        """Fit the means of samples, (samples, points), from the same start; None if unsettled."""
         fits: list[dict[str, float] | None] = [None] * len(means)
-        if self.family.broadcasts:
-            share = np.sqrt(self.weights * weights)
-            x, settled = _solve_many(
-                lambda x: self._residual(x, start, means, share), (len(means), len(self.free))
-            )
-            columns = {
-                name: np.broadcast_to(column, (len(means), 1))[:, 0].tolist()
-                for name, column in self._parameters(x, start).items()
-            }
-            for k in map(int, np.flatnonzero(settled)):
-                fits[k] = {name: column[k] for name, column in columns.items()}
-        for k, fit in enumerate(fits):
-            if fit is None:
-                with suppress(CaseError, ConvergenceError):
-                    fits[k] = self.solve(means[k], weights[k], start)
+        for k, (mean, weight) in enumerate(zip(means, weights, strict=True)):
+            with suppress(CaseError, ConvergenceError):
+                fits[k] = self.solve(mean, weight, start)
         return fits
 
     def law(self, parameters: Mapping[str, Any]) -> object:
@@ -121,38 +99,28 @@ class Regression:
     def _residual(
         self, x: np.ndarray, origin: Mapping[str, float], mean: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
-        """Evaluate the terms of (1) before they are squared, in rows as x and mean."""
+        """Evaluate the terms of (1) before they are squared."""
         parameters = self._parameters(x, origin)
         open_datum = self.observations.quantity == "normal_stiffness"
         try:
             error = share * (self.predict(parameters) - mean) / self.scale
         except CaseError:  # outside the range of the law
-            return np.full((*mean.shape[:-1], mean.shape[-1] + open_datum), REFUSED)
+            return np.full(mean.size + open_datum, REFUSED)
         if not np.all(np.isfinite(error)):
             error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
         if not open_datum:
             return np.asarray(error)
         law, p = self.law(parameters), self.observations.pressure
         last = int(np.argmax(p))
-        decay = p[last] / mean[..., last : last + 1]
         gap = law.gap_at(p[last : last + 1])  # type: ignore[attr-defined]
-        return np.concatenate([error, gap / decay], axis=-1)
+        return np.append(error, gap * mean[last] / p[last])
 
-    def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, np.ndarray]:
-        """Return the parameters at free coordinates, shape (..., free), zero at the origin.
-
-        Numbers for a single row of coordinates, else columns that broadcast with the points.
-        """
-        x = np.asarray(x)
-        columns = x if x.ndim == 1 else np.moveaxis(x, -1, 0)[..., None]
-        moved = {
-            name: _move(self.family.parameters[name], float(origin[name]), column)
-            for name, column in zip(self.free, columns, strict=True)
-        }
-        return {
-            name: moved[name] if name in moved else np.asarray(origin[name])
-            for name in self.family.parameters
-        }
+    def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, float]:
+        """Return the parameters at free coordinates, zero at the origin."""
+        parameters = {name: float(origin[name]) for name in self.family.parameters}
+        for name, step in zip(self.free, x, strict=True):
+            parameters[name] = _move(self.family.parameters[name], parameters[name], float(step))
+        return parameters
 
 
 def regression_of(
@@ -188,54 +156,12 @@ def regression_of(
     )
 
 
-def _move(parameter: Parameter, origin: float, step: np.ndarray) -> np.ndarray:
+def _move(parameter: Parameter, origin: float, step: float) -> float:
     """Move a parameter from the origin by a step of its free coordinate, inside the range."""
-    low, step = parameter.lower, np.clip(step, -FARTHEST, FARTHEST)
+    low, step = parameter.lower, min(max(step, -FARTHEST), FARTHEST)
     if isinf(low):
-        return np.asarray(origin + step * (abs(origin) or 1.0))
-    return np.asarray(low + max(origin - low, 1e-12 * abs(origin)) * np.exp(step))
-
-
-def _solve_many(
-    residual: Callable[[np.ndarray], np.ndarray], shape: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray]:
-    r"""Minimise the squares of many residuals at once by the method of Levenberg and Marquardt.
-
-    Notes
-    -----
-    With the derivative :math:`J` of the residual :math:`r` by differences, a step :math:`s` solves
-
-    .. math:: (J^T J + \lambda\, \mathrm{diag}\, J^T J)\, s = -J^T r,    \tag{1}
-
-    and each problem has a separate :math:`\lambda`, divided by ten after a step that lowers its
-    squares and multiplied by ten after a step that does not, which is rejected.
-    """
-    n, k = shape
-    x, damping, settled = np.zeros(shape), np.full(n, 1e-4), np.zeros(n, dtype=bool)
-    r = residual(x)
-    for _ in range(MAX_ITERATIONS):
-        # derivative by differences, and the damped step (1)
-        moved = [residual(x + DIFFERENCE * axis) for axis in np.eye(k)]
-        jacobian = (np.stack(moved, axis=-1) - r[..., None]) / DIFFERENCE
-        normal = np.einsum("spi,spj->sij", jacobian, jacobian)
-        diagonal = np.einsum("sii->si", normal)
-        floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + SMALLEST
-        damped = normal + np.eye(k) * (damping[:, None] * np.maximum(diagonal, floor))[:, None]
-        gradient = np.einsum("spi,sp->si", jacobian, r)
-        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]  # (1)
-        # accept the step where the squares fall
-        trial = residual(x + step)
-        small = np.max(np.abs(step), axis=1) <= SETTLED
-        squares, changed = (np.sum(rows**2, axis=1) for rows in (r, trial))
-        better = changed <= squares
-        small |= better & (squares - changed <= FLAT * squares)
-        x = np.where((better & ~settled)[:, None], x + step, x)
-        r = np.where((better & ~settled)[:, None], trial, r)
-        damping = np.maximum(damping * np.where(better, 0.1, 10.0), LEAST_DAMPING)
-        settled |= small
-        if np.all(settled):
-            break
-    return x, settled
+        return origin + step * (abs(origin) or 1.0)
+    return low + max(origin - low, 1e-12 * abs(origin)) * exp(step)
 
 
 def fit_family(

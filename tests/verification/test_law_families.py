@@ -4,7 +4,7 @@ Synthetic data of 20 realisations: 3 % scatter between the realisations, common 
 one, and 0.3 % of white noise. 200 repeats, 95 % intervals of 200 bootstrap samples.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
@@ -22,7 +22,6 @@ from multiscale.laws import (
     PowerStiffness,
 )
 from multiscale.upscaling import (
-    FAMILIES,
     Family,
     Parameter,
     fit_law,
@@ -72,7 +71,6 @@ OWN = Family(
         "limit": float(np.ptp(seen.pressure) / np.ptp(seen.mean)),
         "length": 0.3 * float(np.ptp(seen.mean)),
     },
-    broadcasts=True,
 )
 
 
@@ -135,23 +133,6 @@ def test_parameters_are_recovered_from_exact_data(family, quantity, conditions, 
     assert fit.attrs["cross_validated_error"] < 1e-4
     found = fitted_law(fit, family=name_of(family))
     np.testing.assert_allclose(QUANTITIES[quantity].predict(found, *conditions), values, rtol=1e-5)
-
-
-@every_family
-def test_samples_fitted_at_once_are_those_fitted_one_by_one(
-    family, quantity, conditions, law, names
-):
-    random, truth = np.random.default_rng(seed=3), QUANTITIES[quantity].predict(law, *conditions)
-    seen = observe(quantity, conditions, noisy(random, truth, 6))
-    together = family if isinstance(family, Family) else FAMILIES[family]
-    assert together.broadcasts
-    fits = [
-        fit_law(seen, family=replace(together, broadcasts=flag), n_samples=5)
-        for flag in (True, False)
-    ]
-    for name in names:
-        many, one = (fit[f"{name}_sample"].values for fit in fits)
-        np.testing.assert_allclose(many, one, rtol=1e-5)
 
 
 def test_friction_that_no_speed_changes_has_samples_of_a_law_with_a_speed():
