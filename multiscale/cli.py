@@ -285,7 +285,8 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
 
     from multiscale.io import save_law
     from multiscale.pipeline.showing import tabulate_prediction
-    from multiscale.upscaling import best_family, fit_law, predict, quantity_of, read_observations
+    from multiscale.upscaling import best_family, fit_law, predict, read_observations
+    from multiscale.upscaling.tables import quantity_of
 
     observations = read_observations(file, quantity_of(file))
     chosen = family or best_family(observations)[0]

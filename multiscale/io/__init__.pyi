@@ -8,12 +8,6 @@ from .datasets import open_run as open_run
 from .datasets import reading_run as reading_run
 from .datasets import save_law as save_law
 from .datasets import write_dataset as write_dataset
-from .fields import write_body_fields as write_body_fields
-from .fields import write_grain_fields as write_grain_fields
-from .fields import write_life_fields as write_life_fields
-from .fields import write_link_fields as write_link_fields
-from .fields import write_mode_fields as write_mode_fields
-from .fields import write_surface_fields as write_surface_fields
 from .files import logging_to as logging_to
 from .files import make_folder as make_folder
 from .files import read_bytes as read_bytes

@@ -21,19 +21,7 @@ POINT_VARIABLES = ("gap", "contact_state")  # of the points of joints at every s
 
 
 def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Path) -> None:
-    """Write a VTU file per step: the surface as quadrilaterals with pressure, Pa, and gap, m.
-
-    Parameters
-    ----------
-    fields : Dataset, follows ``FIELDS``
-    size : tuple of float, edge lengths of the cell, m
-    folder : Path, for ``contact-0000.vtu`` and so on
-
-    Raises
-    ------
-    MultiscaleError
-        If a file cannot be written.
-    """
+    """Write a VTU file per step: the surface as quadrilaterals with pressure, Pa, and gap, m."""
     ny, nx = fields["height"].shape
     x, y = (np.arange(n) * length / n for n, length in zip((nx, ny), size, strict=True))
     points = np.column_stack(
@@ -51,26 +39,6 @@ def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> 
 
     The links are lines between the nodes of the unloaded structure, with tension and slack;
     the filter *Warp By Vector* with the displacement of the nodes moves them.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the position of the nodes and the ends of the links.
-    folder, name
-        For ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
-
-    Returns
-    -------
-    Path
-        File of the collection. Its steps are at their times, s, or at rising load factors, else at
-        their numbers.
-
-    Raises
-    ------
-    SchemaError
-        If the dataset does not follow the schema or has no nodes and links.
-    MultiscaleError
-        If a file cannot be written.
     """
     _require(result, ("position", "ends", "tension"), "nodes and links")
     position, ends = result["position"].values, result["ends"].values
@@ -90,18 +58,6 @@ def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") ->
     gap, m, pressure and magnitude of the shear traction, Pa, ``contact_state`` (0 open, 1 sticks,
     2 slips), damage and number of their joint. Elements have von Mises stress, Pa, density of the
     strain energy, J/m³, damage and number of their body.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with the fields that
-        :func:`multiscale.macro.bodies.add_body_fields` adds.
-    folder, name
-        For ``NAME.pvd``, ``NAME-0000.vtu``, ``NAME-joints-0000.vtu`` and so on.
-
-    Returns
-    -------
-    Path, file of the collection; for steps and errors see :func:`write_link_fields`
     """
     _require(result, ("position", "displacement", "corners"), "elastic bodies")
     position, corners = result["position"].values, result["corners"].values
@@ -130,12 +86,6 @@ def write_mode_fields(result: Dataset, folder: Path, *, name: str = "modes") -> 
     """Write the shape of every mode on the elements, as a series over their numbers.
 
     The filter *Warp By Vector* with ``shape``, kg^-1/2, times a modal amplitude moves the bodies.
-
-    Parameters
-    ----------
-    result : Dataset, follows ``VIBRATION``, with the elements of the bodies
-    folder, name
-        As of :func:`write_link_fields`.
     """
     VIBRATION.check(result)
     position, corners = result["position"].values, result["corners"].values
@@ -152,12 +102,6 @@ def write_life_fields(life: Dataset, folder: Path, *, name: str = "life") -> Pat
 
     Elements have the mean damage and plastic strain of their inclusions, the share of these that
     has cracked, the cycles to the first crack and the von Mises amplitude, Pa.
-
-    Parameters
-    ----------
-    life : Dataset, follows ``FATIGUE_LIFE``, with the mesh of the body
-    folder, name
-        For ``NAME.pvd`` and ``NAME-0000.vtu``.
     """
     values = {key: life[key].values for key in (*LIFE_VARIABLES, "equivalent_amplitude")}
     corners = life["corners"].values.astype(int)
@@ -171,18 +115,6 @@ def write_grain_fields(result: Dataset, folder: Path, *, name: str = "grains") -
     A grain is a point with its radius, m, velocity, m/s, and, if grains turn, spin, rad/s. The
     filter *Glyph* shows it as a sphere scaled by twice the radius. A contact is a line with its
     force, N.
-
-    Parameters
-    ----------
-    result : Dataset, follows ``GRANULATE``
-    folder, name
-        As of :func:`write_link_fields`.
-
-    Returns
-    -------
-    Path
-        File of the collection, with the frames at their times, s; for errors see
-        :func:`write_link_fields`.
     """
     GRANULATE.check(result)
     time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]

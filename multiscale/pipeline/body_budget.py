@@ -21,12 +21,8 @@ from multiscale.upscaling import (
     Knob,
     Source,
     Uncertainty,
-    compare_scales,
-    effective_cells,
     law_sources,
-    pressure_length_of_points,
     propagate,
-    shear_errors,
     with_scales,
 )
 from multiscale.upscaling.budget import (
@@ -38,7 +34,8 @@ from multiscale.upscaling.budget import (
     known_terms,
 )
 from multiscale.upscaling.propagation import STRETCH
-from multiscale.upscaling.shear_budget import loss_term
+from multiscale.upscaling.scales import compare_scales, effective_cells, pressure_length_of_points
+from multiscale.upscaling.shear_budget import loss_term, shear_errors
 
 
 @dataclass(frozen=True, eq=False)

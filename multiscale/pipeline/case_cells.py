@@ -20,10 +20,10 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset
 from multiscale.surfaces import composite, self_affine
 from multiscale.surfaces.surface import Surface
-from multiscale.upscaling import compare_scales, error_budget
+from multiscale.upscaling import error_budget
 from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
-from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.scales import ScaleSeparation, compare_scales
 
 ALIKE = 1e-3
 """Relative error of the compliance of a mode below which a single body replaces both."""

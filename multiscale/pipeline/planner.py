@@ -32,17 +32,11 @@ from multiscale.pipeline.tables.rough_bodies import InstrumentSurface, Synthetic
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Surface, rms_height
-from multiscale.upscaling import (
-    at_rms_height,
-    error_budget,
-    fit_law,
-    normal_observations,
-    with_budget,
-    without_bias,
-)
+from multiscale.upscaling import at_rms_height, error_budget, fit_law, with_budget, without_bias
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.law_budget import grid_term
+from multiscale.upscaling.response_observations import normal_observations
 
 logger = logging.getLogger(__name__)
 

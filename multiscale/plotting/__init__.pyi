@@ -14,8 +14,6 @@ from .joint_figures import joint_pictures as joint_pictures
 from .joint_figures import plot_hysteresis as plot_hysteresis
 from .joint_figures import plot_joint_plan as plot_joint_plan
 from .law_figures import plot_area_law as plot_area_law
-from .law_figures import plot_footprint as plot_footprint
-from .law_figures import plot_friction_bell as plot_friction_bell
 from .law_figures import plot_gap_law as plot_gap_law
 from .law_figures import plot_joint_stiffness as plot_joint_stiffness
 from .law_figures import plot_leakage as plot_leakage
@@ -38,17 +36,11 @@ from .surface_figures import plot_bearing_curve as plot_bearing_curve
 from .surface_figures import plot_contact_map as plot_contact_map
 from .surface_figures import plot_flow_channels as plot_flow_channels
 from .surface_figures import plot_measured_heights as plot_measured_heights
-from .surface_figures import plot_road as plot_road
-from .surface_figures import plot_spectral_density as plot_spectral_density
 from .surface_figures import plot_surface as plot_surface
 from .sweep_figures import plot_sweep as plot_sweep
-from .sweep_figures import plot_sweep_steps as plot_sweep_steps
 from .sweep_figures import sweep_ends as sweep_ends
 from .vibration_figures import plot_backbone as plot_backbone
 from .vibration_figures import plot_mode_shape as plot_mode_shape
-from .vibration_figures import plot_vibrating_joint as plot_vibrating_joint
 from .vibration_figures import vibration_pictures as vibration_pictures
 from .work_precision_figures import draw_work_precision as draw_work_precision
-from .work_precision_figures import plot_growth as plot_growth
-from .work_precision_figures import plot_history as plot_history
 from .work_precision_figures import plot_work_precision as plot_work_precision

@@ -202,14 +202,7 @@ def plot_joint_stiffness(result: Dataset, *, ax: Axes | None = None) -> Axes:
 def plot_friction_bell(
     response: Dataset, law: Dataset, pressure: float, *, ax: Axes | None = None
 ) -> Axes:
-    """Plot friction against speed at every temperature: cells as markers, the law with a band.
-
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``, a bell of friction.
-    pressure : float, pressure, Pa; the figure shows the nearest pressure of the cells
-    """
+    """Plot friction against speed at every temperature: cells as markers, the law with a band."""
     ax = axes_or_current(ax)
     p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
     nearest = float(p[np.argmin(np.abs(np.log(p / pressure)))])
@@ -250,13 +243,7 @@ def plot_friction_bell(
 def plot_footprint(
     result: Dataset, step: int, *, quantity: str = "pressure", ax: Axes | None = None
 ) -> Axes:
-    """Plot the pressure or friction of a tread block on the road; the block moves to the right.
-
-    Parameters
-    ----------
-    step : int, index of the step
-    quantity : {"pressure", "friction"}, normal pressure, or traction against the motion
-    """
+    """Plot the pressure or friction of a tread block on the road; the block moves to the right."""
     ax = axes_or_current(ax)
     at = result.isel(step=step)
     x, y = 1e3 * at["point_position"].values[:, :2].T

@@ -34,12 +34,7 @@ def plot_surface(fields: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_road(road: "Surface", *, ax: Axes | None = None) -> Axes:
-    """Plot the heights of a road.
-
-    Parameters
-    ----------
-    road : Surface, heights of the road, m
-    """
+    """Plot the heights of a road."""
     return _show_heights(np.array(road.size), road.heights.T, ax, "road, realisation 0")
 
 

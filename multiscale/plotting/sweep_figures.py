@@ -108,14 +108,7 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
-    """Plot an answer over the steps of each point, a line with its bands for each.
-
-    Parameters
-    ----------
-    result : Dataset
-    answer : str, label of the coordinate ``answer`` with an ``answer_over``
-    ax : Axes, optional, axes to draw on
-    """
+    """Plot an answer over the steps of each point, a line with its bands for each."""
     import matplotlib
 
     ax, count = axes_or_current(ax), result.sizes["point"]

@@ -84,12 +84,6 @@ def plot_vibrating_joint(
     """Plot the pressure of a joint, or its share at sliding, at an amplitude in one direction.
 
     Open points have no share, and no colour.
-
-    Parameters
-    ----------
-    quantity : {"pressure", "slipping"}
-    step : int, amplitude of a mode
-    joint : int, number of the joint
     """
     from multiscale.macro.substructures.measures import OPEN
 

@@ -92,10 +92,6 @@ def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None)
 
     Each line ends in a marker at the error and the time of the whole run, open if the run did not
     converge; the dotted line is the tolerance. A method has the same colour in all scenes.
-
-    Parameters
-    ----------
-    scene : str, plotted scene
     """
     ax = axes_or_current(ax)
     methods = list(dict.fromkeys(work_precision["method"].values))
@@ -163,11 +159,6 @@ def plot_growth(
     legend gives the growth of a line between its two largest structures: the slope of the time, or
     the memory per cable, since memory begins with interpreter and libraries. The dotted line is
     proportional to the number of cables. Runs that did not converge are left out.
-
-    Parameters
-    ----------
-    quantity : str
-        ``"wall_time"`` or ``"peak_memory"``.
     """
     ax = axes_or_current(ax)
     label, factor = QUANTITIES[quantity]

@@ -127,18 +127,7 @@ def _set_shear(
 
 
 def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
-    """Add the friction coefficient of large sliding over the pressure to a law.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    sliding : Dataset, follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`
-
-    Raises
-    ------
-    CaseError
-        If no pressure has a steady coefficient.
-    """
+    """Add the friction coefficient of large sliding over the pressure to a law."""
     SLIDING_RESPONSE.check(sliding)
     steady = sliding["steady_friction"].to_numpy()
     finite = np.isfinite(steady)
@@ -282,26 +271,7 @@ def with_unloading(
     control: Dataset | None = None,
     n_samples: int,
 ) -> Dataset:
-    """Add the unloading branch to the law of the loading.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``: the normal law of the loading branch
-    response, control : Dataset, as of :func:`unloading_observations`
-
-    Returns
-    -------
-    Dataset
-        Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the
-        :class:`~multiscale.laws.HystereticLaw` of it. Its samples vary the spring back only; the
-        loading law has separate samples. The exponent is at most :data:`LARGEST_EXPONENT`. The
-        branch is left out, with a caution, where the initial unloading is not stiffer than loading.
-
-    Raises
-    ------
-    CaseError
-        If no step unloads, or none from a pressure of the law.
-    """
+    """Add the unloading branch to the law of the loading."""
     loading = law_from_dataset(law)
     observations = unloading_observations(response, control)
     within = observations.conditions[1] <= (1.0 + 1e-6) * loading.pressure_limit
@@ -377,26 +347,7 @@ def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> Hyst
 
 
 def with_damage(law: Dataset, sections: Dataset) -> Dataset:
-    """Add the damage of the material near an interface to its law.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    sections : Dataset
-        Follows ``DAMAGE_SECTIONS``, of :func:`multiscale.micro.damage.max_damage`: a volume of the
-        material near the surface, with the axis z normal to the interface.
-
-    Returns
-    -------
-    Dataset
-        With ``interface_damage``, the mean of eq. (1) over the sections parallel to the interface,
-        since it may lie at any of them, and the ends of 95 of 100 sections.
-
-    Raises
-    ------
-    CaseError
-        If no section of the volume is parallel to the interface, or nothing is left of those.
-    """
+    """Add the damage of the material near an interface to its law."""
     DAMAGE_SECTIONS.check(sections)
     cosine = np.abs(sections["normal"].to_numpy()[:, 2])
     nearest = int(np.argmax(cosine))

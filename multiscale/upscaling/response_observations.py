@@ -28,35 +28,14 @@ ROUND_OFF = 1e-6
 
 
 def normal_observations(response: Dataset, control: Dataset | None = None) -> Observations:
-    """Return the mean gaps of a response at rising pressures, without failed steps.
-
-    Parameters
-    ----------
-    response : Dataset, follows ``MICRO_RESPONSE``; one loading branch
-    control : Dataset, optional
-        Follows ``MICRO_RESPONSE``: many cheap cells at the same pressures. Those with the numbers
-        of the realisations of the response have their surfaces. See :class:`Control`.
-
-    Raises
-    ------
-    CaseError
-        If fewer than three pressures are usable, a pressure occurs twice, or the averaged traction
-        contradicts the pressure.
-    """
+    """Return the mean gaps of a response at rising pressures, without failed steps."""
     gaps = _observe_response("gap", response, "mean_gap", control)
     response = with_cautions(response, *_odd_gaps(response, gaps))
     return replace(gaps, attributes=inherited(response))
 
 
 def area_observations(response: Dataset, control: Dataset | None = None) -> Observations:
-    """Return the contact fractions of a response; see :func:`normal_observations`.
-
-    Raises
-    ------
-    CaseError
-        As there, or if a fraction is not between 0 and 1, or falls with the pressure by more than
-        chance explains.
-    """
+    """Return the contact fractions of a response; see :func:`normal_observations`."""
     areas = _observe_response("contact_fraction", response, "contact_fraction", control)
     a, counted = areas.values, areas.counted
     wrong = counted & ~((a >= 0.0) & (a <= 1.0))
@@ -191,22 +170,7 @@ def loading_branch(response: Dataset) -> Dataset:
 
 
 def unloading_observations(response: Dataset, control: Dataset | None = None) -> Observations:
-    """Return the spring back of a loaded and unloaded response from its largest pressures.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``. Every unloading step belongs to the branch from the loading step
-        before it.
-    control : Dataset, optional
-        As of :func:`normal_observations`, at the pressures of the unloading too. Cheap cells
-        without history spring back along their loading curve.
-
-    Raises
-    ------
-    CaseError
-        If no step unloads.
-    """
+    """Return the spring back of a loaded and unloaded response from its largest pressures."""
     MICRO_RESPONSE.check(response)
     counted, pressure = usable_steps(response)
     gap = np.where(counted, response["mean_gap"].to_numpy(), np.nan)

@@ -34,22 +34,7 @@ class ScaleSeparation:
 def compare_scales(
     wavelength: float, cell_size: float, macro_length: float, *, extent: float | None = None
 ) -> ScaleSeparation:
-    """Compare the scales of a cell and of the structure.
-
-    Parameters
-    ----------
-    wavelength, cell_size : float
-        Longest wavelength of the roughness and edge of the representative cell, m.
-    macro_length : float
-        Length over which the pressure of the structure varies, m; see
-        :func:`pressure_length_of_points`.
-    extent : float, optional, edge of the loaded interface, m; the macro length if not given
-
-    Raises
-    ------
-    CaseError
-        If a length is not positive.
-    """
+    """Compare the scales of a cell and of the structure."""
     whole = macro_length if extent is None else extent
     lengths = {"wavelength": wavelength, "cell_size": cell_size, "macro_length": macro_length}
     for name, value in {**lengths, "extent": whole}.items():
@@ -71,18 +56,6 @@ def compare_scales(
 
 def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> np.ndarray:
     r"""Count the independent cells over which an answer of an interface averages.
-
-    Parameters
-    ----------
-    weight : ndarray, shape (..., points)
-        Influence of the law at a point on the answer, per area: pressure, or energy; any unit.
-    area : ndarray, shape (points,), area of each point, m²
-    cell_size : float, edge of a cell, m
-
-    Returns
-    -------
-    ndarray, shape (...)
-        Number n of eq. (1), dimensionless; NaN where there is no weight.
 
     Notes
     -----
@@ -111,18 +84,10 @@ def cell_share(cell_size: float, extent: float) -> str:
 def pressure_length_of_points(
     position: np.ndarray, pressure: np.ndarray, area: np.ndarray
 ) -> float:
-    r"""Return the length over which a pressure at scattered points of a plane varies.
+    r"""Return the length over which a pressure at scattered points of a plane varies, m.
 
-    Parameters
-    ----------
-    position : ndarray, shape (points, 2), in the plane, m; five points at least
-    pressure, area : ndarray, shape (points,), Pa, and area of each point, m²
-
-    Returns
-    -------
-    float
-        :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, m, with the gradient of the
-        plane that fits a point and its eight neighbours best; infinite for an even pressure.
+    It is :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, with the gradient of the
+    plane that fits a point and its eight neighbours best; infinite for an even pressure.
     """
     from scipy.spatial import cKDTree
 

@@ -63,22 +63,11 @@ def tangential_terms(
 
 
 def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-    r"""Return the errors of measured friction and stiffness ratio of a law; empty if assumed.
+    """Return the errors of measured friction and stiffness ratio of a law; empty if assumed.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``; has a budget with the scales of a structure, if any.
-    p : ndarray, shape (steps,), pressures, Pa
-
-    Returns
-    -------
-    dict
-        For ``friction`` and ``stiffness_ratio`` the half-width of the 95 % interval over the value
-        by term, shape (steps,): *sampling* by the bootstrap, *few cells* by the scatter of single
-        cells that follows from it, and for the ratio the terms of the tangential traction, by
-        :func:`tangential_terms`, less the terms of the stiffness. A measured friction without
-        samples has the error that the law states, which may be NaN.
+    Half-widths of 95 % intervals over the value, by term: *sampling* by the bootstrap, *few cells*
+    by the scatter of single cells, and for the ratio the terms of the tangential traction less the
+    terms of the stiffness.
     """
     from scipy.special import stdtrit
 

@@ -48,35 +48,6 @@ def with_shear(
 ) -> Dataset:
     r"""Add the tangential branch to a normal law.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response
-    response : Dataset, follows ``MICRO_RESPONSE``: cells that are pressed
-    shear : Dataset
-        Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
-        realisations, with the same numbers, that are pressed, sheared until they slip and
-        released, such as along :func:`multiscale.micro.shear_path`. If they are first pressed over
-        the pressures of the law, these steps give the normal laws of the realisations: a coarser
-        grid errs alike in shear and in pressing.
-    apart : bool, optional
-        Whether the stiffness ratios along x and y are two numbers, as for surfaces with a lay
-        along either, or their mean, since x and y of a cell differ by chance; if not given, two
-        numbers where they differ by more than chance.
-
-    Returns
-    -------
-    Dataset
-        Follows ``INTERFACE_LAW``, with ``shear_stiffness_ratio`` (along x and y) and
-        ``shear_friction``, their samples, and the mean path with the path of the bed; and, if
-        the cells went through closed cycles, with ``shear_loss_ratio``: their loss over the loss
-        of the bed at equal slip, and at equal traction, with its samples.
-        :func:`sliders_from_dataset` makes the law of it.
-
-    Raises
-    ------
-    CaseError
-        If realisations do not pair, a pressure lies outside the law, or the cells do not slip.
-
     Notes
     -----
     For each realisation :math:`\mu` is the mean of :math:`|t| / p` over the steps at which all of

@@ -104,13 +104,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
 
 
 def quantity_of(path: str | PathLike[str]) -> str:
-    """Return the quantity of a table over pressures: stiffness or gap.
-
-    Raises
-    ------
-    CaseError
-        If the file is missing, or does not have exactly one of these columns.
-    """
+    """Return the quantity of a table over pressures: stiffness or gap."""
     names = [_name_and_unit(head)[0] for head in read_table(Path(path), lambda head: str)]
     columns = {_COLUMN[quantity]: quantity for quantity in ("normal_stiffness", "gap")}
     present = [quantity for column, quantity in columns.items() if column in names]
@@ -274,20 +268,7 @@ def _convex(path: Path, p: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, 
 
 
 def with_stated_error(law: Dataset, error: float) -> Dataset:
-    """Return the law of a table with a stated error budget.
-
-    Parameters
-    ----------
-    law : Dataset, of :func:`read_law`
-    error : float
-        Half-width of the 95 % interval of overclosures and stiffness at every pressure, relative
-        to them.
-
-    Raises
-    ------
-    CaseError
-        If the law is not a table.
-    """
+    """Return the law of a table with a stated error budget."""
     if law.attrs.get("family") != TABLE:
         raise CaseError(
             f"law_error is of a table of pressure and overclosure, and the law is of the family "

@@ -47,17 +47,6 @@ def with_conductance(
 ) -> Dataset:
     r"""Return a law with the conductances of its interface.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    conductivities : mapping of str to tuple of float
-        Conductivities :math:`k_1, k_2` of both bodies, positive, by a name of
-        :data:`CONDUCTANCES`: thermal, W m-1 K-1, or electrical, S m-1.
-    contact_modulus : float, :math:`E^*` of both bodies, Pa
-    flows : bool
-        Whether a body of the cells flows. The elastic stiffness is then the stiffness at the start
-        of unloading; a law without that branch has a caution.
-
     Notes
     -----
     Spots of contact hinder a current as they hinder a small further displacement: the fields of
@@ -129,17 +118,6 @@ def elastic_source(law: Dataset, answers: np.ndarray) -> Uncertainty:
 def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.ndarray:
     r"""Return the permeability of an interface as a patchwork of cells, by Bruggeman's theory.
 
-    Parameters
-    ----------
-    permeability : ndarray, shape (cells, steps)
-        :math:`k_i` of each cell, m3, not negative.
-    weight : ndarray, shape (samples, cells, steps), multiplicity of each cell, :math:`w_i`
-
-    Returns
-    -------
-    ndarray, shape (samples, steps)
-        Zero where half of the cells or more are tight, NaN where no cell counts; m3.
-
     Notes
     -----
     A round patch in the effective medium of all others does not change the mean flow,
@@ -173,15 +151,6 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
 
 def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None) -> Dataset:
     """Return a law with the hydraulic aperture of its interface at the pressures of its data.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    response : Dataset
-        Follows ``MICRO_RESPONSE``: the cells of the law, with their hydraulic apertures.
-    coarser : Dataset, optional
-        Follows ``COARSER_RESPONSE``: the first of these cells on half of their points, so that the
-        intervals contain the error of the grid, see :func:`estimate_grid_error`.
 
     Notes
     -----
@@ -264,19 +233,7 @@ def _spread(aperture: np.ndarray, n: int) -> np.ndarray:
 
 
 def sealing_pressures(law: Dataset, direction: str = "both") -> np.ndarray:
-    """Return the pressures between which the last path through an interface closes.
-
-    Parameters
-    ----------
-    law : Dataset, with hydraulic apertures
-    direction : {"x", "y", "both"}, of the flow
-
-    Returns
-    -------
-    ndarray, shape (2,)
-        The last pressure with a path through the gap and the next pressure, Pa; NaN where the data
-        begin later, or end earlier.
-    """
+    """Return the pressures between which the last path through an interface closes."""
     require_law(law, "hydraulic_aperture")
     tight = law["hydraulic_aperture"].sel(direction=direction).to_numpy() == 0.0
     pressure = np.concatenate([[np.nan], law["fit_pressure"].to_numpy(), [np.nan]])

@@ -11,7 +11,7 @@ from multiscale.convergence import Solution, Status
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.nonsmooth.friction import FRICTION_METHODS
 from multiscale.nonsmooth.lcp import LCP_METHODS
-from multiscale.plotting import plot_history
+from multiscale.plotting.work_precision_figures import plot_history
 from multiscale.schema import WORK_PRECISION
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from multiscale.errors import CaseError, SchemaError
 from multiscale.fe.boxes import box_mesh
-from multiscale.io import write_body_fields
+from multiscale.io.fields import write_body_fields
 from multiscale.laws import Exponential, ModifiedLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, LatinMethod

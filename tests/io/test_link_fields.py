@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import MultiscaleError, SchemaError
-from multiscale.io import write_link_fields
+from multiscale.io.fields import write_link_fields
 from multiscale.macro import simulate, solve_static, tensegrity_grid
 
 

@@ -11,7 +11,7 @@ from multiscale.macro.vibration import Amplitudes, follow_backbone, structure_ma
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.body_budget import Change
 from multiscale.pipeline.stages.vibrating_bodies import _laws, _press
-from multiscale.plotting import plot_vibrating_joint
+from multiscale.plotting.vibration_figures import plot_vibrating_joint
 
 
 def test_the_shipped_beam_has_its_asperities_and_modes():

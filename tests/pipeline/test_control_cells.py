@@ -10,7 +10,7 @@ from multiscale.pipeline.case_cells import make_surfaces
 from multiscale.pipeline.case_needs import requirements
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.ensembles import CONTROL_CELLS, best_count
-from multiscale.upscaling import normal_observations
+from multiscale.upscaling.response_observations import normal_observations
 from tests.support import write_scene
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 

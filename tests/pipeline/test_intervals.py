@@ -215,7 +215,7 @@ def test_a_value_has_the_digits_of_its_error(value, half, said):
 def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
     """Of the law with a tangential branch, whose parameters the case does not give."""
     from multiscale.pipeline.body_budget import Change, change_friction
-    from multiscale.upscaling import shear_errors
+    from multiscale.upscaling.shear_budget import shear_errors
 
     law = write_cells(tmp_path / "law.nc").drop_vars(CYCLED)
     assert shear_errors(law, PRESSURE) == {}

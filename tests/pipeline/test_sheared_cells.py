@@ -17,7 +17,8 @@ from multiscale.pipeline.stages.ensembles import SHEARED_CELLS
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.report import write_report
 from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
-from multiscale.upscaling import assume_shear, shear_errors, sliders_from_dataset
+from multiscale.upscaling import assume_shear, sliders_from_dataset
+from multiscale.upscaling.shear_budget import shear_errors
 from tests.support import TWO_BLOCKS, case_of, joints_of, small_steel, write_law, write_scene
 
 SHEAR = """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from multiscale.plotting import plot_growth
+from multiscale.plotting.work_precision_figures import plot_growth
 from multiscale.schema import WORK_PRECISION
 
 CABLES = np.array([1e3, 4e3, 16e3])

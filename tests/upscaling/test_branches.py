@@ -15,9 +15,8 @@ from multiscale.upscaling import (
     hysteretic_from_dataset,
     law_from_dataset,
     loading_branch,
-    with_damage,
-    with_unloading,
 )
+from multiscale.upscaling.branches import with_damage, with_unloading
 from tests.micro.damage.solid import lattice
 from tests.support import TWO_BLOCKS, case_of, joints_of, write_law
 from tests.upscaling.responses import response_of

@@ -14,8 +14,6 @@ from multiscale.upscaling import (
     Samples,
     Uncertainty,
     at_rms_height,
-    compare_scales,
-    effective_cells,
     error_budget,
     fit_law,
     law_from_dataset,
@@ -38,6 +36,7 @@ from multiscale.upscaling.budget import (
 )
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.free_form import decay_share
+from multiscale.upscaling.scales import compare_scales, effective_cells
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
 TRUTH = DECAY * np.log(SCALE / PRESSURE)

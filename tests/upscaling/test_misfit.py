@@ -19,11 +19,10 @@ from multiscale.upscaling import (
     law_from_dataset,
     loading_branch,
     observe,
-    with_leakage,
-    with_shear,
-    with_unloading,
 )
-from multiscale.upscaling.branches import take_sliding_friction, with_sliding
+from multiscale.upscaling.branches import take_sliding_friction, with_sliding, with_unloading
+from multiscale.upscaling.shear_fit import with_shear
+from multiscale.upscaling.transport import with_leakage
 from tests.support import rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 

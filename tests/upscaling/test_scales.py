@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.upscaling import compare_scales, estimate_grid_error, pressure_length_of_points
+from multiscale.upscaling import estimate_grid_error
+from multiscale.upscaling.scales import compare_scales, pressure_length_of_points
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])

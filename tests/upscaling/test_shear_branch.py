@@ -14,7 +14,6 @@ from multiscale.plotting import plot_shear_law
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, branch_of
 from multiscale.upscaling import (
     assume_shear,
-    compare_scales,
     error_budget,
     fit_branches,
     fit_law,
@@ -22,13 +21,12 @@ from multiscale.upscaling import (
     law_sources,
     propagate,
     sliders_from_dataset,
-    sliding_friction_at,
     with_budget,
     with_scales,
-    with_shear,
-    with_sliding,
 )
-from multiscale.upscaling.shear_fit import bed_loss, bed_traction
+from multiscale.upscaling.branches import sliding_friction_at, with_sliding
+from multiscale.upscaling.scales import compare_scales
+from multiscale.upscaling.shear_fit import bed_loss, bed_traction, with_shear
 from tests.support import egg_box, rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 

@@ -13,9 +13,9 @@ from multiscale.upscaling import (
     law_from_dataset,
     observe,
     predict,
-    quantity_of,
     read_observations,
 )
+from multiscale.upscaling.tables import quantity_of
 
 
 @pytest.fixture

@@ -7,15 +7,17 @@ from multiscale.errors import CaseError
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
     conductances,
-    effective_permeability,
     elastic_source,
     fit_law,
     say_sealing,
+    write_law_table,
+    write_pressure_overclosure,
+)
+from multiscale.upscaling.transport import (
+    effective_permeability,
     sealing_pressures,
     with_conductance,
     with_leakage,
-    write_law_table,
-    write_pressure_overclosure,
 )
 from tests.upscaling.responses import response_of
 

@@ -21,7 +21,6 @@ from multiscale.upscaling import (
     Knob,
     area_from_dataset,
     at_rms_height,
-    compare_scales,
     error_budget,
     fit_law,
     law_from_dataset,
@@ -33,6 +32,7 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.law_budget import grid_term
+from multiscale.upscaling.scales import compare_scales
 from tests.pressed_joint import press_blocks
 from tests.support import press_flat, rough_square
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.micro.gap_flow import gap_flow
-from multiscale.upscaling import effective_permeability
+from multiscale.upscaling.transport import effective_permeability
 from tests.support import press_flat, rough_square
 
 

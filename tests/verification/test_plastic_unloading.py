@@ -5,14 +5,8 @@ import pytest
 
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Path, run_ensemble
-from multiscale.upscaling import (
-    fit_law,
-    fitted_law,
-    law_band,
-    law_from_dataset,
-    unloading_family,
-    unloading_observations,
-)
+from multiscale.upscaling import fit_law, fitted_law, law_band, law_from_dataset, unloading_family
+from multiscale.upscaling.response_observations import unloading_observations
 from tests.support import rough_square
 
 MODULUS, NU, YIELD, EDGE, POINTS = 200e9, 0.3, 1e9, 1e-4, 12

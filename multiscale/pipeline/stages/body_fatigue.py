@@ -10,7 +10,7 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import write_life_fields
+from multiscale.io.fields import write_life_fields
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import substructures
 from multiscale.micro.damage.element_fatigue import (

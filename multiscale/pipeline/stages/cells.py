@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
+from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.io.fields import write_surface_fields
 from multiscale.micro import FlatCell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.needs import Choice, Needs

@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import ConvergenceError
-from multiscale.io import write_body_fields, write_link_fields
+from multiscale.io.fields import write_body_fields, write_link_fields
 from multiscale.macro import substructures
 from multiscale.needs import Needs
 from multiscale.pipeline.showing import Table, View

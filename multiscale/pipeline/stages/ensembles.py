@@ -26,7 +26,8 @@ from multiscale.schema import (
     with_cautions,
 )
 from multiscale.surfaces.surface import Surface
-from multiscale.upscaling import loading_branch, normal_observations
+from multiscale.upscaling import loading_branch
+from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.sampling import Control, best_ratio
 
 SHEARED, COARSER, FLAT = "micro-shear", "micro-coarser", "micro-control"

@@ -44,8 +44,6 @@ from multiscale.upscaling import (
     require_law,
     say_sealing,
     with_budget,
-    with_conductance,
-    with_leakage,
     write_law_table,
     write_pressure_overclosure,
 )
@@ -53,6 +51,7 @@ from multiscale.upscaling.budget import known_error
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
+from multiscale.upscaling.transport import with_conductance, with_leakage
 
 CLOSED = 1.0 - 1e-6  # contact fraction above which the gap is closed
 FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s of a fit, and of each of its samples, about

@@ -6,7 +6,7 @@ from math import ceil
 
 import numpy as np
 
-from multiscale.io import write_grain_fields
+from multiscale.io.fields import write_grain_fields
 from multiscale.macro import granulate
 from multiscale.macro.granulate.model import grain_needs
 from multiscale.needs import Needs

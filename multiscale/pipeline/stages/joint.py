@@ -45,7 +45,6 @@ from multiscale.upscaling import (
     Uncertainty,
     area_from_dataset,
     cell_share,
-    compare_scales,
     conductance_ratios,
     elastic_source,
     fitted_laws,
@@ -54,7 +53,6 @@ from multiscale.upscaling import (
     over_steps,
     propagate,
     require_law,
-    shear_errors,
     tangential_values,
     with_budget,
     with_intervals,
@@ -63,6 +61,8 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import MACRO, Term, has_budget, known_terms
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
+from multiscale.upscaling.scales import compare_scales
+from multiscale.upscaling.shear_budget import shear_errors
 
 TANGENTIAL = "tangential_stiffness"
 

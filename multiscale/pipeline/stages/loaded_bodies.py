@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from multiscale.io import write_body_fields
+from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import ErrorSources, few_steps, with_joint_budget

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import ConvergenceError
-from multiscale.io import write_mode_fields
+from multiscale.io.fields import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs

@@ -29,15 +29,11 @@ from multiscale.pipeline.tables.toml_model import (
     with_unit,
 )
 from multiscale.schema import Dataset, with_cautions
-from multiscale.upscaling import (
-    assume_shear,
-    state_shear,
-    take_sliding_friction,
-    tangential_values,
-    with_stated_error,
-)
+from multiscale.upscaling import assume_shear, tangential_values
+from multiscale.upscaling.branches import state_shear, take_sliding_friction
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
+from multiscale.upscaling.tables import with_stated_error
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup

@@ -46,7 +46,7 @@ from multiscale.pipeline.tables.toml_model import (
     Settings,
 )
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
-from multiscale.upscaling import with_damage
+from multiscale.upscaling.branches import with_damage
 
 if TYPE_CHECKING:
     from skfem import Mesh
