@@ -158,7 +158,8 @@ def _carry_out(
 ) -> None:
     """Explain or run a sweep, or the single case of a sweep without parameters."""
     _refuse_both(verbose, quiet)
-    from multiscale.io import logging_to, make_folder
+    from multiscale.io import make_folder
+    from multiscale.io.files import logging_to
     from multiscale.pipeline import refuse_excess, requirements, run, run_sweep
     from multiscale.pipeline.case_needs import prepare
     from multiscale.pipeline.stages import stages_of

@@ -10,8 +10,9 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.faces import facet_normals
-from multiscale.io import read_mesh, read_text
+from multiscale.io import read_text
 from multiscale.io.gmsh_model import mesh_geometry
+from multiscale.io.meshes import read_mesh
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh

@@ -1,14 +1,9 @@
-from .csv_tables import finite as finite
-from .csv_tables import positive as positive
-from .csv_tables import read_table as read_table
 from .datasets import open_dataset as open_dataset
 from .datasets import open_law as open_law
 from .datasets import open_response as open_response
 from .datasets import open_run as open_run
-from .datasets import reading_run as reading_run
 from .datasets import save_law as save_law
 from .datasets import write_dataset as write_dataset
-from .files import logging_to as logging_to
 from .files import make_folder as make_folder
 from .files import read_bytes as read_bytes
 from .files import read_text as read_text
@@ -20,7 +15,6 @@ from .images import read_images as read_images
 from .mesh_groups import NamedMesh as NamedMesh
 from .mesh_groups import named_mesh as named_mesh
 from .meshes import open_mesh as open_mesh
-from .meshes import read_mesh as read_mesh
 from .surface_file import Topography as Topography
 from .surface_file import open_topography as open_topography
 from .surface_file import read_surface as read_surface

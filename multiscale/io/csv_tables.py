@@ -39,26 +39,9 @@ KINDS: dict[Callable[[str], Any], str] = {
 def read_table(
     path: Path, kind_of: Callable[[str], Callable[[str], Any]] = lambda name: finite
 ) -> dict[str, list[Any]]:
-    """Read a CSV file with the names of the columns in its first line.
+    """Read a CSV file with the names of the columns in its first line; a list for each column.
 
-    Parameters
-    ----------
-    path : Path
-        File with values separated by commas, semicolons or tabs; numbers may have decimal
-        commas where commas do not separate.
-    kind_of : callable, optional
-        From the name of a column to the kind of its entries: :func:`finite`, the default,
-        :func:`positive`, ``float``, ``int`` or ``str``.
-
-    Returns
-    -------
-    dict of str to list, values of each column in the units of the file
-
-    Raises
-    ------
-    CaseError
-        If the file is missing, a line has too few or too many entries, or an entry is not of its
-        kind.
+    Commas, semicolons or tabs separate values; numbers may have decimal commas where commas do not.
     """
     text = read_text(path).splitlines()
     names = next((line for line in text if line.strip()), "")

@@ -127,30 +127,10 @@ def _read_by_meshio(path: Path) -> NamedMesh:
 def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArrays:
     """Read a body of a single kind of element with its named boundaries.
 
-    In gmsh a physical group of lines or surfaces names a boundary, and in a deck a surface or a set
-    of elements. The solid needs a physical group if gmsh saves only these.
-
-    Parameters
-    ----------
-    path : Path, see :func:`open_mesh`
-    volume : str
-        Named group of elements that is read, or a kind of element, or a named face for the
-        connected component of the mesh with this face; all elements of the largest dimension if
-        not given.
-    curved : bool
-        Whether to keep the nodes between the corners of solids of second order; without them edges
-        are straight.
-
-    Returns
-    -------
-    MeshArrays
-        The mesh without points that no element uses; a mesh in the plane z = const has two
-        dimensions.
-
-    Raises
-    ------
-    CaseError
-        If the file cannot be read, has no elements of a body, two kinds of them, or no such volume.
+    ``volume`` is a named group of elements, a kind of element, or a named face for the connected
+    component of the mesh with this face; all elements of the largest dimension if empty. In gmsh a
+    physical group of lines or surfaces names a boundary, and in a deck a surface or a set of
+    elements. A mesh in the plane z = const has two dimensions.
     """
     mesh = open_mesh(path)
     # elements of the body, and their corners without points that no element uses

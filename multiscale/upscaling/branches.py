@@ -194,7 +194,7 @@ def sliders_from_dataset(
 
     Parameters
     ----------
-    dataset : Dataset, follows ``INTERFACE_LAW``; of :func:`with_shear` or :func:`assume_shear`
+    dataset : Dataset, follows ``INTERFACE_LAW``; of :func:`fit_branches` or :func:`assume_shear`
     sample : int, optional
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
     normal : GapLaw, optional
@@ -210,7 +210,7 @@ def sliders_from_dataset(
     """
     if len(tangential_values(dataset)) < 2:
         raise CaseError(
-            "the law has no tangential branch; shear cells and add it with with_shear, or "
+            "the law has no tangential branch; shear cells and fit both by fit_branches, or "
             "assume_shear(law, friction=..., stiffness_ratio=...)"
         )
     drawn = sample if dataset.sizes.get("shear_sample", 0) else None
@@ -242,10 +242,15 @@ def fit_branches(
     response : Dataset
         Follows ``MICRO_RESPONSE``; gives the loading, and the unloading if cells have flowed and
         were unloaded.
-    shear, sliding : Dataset, optional
-        Give the tangential branch and friction over pressure, see :func:`with_shear` and
-        :func:`with_sliding`.
-    apart : bool, optional, as of :func:`with_shear`
+    shear : Dataset, optional
+        Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
+        realisations, with the same numbers, that are pressed, sheared until they slip and
+        released, such as along :func:`multiscale.micro.shear_path`.
+    sliding : Dataset, optional
+        Follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`.
+    apart : bool, optional
+        Whether the stiffness ratios along x and y are two numbers, as for surfaces with a lay, or
+        their mean; if not given, two numbers where they differ by more than chance.
     n_samples : int, of each branch
     control, **options
         As of :func:`~multiscale.upscaling.fit_law`.
@@ -337,8 +342,8 @@ def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> Hyst
     """
     if "unloading_stiffness_ratio" not in dataset.variables:
         raise CaseError(
-            "the law has no unloading branch; unload the cells (unload = true in [micro]), or "
-            "add a branch with with_unloading"
+            "the law has no unloading branch; unload the cells (unload = true in [micro]), and fit "
+            "them by fit_branches"
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
     require_law(dataset, *names)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import finite, open_law, positive, read_table
+from multiscale.io import open_law
+from multiscale.io.csv_tables import finite, positive, read_table
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import to_si
 from multiscale.upscaling.budget import (
@@ -52,7 +53,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     Parameters
     ----------
     path : path
-        A table as of :func:`multiscale.io.read_table`, with units of its columns, such as
+        A table separated by commas, semicolons or tabs, with units of its columns, such as
         ``pressure (MPa), stiffness (MPa/um), specimen``: the columns of the quantity, in any order,
         and optionally ``specimen`` (any text); further columns are ignored. Without specimens the
         k-th value at a pressure belongs to the k-th specimen. Each specimen is a realisation.

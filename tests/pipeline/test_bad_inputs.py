@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from multiscale.io import read_table
+from multiscale.io.csv_tables import read_table
 from multiscale.pipeline import load_case
 from tests.support import refused_rows, small_steel, write_law, write_scene
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import read_table
+from multiscale.io.csv_tables import read_table
 from multiscale.laws import Exponential
 from multiscale.upscaling import (
     best_family,

@@ -13,7 +13,7 @@ from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.fe.faces import face_of
 from multiscale.fe.mesh_file import load_geometry
-from multiscale.io import read_table
+from multiscale.io.csv_tables import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.pipeline.tables.joint_settings import Damage, JointLaw, LawError, StatedAsperities
