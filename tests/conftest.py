@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 
 def pytest_configure(config):
@@ -48,6 +49,31 @@ def run_folder(tmp_path_factory):
     run(case.model_copy(update={"cell": cell}), out)
     draw_figures(out)
     return out
+
+
+@pytest.fixture(scope="session")
+def shipped_run(tmp_path_factory):
+    """Return folder, print and cautions of a shipped case, run once for all workers with --quick.
+
+    The folder is read only.
+    """
+    from tests.support import COMMAND, run_python
+
+    folder = tmp_path_factory.getbasetemp()
+    folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+    def finished(name):
+        out, *said = (folder / f"{name}{end}" for end in ("", ".out", ".err"))
+        with FileLock(folder / f"{name}.lock"):
+            if not said[1].exists():
+                arguments = ("run", name, "-o", out, "--quick", "--jobs", "1")
+                done = run_python(COMMAND, *arguments, cwd=folder, check=False)
+                assert done.returncode == 0, done.stderr
+                for file, text in zip(said, (done.stdout, done.stderr), strict=True):
+                    file.write_text(text, encoding="utf-8")
+        return out, *(file.read_text(encoding="utf-8") for file in said)
+
+    return finished
 
 
 @pytest.fixture

@@ -95,6 +95,15 @@ COMMAND = "from multiscale.cli import main; main()"
 
 
 SCENES = Path(__file__).parents[1] / "workflows" / "scenes"
+
+
+def case_text(name):
+    """Text of a case in the folder ``cases``, after an empty line."""
+    file = Path(__file__).parent / "cases" / f"{name}.toml"
+    return "\n" + file.read_text(encoding="utf-8")
+
+
+TWO_BLOCKS = case_text("two_blocks")
 PORES = """
 title = "Pores"
 [rve]
@@ -104,20 +113,6 @@ size = "1 mm"
 [rve.recipe]
 porosity = 0.1
 pore_radius = "0.2 mm"
-"""
-TWO_BLOCKS = """
-title = "Two blocks"
-[structure]
-kind = "stacked_blocks"
-size = ["20 mm", "20 mm", "10 mm"]
-elements = [2, 2, 1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0
-[interface]
-friction = 0.2
-stiffness_ratio = 0.8
-[statics]
-preloads = ["5 MPa", "20 MPa"]
 """
 
 

@@ -8,7 +8,7 @@ from skfem import ElementHex2
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.laws import Exponential, RigidContact, Sliders
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
     AssembledNewton,
@@ -69,54 +69,6 @@ def test_every_method_finds_the_same_path(method, whole):
             one[name].values[:, order] for one, order in zip((found, whole), orders, strict=True)
         )
         np.testing.assert_allclose(mine, theirs, atol=1e-6 * np.abs(theirs).max(), err_msg=name)
-
-
-def test_measures_of_a_joint_do_not_depend_on_the_method():
-    loading = JointLoading((10e6, 20e6), shear=1.5e6, cycles=1, steps=2)
-    one, other = (
-        load_joint(blocks(), loading, method=method)
-        for method in (AssembledNewton(), LatinMethod())
-    )
-    for name in ("joint_stiffness", "tangential_stiffness", "approach", "cycle_energy"):
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-5, err_msg=name)
-    np.testing.assert_allclose(one.load_above, other.load_above, atol=1e-6)
-
-
-@pytest.mark.parametrize("method", [AssembledNewton(), LatinMethod(), NewtonSchur()])
-def test_a_path_ends_where_friction_does(method):
-    slid = solve_assembly(
-        blocks(), np.array([[20e6, 0.0], [20e6, 8e6], [20e6, 0.0]]), method=method
-    )
-    np.testing.assert_array_equal(slid.converged, [1, 0, 0])
-    assert (
-        "the steps end before step 1: no equilibrium found: the bodies slide on interface 0"
-        in (slid.attrs["failure"])
-    )
-    assert np.isnan(slid.displacement[1:]).all()
-
-
-def test_a_body_without_interfaces_is_linear():
-    plate = Body(
-        box_mesh((0.1, 0.1, 0.01), (4, 4, 1)),
-        STEEL,
-        supports={"left": (0.0, 0.0, 0.0)},
-        tractions={"top": (0.0, 0.0, -1e3)},
-    )
-    once, cut = (
-        solve_assembly(Assembly((plate,)), np.array([1.0, 2.0]), method=method)
-        for method in (AssembledNewton(), LatinMethod(parts=(2, 2)))
-    )
-    assert once.converged.values.all()
-    np.testing.assert_allclose(once.displacement[1], 2.0 * once.displacement[0], rtol=1e-9)
-    size = float(abs(once.displacement).max())
-    np.testing.assert_allclose(once.displacement, cut.displacement, atol=1e-6 * size)
-
-
-@pytest.mark.parametrize("method", [AssembledNewton(), NewtonSchur()])
-def test_methods_that_need_a_traction_refuse_rigid_contact(method):
-    rigid = stacked_blocks((EDGE,) * 3, (1, 1, 1), [STEEL] * 2, [RigidContact(0.2)])
-    with pytest.raises(CaseError, match="solve_latin supports rigid contact"):
-        solve_assembly(rigid, np.array([[1e6, 0.0]]), method=method)
 
 
 def test_an_assembly_that_cannot_be_is_refused():

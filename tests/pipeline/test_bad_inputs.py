@@ -7,66 +7,14 @@ import pytest
 
 from multiscale.io.csv_tables import read_table
 from multiscale.pipeline import load_case
-from tests.support import refused_rows, small_steel, write_law, write_scene
+from tests.support import case_text, refused_rows, small_steel, write_law, write_scene
 
 STEEL = small_steel(3)
 
-PLATE = """
-title = "plate"
-[structure]
-kind = "plate"
-size = ["4 m", "4 m", "0.2 m"]
-elements = [16, 16, 1]
-youngs_modulus = "70 GPa"
-poissons_ratio = 0.3
-pressure = "1 kPa"
-[substructures]
-parts = [4, 4]
-[statics]
-load_factors = [1.0]
-"""
-GRID = """
-title = "grid"
-[structure]
-kind = "tensegrity_grid"
-n = 3
-[statics]
-load_factors = [0.0, 1.0]
-"""
-GRAINS = """
-title = "grains"
-[structure]
-kind = "deposit"
-size = ["20 cm", "20 cm"]
-[grains]
-number = 1000
-radius = ["1 cm", "1 cm"]
-density = "2600 kg/m^3"
-friction = 0.5
-[motion]
-step = "2 ms"
-duration = "1 s"
-"""
-LAP = """
-title = "lap"
-[structure]
-kind = "lap_joint"
-length = "100 mm"
-width = "40 mm"
-thickness = "8 mm"
-overlap = "40 mm"
-hole = "9 mm"
-washer = "18 mm"
-element = "4 mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[interface]
-law = "law.nc"
-friction = 0.2
-stiffness_ratio = 0.8
-[statics]
-preloads = ["25 MPa", "35 MPa"]
-"""
+PLATE = case_text("plate")
+GRID = case_text("grid")
+GRAINS = case_text("grains")
+LAP = case_text("lap_of_law")
 
 
 def measured(more=""):

@@ -6,60 +6,24 @@ import meshio
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 from skfem import MeshTet
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.executors import process_pool
 from multiscale.fe.boxes import box_mesh
-from multiscale.io import open_law, save_law
+from multiscale.io import save_law
 from multiscale.laws import Asperities, AsperityLaw, gaussian_asperities
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.plotting import load_pictures
-from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
-from tests.support import refused_rows, small_steel, write_body, write_law, write_scene
+from multiscale.upscaling import error_budget, fit_law, with_budget
+from tests.support import case_text, refused_rows, small_steel, write_body, write_law, write_scene
 from tests.upscaling.responses import response_of
 
 LONG, WIDE, HIGH = 0.06, 0.04, 0.01
 
-TEXT = """
-title = "Cover on a housing"
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "housing"
-mesh = "housing.msh"
-unit = "mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-supports = { bottom = "clamped" }
-[[structure.bodies]]
-name = "cover"
-mesh = "cover.msh"
-unit = "mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[[structure.interfaces]]
-sides = ["housing.top", "cover.bottom"]
-friction = 0.2
-stiffness_ratio = 0.8
-[structure.interfaces.exponential]
-pressure_scale = "1 GPa"
-decay_length = "0.3 um"
-pressures = ["0.1 MPa", "100 MPa"]
-[[structure.loads]]
-name = "press"
-face = "cover.top"
-pressure = "10 MPa"
-[[structure.loads]]
-name = "pull"
-face = "cover.right"
-force = ["1 kN", 0, 0]
-[statics]
-steps = [{ press = 1 }, { pull = 1 }]
-"""
+TEXT = case_text("bodies")
 
 BOLT = """
 [[structure.bolts]]
@@ -229,79 +193,11 @@ def test_a_bolt_that_the_load_opens_ends_the_path(meshes):
     assert found.bolt_force[0, 0] == pytest.approx(20e3)
 
 
-def test_a_stiffness_ratio_that_nothing_tells_is_assumed_and_said(meshes):
-    found = solve(meshes, ("stiffness_ratio = 0.8\n", ""))
-    assert "the stiffness ratio of 0.824 is assumed" in found.attrs["cautions"]
-
-
-def test_three_bolts_share_a_load_as_springs_on_a_bed(meshes):
-    """A rigid cover on the bed of the law, with three shanks: its three motions by a root search.
-
-    The bodies are 1e6 times as stiff as steel; the load lifts one edge.
-    """
-    found = solve(
-        meshes,
-        *WASHERS,
-        ('"210 GPa"', '"2.1e8 GPa"'),
-        ('"210 GPa"', '"2.1e8 GPa"'),
-        ('pressure = "10 MPa"', 'force = [0, 0, "1 kN"]'),
-        ('force = ["1 kN", 0, 0]', 'force = [0, 0, "30 kN"]'),
-        more="".join(BOLT.replace("washer_0", f"washer_{k}") for k in range(3)),
-    )
-    assert found.converged.values.all()
-    place, area = found.point_position.values, found.point_area.values
-    shank, preload = 210e9 * np.pi / 4.0 * 0.008**2 / (2.0 * HIGH), 20e3
-
-    def arms(x):
-        return np.column_stack([np.ones(len(x)), x[:, :2] - [0.5 * LONG, 0.5 * WIDE]])
-
-    lift = 30e3 * np.array([1.0, 0.5 * LONG, 0.0])  # resultant and moments of the load
-
-    scale = np.array([1e-7, 1e-6, 1e-6])  # m, 1, 1
-
-    def left(scaled, before, share=1.0):
-        motion = scale * scaled
-        force = np.full(3, preload)
-        if before is not None:
-            force = force + shank * arms(MIDDLES) @ (motion - scale * before)
-        pressed = 1e9 * np.exp(-arms(place) @ motion / 0.3e-6) * area
-        outside = np.zeros(3) if before is None else share * lift
-        return (arms(place).T @ pressed + outside - arms(MIDDLES).T @ force) / [1e3, 10.0, 10.0]
-
-    tight = fsolve(left, [10.0, 0.0, 0.0], args=(None,), xtol=1e-13)
-    lifted = tight
-    for share in np.linspace(0.0, 1.0, 21)[1:]:
-        lifted = fsolve(left, lifted, args=(tight, share), xtol=1e-13, factor=0.1)
-    np.testing.assert_allclose(left(lifted, tight), 0.0, atol=1e-6)
-    expected = preload + shank * arms(MIDDLES) @ (scale * (lifted - tight))
-    np.testing.assert_allclose(found.bolt_force[0], preload, rtol=1e-9)
-    np.testing.assert_allclose(found.bolt_force[1] - preload, expected - preload, rtol=2e-3)
-    assert found.bolt_force[1].max() > preload + 200.0 > found.bolt_force[1].min() + 250.0
-
-
 STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[structure.loads]]")]
 """The law that the text states."""
 
 
-BEAM = """
-title = "Cantilever"
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "housing"
-mesh = "housing.msh"
-unit = "mm"
-order = 2
-youngs_modulus = "210 GPa"
-poissons_ratio = 0
-supports = { left = "clamped" }
-[[structure.loads]]
-name = "lift"
-face = "housing.right"
-force = [0, 0, "1 kN"]
-[statics]
-steps = [{ lift = 1 }]
-"""
+BEAM = case_text("cantilever")
 
 
 @pytest.mark.parametrize(("order", "error"), [("order = 2\n", 0.02), ("", 0.04)])
@@ -530,73 +426,7 @@ def test_workers_solve_bodies_again_for_the_intervals_of_stated_values(meshes):
     assert float(half.sel(error_term="stated values")) == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.slow
-def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
-    """The stiffness under the press is of springs in series: so are the changes of the law."""
-    p = write_scattered_law(meshes / "law.nc")
-    text = TEXT.replace(STATED, 'law = "law.nc"\n').replace(
-        'cover.msh"', 'cover.msh"\ncoarser = "larger.msh"'
-    )
-    text = text.replace('housing.msh"', 'housing.msh"\ncoarser = "coarse.msh"')
-    write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (2, 1, 1)))
-    above = (0.0, 0.0, HIGH)
-    write_body(meshes / "larger.msh", box_mesh((LONG, WIDE, HIGH), (2, 1, 1), origin=above))
-    even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
-    cycles = '[cycles]\nload = "pull"\ncycles = 1\nsteps = 4\n'
-    found = run_macro(load_case(write_scene(meshes, text + cycles, *even)), meshes / "found.nc")
-    names = [str(name) for name in found["quantity"].values]
-    assert names == [
-        "load_stiffness press",
-        "load_stiffness pull",
-        "real pressure of interface 0",
-        "slipping_load",
-        "cycle_energy",
-    ]
-    press = found.load_stiffness.sel(load="press").values[0]
-    share = float(found.interface_compliance.sel(load="press")[0])
-    of_law = law_from_dataset(open_law(meshes / "law.nc"))
-    half = found.error_half_width.sel(quantity="load_stiffness press", step=0)
-    own = open_law(meshes / "law.nc").error_half_width.sel(quantity="stiffness")
-    at = int(np.argmin(np.abs(p - 10e6)))
-    assert of_law.gap_at(np.array(10e6)) > 0.0
-    for term in ("sampling", "fit"):
-        expected = share * float(own.sel(error_term=term)[at])
-        assert float(half.sel(error_term=term)) == pytest.approx(expected, rel=0.5)
-    low, high = found.load_stiffness_mean_law.sel(load="press").values[:, 0]
-    assert low < press < high
-
-
-SMOOTH = """
-title = "Block on a frictionless ground"
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "block"
-mesh = "block.msh"
-unit = "mm"
-youngs_modulus = "70 GPa"
-poissons_ratio = 0.33
-density = "2700 kg/m^3"
-supports = { left = "x", front = "y" }
-[[structure.interfaces]]
-sides = ["ground", "block.bottom"]
-friction = 0.0
-stiffness_ratio = 0.8
-[structure.interfaces.exponential]
-pressure_scale = "10 MPa"
-decay_length = "0.5 um"
-pressures = ["1 MPa", "100 MPa"]
-[[structure.loads]]
-name = "press"
-face = "block.top"
-pressure = "10 MPa"
-[[structure.loads]]
-name = "push"
-face = "block.right"
-pressure = "1 MPa"
-[statics]
-steps = [{ press = 1 }, { push = 1 }]
-"""
+SMOOTH = case_text("block_on_ground")
 
 
 def test_a_frictionless_ground_holds_no_push(tmp_path):
@@ -635,21 +465,6 @@ def test_statics_choose_their_solver(meshes):
         assert f"Solved by {name}: the case asks for it." in found.attrs["facts"]
         answers.append(found)
     same_answers(*answers)
-
-
-@pytest.mark.parametrize(
-    ("method", "table", "said"),
-    [
-        ("newton", "[substructures]\nparts = [2, 1]\n", "leave out one of them"),
-        ("gauss", "", "method"),
-        ("latin", '[vibration]\namplitudes = ["1 nm"]\n', "is not for \\[vibration\\]"),
-    ],
-)
-def test_a_solver_that_does_not_fit_is_refused(meshes, method, table, said):
-    text = TEXT.replace(STEPS, f'{STEPS}\nmethod = "{method}"\n{table}')
-    text = text.replace("poissons_ratio = 0.3", 'poissons_ratio = 0.3\ndensity = "7850 kg/m^3"')
-    with pytest.raises(CaseError, match=said):
-        load_case(write_scene(meshes, text))
 
 
 def test_the_time_of_all_load_steps_follows_from_the_first(meshes):

@@ -16,7 +16,7 @@ from multiscale.pipeline.stages.cells import with_slope_errors
 from multiscale.schema import MACRO_RESULT
 from multiscale.surfaces import Surface, rms_height, rms_slope
 from multiscale.units import to_si
-from tests.support import rough_square, steel_text
+from tests.support import case_text, rough_square, steel_text
 
 
 @pytest.fixture
@@ -221,31 +221,7 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
     assert "too little to infer the rest from" in result.attrs["how_surface"]
 
 
-MEASURED = """
-title = "Measured"
-[body_1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-SURFACE
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[cell]
-size = ["100 um", "100 um"]
-points = [32, 32]
-geometry = "flat"
-[micro]
-realisations = 3
-pressures = ["10 MPa", "30 MPa", "100 MPa", "300 MPa"]
-[law]
-samples = 0
-[structure]
-kind = "blocks"
-height = "20 mm"
-width = "20 mm"
-[statics]
-preloads = ["20 MPa"]
-"""
+MEASURED = case_text("measured")
 
 
 def test_a_case_of_second_order_expands_both_bodies_under_their_own_surfaces(case):

@@ -12,7 +12,7 @@ from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus
 from multiscale.pipeline.stages import ensembles
 from multiscale.surfaces.surface import Surface
-from tests.support import case_of
+from tests.support import case_of, case_text
 
 COATING = """
 [[body_1.coating]]
@@ -21,30 +21,7 @@ youngs_modulus = "350 GPa"
 poissons_ratio = 0.25
 """
 
-TEXT = f"""
-title = "Oxide on ground steel"
-[body_1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[body_1.surface]
-rms_slope = 0.05
-hurst_exponent = 0.8
-long_cutoff = "200 um"
-short_cutoff = "50 um"
-{COATING}
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[cell]
-size = ["200 um", "200 um"]
-points = [32, 32]
-geometry = "flat"
-[micro]
-realisations = 3
-pressures = ["5 MPa", "15 MPa", "40 MPa", "120 MPa"]
-[law]
-samples = 20
-"""
+TEXT = case_text("coated")
 
 
 def flat_surface(case):

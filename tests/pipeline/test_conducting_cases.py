@@ -4,38 +4,9 @@ import numpy as np
 
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.pipeline import run
-from tests.support import case_of
+from tests.support import case_of, case_text
 
-TEXT = """
-title = "Aluminium on steel"
-elastic = true
-[body_1]
-youngs_modulus = "70 GPa"
-poissons_ratio = 0.33
-thermal_conductivity = "200 W/m/K"
-[body_1.surface]
-rms_height = "0.8 um"
-hurst_exponent = 0.8
-long_cutoff = "200 um"
-short_cutoff = "100 um"
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-thermal_conductivity = "50 W/m/K"
-[cell]
-size = ["400 um", "400 um"]
-points = [16, 16]
-geometry = "flat"
-[micro]
-realisations = 3
-pressures = ["1 MPa", "3 MPa", "10 MPa", "30 MPa"]
-[structure]
-kind = "blocks"
-height = "5 mm"
-width = "10 mm"
-[statics]
-preloads = ["2 MPa", "10 MPa"]
-"""
+TEXT = case_text("conducting")
 
 
 def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):

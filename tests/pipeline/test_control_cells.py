@@ -11,31 +11,10 @@ from multiscale.pipeline.case_needs import requirements
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.ensembles import CONTROL_CELLS, best_count
 from multiscale.upscaling.response_observations import normal_observations
-from tests.support import write_scene
+from tests.support import case_text, write_scene
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
-TEXT = """title = "Few conforming cells and many flat ones"
-[body_1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[body_1.surface]
-rms_height = "0.4 um"
-hurst_exponent = 0.8
-long_cutoff = "200 um"
-short_cutoff = "50 um"
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[cell]
-size = ["400 um", "400 um"]
-points = [24, 24]
-layers = 4
-[micro]
-realisations = 5
-control_realisations = 40
-pressures = ["5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa"]
-seed = 3
-"""
+TEXT = case_text("control")
 
 
 @pytest.fixture(scope="module")

@@ -18,43 +18,9 @@ from multiscale.plotting import plot_element_field
 from multiscale.schema import FATIGUE_LIFE
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
 from tests.pipeline.test_body_cases import write_scattered_law
-from tests.support import write_body, write_scene
+from tests.support import case_text, refused_rows, write_body, write_scene
 
-TEXT = """
-title = "Pulled to and fro"
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "part"
-mesh = "part.msh"
-unit = "mm"
-youngs_modulus = "200 GPa"
-poissons_ratio = 0.3
-supports = { left = "x", front = "y", bottom = "z" }
-[[structure.loads]]
-name = "pull"
-face = "part.right"
-traction = ["210 MPa", 0, 0]
-[statics]
-steps = [{ pull = 0 }]
-[cycles]
-load = "pull"
-cycles = 1
-steps = 2
-[fatigue]
-fatigue_limit = "200 MPa"
-strength = "600 MPa"
-damage_strength = "0.5 MPa"
-threshold = 0.05
-feedback = false
-limit_error = 0.01
-part_deviation = 0.03
-"""
-CYCLES = """[cycles]
-load = "pull"
-cycles = 1
-steps = 2
-"""
+TEXT = case_text("fatigue")
 MATERIAL = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
 RADIUS, HALF = 1e-3, 8e-3
 """Radius of a hole and half the edge of the plate around it, m."""
@@ -98,31 +64,7 @@ def cube(tmp_path):
     return tmp_path
 
 
-PAD = """[[structure.bodies]]
-name = "pad"
-mesh = "pad.msh"
-unit = "mm"
-supports = { right = "clamped" }
-[[structure.interfaces]]
-sides = ["part.right", "pad.left"]
-exponential = { pressure_scale = "1 GPa", decay_length = "1 um", pressures = ["1 kPa", "1 GPa"] }
-friction = 0.0
-[[structure.loads]]
-name = "pull"
-face = "part.top"
-traction = ["210 MPa", 0, 0]
-[rve]
-youngs_modulus = "200 GPa"
-poissons_ratio = 0.3
-size = "1 mm"
-voxels = 4
-level = 0
-sections = 2
-parts = []
-[[rve.pores]]
-centre = ["0.5 mm", "0.5 mm", "0.5 mm"]
-radius = "0.3 mm"
-"""
+PAD = case_text("porous_pad")
 
 
 def test_structures_that_are_solved_again_keep_the_volumes_of_their_other_bodies(cube, monkeypatch):
@@ -256,18 +198,8 @@ pressure = "20 MPa"
     assert float(found["crack_distance"]) < 0.006  # the same element, or its neighbour
 
 
-@pytest.mark.parametrize(
-    ("pairs", "sentence"),
-    [
-        ([("[fatigue]", "[other]")], "other"),
-        ([(CYCLES, "")], "history has no cycle; give"),
-        ([('strength = "600 MPa"', 'strength = "150 MPa"')], "strength must be larger"),
-        ([('strength = "600 MPa"', 'strength = "205 MPa"')], "bears 210 MPa in the cycle, above"),
-        ([('damage_strength = "0.5 MPa"', 'damage_strength = "0.5 m"')], "damage_strength"),
-        ([("feedback = false", 'body = "lid"')], "body is 'lid', and there are part"),
-    ],
-)
-def test_what_is_no_fatigue_is_refused(cube, pairs, sentence):
+@pytest.mark.parametrize(("base", "pairs", "sentence"), refused_rows("fatigue"))
+def test_what_is_no_fatigue_is_refused(cube, base, pairs, sentence):
     with pytest.raises(CaseError, match=sentence):
         solve(cube, *pairs)
 

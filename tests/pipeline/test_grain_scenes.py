@@ -16,19 +16,6 @@ from tests.support import SCENES, write_scene
 DEPOSIT = (SCENES / "deposit.toml").read_text(encoding="utf-8")
 
 
-def test_the_command_leaves_dataset_series_and_table(tmp_path):
-    out = tmp_path / "deposit" / "result.nc"
-    done = CliRunner().invoke(
-        app, ["macro", str(SCENES / "deposit.toml"), "--quick", "-o", str(out)]
-    )
-    assert done.exit_code == 0, done.output
-    assert "kinetic" in done.output
-    result = open_dataset(out, GRANULATE)
-    assert result.sizes["grain"] == 60
-    series = (out.parent / "fields" / "result.pvd").read_text(encoding="utf-8")
-    assert series.count("DataSet") == result.sizes["frame"]
-
-
 def test_the_series_holds_grains_and_forces(tmp_path):
     import meshio
 

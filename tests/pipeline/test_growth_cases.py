@@ -7,45 +7,10 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.pipeline import load_case, run
 from multiscale.schema import CRACKED_BODY, VOLUME_GROWTH
-from tests.support import write_body, write_scene
+from tests.support import case_text, refused_rows, write_body, write_scene
 
-VOLUME = """
-title = "Concrete"
-[rve]
-youngs_modulus = "30 GPa"
-poissons_ratio = 0.2
-size = "100 mm"
-voxels = 8
-level = 0
-sections = 3
-[rve.recipe]
-crack_density = 0.02
-crack_radius = "8 mm"
-crack_spread = 0.3
-crack_normal = [0, 0, 1]
-realisations = 3
-[growth]
-toughness = "0.6 MPa*m^0.5"
-through = true
-"""
-BAR = """
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "bar"
-mesh = "bar.msh"
-coarser = "coarse.msh"
-unit = "m"
-youngs_modulus = "29 GPa"
-poissons_ratio = 0
-supports = { left = "x", front = "y", bottom = "z" }
-[[structure.loads]]
-name = "pull"
-face = "bar.right"
-traction = ["1 MPa", 0, 0]
-[statics]
-steps = [{ pull = 1 }]
-"""
+VOLUME = case_text("cracked_volume")
+BAR = case_text("cracked_bar")
 SIZE = (0.4, 0.1, 0.1)
 
 
@@ -113,24 +78,16 @@ def test_the_shipped_beam_is_of_hexahedra_of_its_size_with_a_notch():
         assert case.growth.volumes(case.rve)[0][1].edge == 0.1
 
 
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        (
-            ("crack_density", 'porosity = 0.1\npore_radius = "9 mm"\ncrack_density'),
-            "contains pores",
-        ),
-        (('size = "100 mm"', 'size = ["100 mm", "50 mm", "50 mm"]'), "grow in a periodic cube"),
-        (("0.6 MPa*m^0.5", "0.6 MPa"), "toughness"),
-        ((VOLUME[VOLUME.index("[rve]") : VOLUME.index("[growth]")], ""), "takes the cracks of"),
-        (("through = true", 'through = true\npull = "x"'), "opens no crack"),
-        (("through = true", "rise = 1"), "rise and bridging belong together"),
-        (("steps = [{ pull = 1 }]", "steps = [{ pull = -1 }]"), "no element of the body is in ten"),
-        (('unit = "m"', 'unit = "m"\norder = 2'), "hexahedra of first order"),
-    ],
-)
-def test_what_cannot_crack_is_refused_with_a_sentence(change, sentence, tmp_path):
+@pytest.mark.parametrize(("base", "patches", "sentence"), refused_rows("cracked_bar"))
+def test_what_cannot_crack_is_refused_with_a_sentence(base, patches, sentence, tmp_path):
     write_bars(tmp_path)
-    text = (VOLUME + BAR).replace(*change).replace("realisations = 3", "realisations = 1")
+    text = (VOLUME + BAR).replace("realisations = 3", "realisations = 1")
     with pytest.raises(CaseError, match=sentence):
-        run(load_case(write_scene(tmp_path, text)), tmp_path / "out")
+        run(load_case(write_scene(tmp_path, text, *patches)), tmp_path / "out")
+
+
+def test_a_body_does_not_crack_without_volumes(tmp_path):
+    write_bars(tmp_path)
+    volume = VOLUME[VOLUME.index("[rve]") : VOLUME.index("[growth]")]
+    with pytest.raises(CaseError, match="takes the cracks of"):
+        load_case(write_scene(tmp_path, VOLUME + BAR, (volume, "")))

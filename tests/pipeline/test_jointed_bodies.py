@@ -14,60 +14,11 @@ from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 from multiscale.schema import RVE
 from tests.pipeline.test_intervals import ByPickle, write_cells
 from tests.pipeline.test_representative_volume import RECIPE, TEXT
-from tests.support import TWO_BLOCKS, case_of, write_body, write_law, write_scene
+from tests.support import TWO_BLOCKS, case_of, case_text, write_body, write_law, write_scene
 
 SHAPE = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.02, 1)
-LAP = """
-title = "Lap joint"
-[structure]
-kind = "lap_joint"
-length = "100 mm"
-width = "40 mm"
-thickness = "8 mm"
-overlap = "40 mm"
-hole = "9 mm"
-washer = "18 mm"
-element = "20 mm"
-layers = 1
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-density = "7850 kg/m^3"
-[statics]
-preloads = ["25 MPa"]
-"""
-PLATES = """
-title = "Two plates"
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "lower"
-mesh = "lower.msh"
-unit = "mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-density = "7850 kg/m^3"
-supports = { end = "clamped" }
-[[structure.bodies]]
-name = "upper"
-mesh = "upper.msh"
-unit = "mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-density = "7850 kg/m^3"
-supports = { end = "yz" }
-[[structure.interfaces]]
-sides = ["lower.joint", "upper.joint"]
-[[structure.loads]]
-name = "below"
-face = "lower.washer"
-pressure = "25 MPa"
-[[structure.loads]]
-name = "above"
-face = "upper.washer"
-pressure = "25 MPa"
-[statics]
-steps = [{ below = 1, above = 1 }]
-"""
+LAP = case_text("lap")
+PLATES = case_text("plates")
 VIBRATION = """
 [interface]
 law = "law.nc"

@@ -15,60 +15,15 @@ from multiscale.upscaling import (
     read_law,
     read_observations,
 )
-from tests.support import write_body, write_law, write_scene
+from tests.support import case_text, write_body, write_law, write_scene
 
 TABLE = "pressure (MPa), overclosure (um)\n0, 0\n1, 0.1\n10, 0.5\n100, 1.2\n"
 CHORDS = np.array([1e13, 9e6 / 0.4e-6, 90e6 / 0.7e-6])
 """Stiffness of the chords of the table, Pa/m."""
 
-BLOCKS = """
-title = "Blocks"
-[body_1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[structure]
-kind = "blocks"
-height = "5 mm"
-width = "10 mm"
-[interface]
-law = "table.csv"
-law_error = "10 %"
-[statics]
-preloads = ["0.8 MPa", "3 MPa", "30 MPa"]
-"""
+BLOCKS = case_text("blocks_of_table")
 
-BODIES = """
-title = "Cover on a housing"
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "housing"
-mesh = "housing.msh"
-unit = "mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.0
-supports = { bottom = "clamped" }
-[[structure.bodies]]
-name = "cover"
-mesh = "cover.msh"
-unit = "mm"
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.0
-[[structure.interfaces]]
-sides = ["housing.top", "cover.bottom"]
-friction = 0.2
-stiffness_ratio = 0.8
-law = "table.csv"
-[[structure.loads]]
-name = "press"
-face = "cover.top"
-pressure = "4 MPa"
-[statics]
-steps = [{ press = 1 }]
-"""
+BODIES = case_text("bodies_of_table")
 
 LINEAR = ('law = "table.csv"', 'linear = { stiffness = "1e13 Pa/m +- 10 %" }')
 

@@ -7,35 +7,9 @@ from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.sweep_points import POINTS
 from multiscale.report import open_finished
-from tests.support import case_of
+from tests.support import case_of, case_text
 
-TEXT = """
-title = "Ring"
-elastic = true
-[body_1]
-youngs_modulus = "10 MPa"
-poissons_ratio = 0.49
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[body_2.surface]
-rms_height = "1.5 um"
-hurst_exponent = 0.8
-long_cutoff = "100 um"
-short_cutoff = "50 um"
-[cell]
-size = ["200 um", "200 um"]
-points = [16, 16]
-geometry = "flat"
-[micro]
-realisations = 4
-pressures = ["20 kPa", "60 kPa", "0.2 MPa", "0.6 MPa"]
-[seal]
-diameter = "50 mm"
-width = "2 mm"
-viscosity = "1 mPa*s"
-pressure_difference = "0.1 bar"
-"""
+TEXT = case_text("seal")
 
 
 def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):

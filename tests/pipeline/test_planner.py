@@ -21,40 +21,9 @@ from multiscale.pipeline.forecast import (
 )
 from multiscale.pipeline.planner import resize
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, total_error
+from tests.support import case_text
 
-CASE = """
-title = "Flat cells"
-[body_1]
-youngs_modulus = "1 GPa"
-poissons_ratio = 0.3
-[body_1.surface]
-rms_slope = 0.1
-hurst_exponent = 0.8
-long_cutoff = "1 mm"
-short_cutoff = "0.25 mm"
-[body_2]
-youngs_modulus = "1000 GPa"
-poissons_ratio = 0.3
-[cell]
-size = ["2 mm", "2 mm"]
-points = [64, 64]
-layers = 8
-geometry = "flat"
-[micro]
-realisations = 4
-pressures = ["1 MPa", "2 MPa", "4 MPa"]
-[law]
-samples = 40
-[structure]
-kind = "blocks"
-height = "40 mm"
-width = "400 mm"
-[statics]
-preloads = ["1.5 MPa", "3 MPa"]
-[accuracy]
-target = "12 %"
-quantity = "mean_gap"
-"""
+CASE = case_text("planned")
 
 
 @pytest.fixture

@@ -13,26 +13,18 @@ from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.tables.structure_kind import Face, highest_pressure
 from tests.pipeline.test_body_cases import BOLT, TEXT, WASHERS, meshes  # noqa: F401
 from tests.pipeline.test_jointed_bodies import LAP
-from tests.support import TWO_BLOCKS, case_of, small_steel, write_body, write_law, write_scene
+from tests.support import (
+    TWO_BLOCKS,
+    case_of,
+    case_text,
+    small_steel,
+    write_body,
+    write_law,
+    write_scene,
+)
 
 LAW = '[interface]\nlaw = "law.nc"\nfriction = 0.2\nstiffness_ratio = 0.8\n'
-BLOCKS = """
-title = "Blocks"
-[body_1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[structure]
-kind = "blocks"
-height = "1 cm"
-width = "1 cm"
-[statics]
-preloads = ["25 MPa"]
-[interface]
-law = "law.nc"
-"""
+BLOCKS = case_text("blocks_of_law")
 STRUCTURES = {
     "blocks": (BLOCKS, "press the joint by about 25 MPa", (25.0, 25.0)),
     "stacked blocks": (

@@ -10,15 +10,9 @@ import pytest
 
 from multiscale.io import open_dataset
 from tests.pipeline.test_killed import SINGLE, cells, check_whole
+from tests.support import case_text
 
-GRID = """
-title = "grid"
-[structure]
-kind = "tensegrity_grid"
-n = 3
-[statics]
-load_factors = [0.0, 1.0]
-"""
+GRID = case_text("grid")
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ from multiscale.pipeline import load_case, run
 from multiscale.pipeline.stages.volumes import is_representative
 from multiscale.report import open_finished
 from multiscale.schema import RVE
-from tests.support import write_body, write_scene
+from tests.support import case_text, write_body, write_scene
 
 TEXT = """
 title = "Pores"
@@ -37,22 +37,7 @@ centre = ["0.5 mm", "0.5 mm", "0.5 mm"]
 normal = [1, 0, 0]
 radius = "0.4 mm"
 """
-BAR = """
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "bar"
-mesh = "bar.msh"
-unit = "mm"
-rve_axes = [[0, 0, 1], [0, 1, 0]]
-supports = { bottom = "z", left = "x", front = "y" }
-[[structure.loads]]
-name = "pull"
-face = "bar.top"
-force = [0, 0, "1 kN"]
-[statics]
-steps = [{ pull = 1 }]
-"""
+BAR = case_text("porous_bar")
 
 
 @pytest.fixture(scope="module")

@@ -14,27 +14,18 @@ from multiscale.io import open_law, open_run
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.upscaling import law_from_dataset
 from tests.closed_forms import joint as closed_form
-from tests.support import COMMAND, TWO_BLOCKS, run_python, steel_text, write_scene
+from tests.support import TWO_BLOCKS, steel_text, write_scene
 
 FLAT = steel_text().replace("[128, 128]", '[128, 128]\ngeometry = "flat"')
 
 
-def process(*arguments, cwd):
-    """Call the command line in a process of its own."""
-    return run_python(COMMAND, *arguments, cwd=cwd, timeout=300, check=False)
-
-
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    """Run the shipped case on the command line."""
-    folder = tmp_path_factory.mktemp("run")
-    done = process("run", "ground_steel", "-o", "out", "--quick", "--jobs", "1", cwd=folder)
-    assert done.returncode == 0, done.stderr
+def finished(shipped_run):
+    """Folder and print of the shipped case."""
+    out, said, cautions = shipped_run("ground_steel")
     # a caution with a semicolon is one caution
-    assert (
-        "caution: the shortest wavelength of body_1 has 4.0 points; gap and contact" in done.stderr
-    )
-    return folder / "out", done.stdout
+    assert "caution: the shortest wavelength of body_1 has 4.0 points; gap and contact" in cautions
+    return out, said
 
 
 def test_the_run_folder_holds_everything(finished):

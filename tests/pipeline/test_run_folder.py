@@ -147,12 +147,3 @@ def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name,
     write_dataset(old, file, schema)
     with pytest.raises(SchemaError, match=f"has no {lost}, as in runs of an earlier version"):
         show(folder)
-
-
-@pytest.mark.slow
-def test_every_figure_that_is_drawn_stands_on_the_page_and_no_other(folder):
-    (folder / "figures" / "of_an_earlier_case.png").write_bytes(b"")
-    page = write_report(folder).read_text(encoding="utf-8")
-    for file in draw_figures(folder):
-        assert f'alt="{file.stem.replace("_", " ")}"' in page
-    assert "of an earlier case" not in page

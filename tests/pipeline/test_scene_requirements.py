@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from multiscale.cli import app
 from multiscale.laws.link import Cable
 from multiscale.macro import (
     cut_links,
@@ -340,15 +338,6 @@ def test_a_coarse_problem_and_a_bound_are_built_where_they_are_wanted(monkeypatc
     needs = cut_needs(problem.n, links=problem.n_links, substructures=4, coarse=coarse)
     assert bool(prepared) == ("coarse problem" in needs.built) == coarse
     assert bool(bounds) == ("error bound" in needs.built) == coarse
-
-
-def test_explaining_a_scene_prints_its_needs_and_solves_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write(GRID, tmp_path / "scene.toml")
-    result = CliRunner().invoke(app, ["macro", "scene.toml", "--explain"])
-    assert result.exit_code == 0, result.output
-    assert "leaves out geometric stiffness  of the tensions, for the tangent" in result.output
-    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
 def test_more_load_factors_take_more_memory(tmp_path):

@@ -14,23 +14,12 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.tables.settings import KINDS
 from multiscale.schema import MACRO_RESULT
 from tests.link_structures import free_module
-from tests.support import SCENES, write_scene
+from tests.support import SCENES, case_text, write_scene
 
 STATIC = (SCENES / "tensegrity_grid.toml").read_text(encoding="utf-8")
 MOVING = (SCENES / "sudden_unloading.toml").read_text(encoding="utf-8")
 
-HANGING = """
-title = "A rope with two weights"
-[structure]
-kind = "table"
-nodes = "nodes.csv"
-links = "links.csv"
-[structure.laws.cable]
-kind = "cable"
-rigidity = "100 kN"
-[statics]
-load_factors = [0, 1]
-"""
+HANGING = case_text("hanging")
 NODES = "x, y, z, fix_x, fix_y, fix_z, load_z\n0,0,2,1,1,1,0\n0,0,1,1,1,0,-50\n0,0,0,1,1,0,-30\n"
 LINKS = "first,second,law\n0,1,cable\n1,2,cable\n"
 
@@ -238,22 +227,6 @@ def test_a_scene_without_any_solution_is_an_error_that_says_why(hanging):
     assert open_dataset(hanging / "rope.nc")["converged"].values.tolist() == [0]
 
 
-def test_the_command_prints_slack_and_tension(tmp_path):
-    file = tmp_path / "r.nc"
-    scene = str(SCENES / "tensegrity_grid.toml")
-    done = CliRunner().invoke(app, ["macro", scene, "-o", str(file), "--quick"])
-    assert done.exit_code == 0, done.output
-    result = open_dataset(file, MACRO_RESULT)
-    lines = done.output.splitlines()
-    assert lines[0] == "Tensegrity grid at rest (quick)"
-    last = lines[3 + 4].split()
-    assert last[0] == "1"
-    assert int(last[1]) == int((result["slack"].sel(step=4) > 0.0).sum())
-    assert float(last[2]) == pytest.approx(
-        1e-3 * float(result["tension"].sel(step=4).max()), rel=1e-3
-    )
-
-
 @pytest.mark.parametrize(("rigidity", "strain"), [("500 N", 80 / 500), ("1 kN", 0.0)])
 def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
     hanging, rigidity, strain
@@ -271,19 +244,7 @@ def test_every_kind_of_structure_has_one_stage():
         assert [stage.tables[1] for stage in stages_of({"structure", kind.stage})] == [kind.stage]
 
 
-MODULE = """
-title = "One module from two tables"
-[structure]
-kind = "table"
-nodes = "nodes.csv"
-links = "links.csv"
-self_stress = true
-prestress = "1 kN"
-laws.cable = { kind = "cable", rigidity = "4 MN" }
-laws.bar = { kind = "bar", rigidity = "80 MN" }
-[statics]
-load_factors = [0, 1]
-"""
+MODULE = case_text("module")
 
 
 @pytest.fixture

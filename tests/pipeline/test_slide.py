@@ -1,12 +1,8 @@
 """Cases whose bodies slide: both rough and deformable, friction against pressure and distance."""
 
-from shutil import copytree
-
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from multiscale.cli import app
 from multiscale.io import open_dataset
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Path, solve_cell
@@ -14,7 +10,6 @@ from multiscale.micro.slide import slide_cell
 from multiscale.pipeline import make_cells, requirements, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.sliding import make_pair
-from multiscale.report import draw_figures, write_report
 from multiscale.schema import SLIDING_RESPONSE
 from tests.support import case_of
 
@@ -101,25 +96,6 @@ def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finish
     run(case, out)
 
 
-@pytest.mark.slow
-def test_a_case_that_no_longer_slides_shows_no_sliding_and_keeps_it(finished, tmp_path):
-    case, first, _ = finished
-    out = tmp_path / "out"
-    copytree(first, out)
-    draw_figures(out)
-    assert (out / "figures" / "sliding.png").exists()
-    before = (out / "sliding_response.nc").stat().st_mtime_ns
-    run(case.model_copy(update={"slide": None}), out)
-    assert "sliding" not in {file.stem for file in draw_figures(out)}
-    assert not (out / "figures" / "sliding.png").exists()
-    page = write_report(out).read_text(encoding="utf-8")
-    assert ">Sliding</h2>" not in page
-    assert 'alt="sliding"' not in page
-    run(case, out)
-    assert (out / "sliding_response.nc").stat().st_mtime_ns == before
-    assert "sliding" in {file.stem for file in draw_figures(out)}
-
-
 def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):
     case = case_of(tmp_path, ELASTIC + SLIDE)
     assert "both bodies" in requirements(case).built["slide"]
@@ -129,11 +105,3 @@ def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):
     assert quick.slide.distance == pytest.approx(100e-6)
     again = case_of(tmp_path, quick.to_toml())
     assert again == quick
-
-
-@pytest.mark.slow
-def test_the_command_line_prints_the_friction(finished):
-    _, out, _ = finished
-    result = CliRunner().invoke(app, ["run", str(out / "case.toml"), "-o", str(out), "--jobs", "1"])
-    assert result.exit_code == 0, result.output
-    assert "Under 80 MPa the friction of the cell" in result.output

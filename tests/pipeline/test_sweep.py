@@ -15,7 +15,7 @@ from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.pipeline.sweep_points import POINTS, _places, tabulate_sweep
 from multiscale.plotting import plot_sweep, sweep_ends
-from tests.support import TWO_BLOCKS, small_steel, write_law
+from tests.support import TWO_BLOCKS, case_text, refused_rows, small_steel, write_law, write_scene
 
 sweep_module = import_module("multiscale.pipeline.sweep")
 
@@ -55,27 +55,16 @@ def test_a_table_that_the_case_leaves_out_may_be_swept(write):
     assert [case.law.terms for case in sweep.points] == [6, 8]
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ("sweep = 3", r"\[sweep\] should be a table of lists, got 3"),
-        ("[sweep]\ncell.layers = 8", r"\[sweep\] cell.layers should be a list of .*, got 8"),
-        ("[sweep]\nbody_2.surface.seed = 8", r"\[sweep\] body_2.surface.seed should be a list"),
-        ("[sweep]\ncell.layers = []", "list of at least one value"),
-        ("[sweep]\ncell.layer = [8]", "has no key 'layer'; did you mean 'layers'"),
-        ("[sweep]\ncell.layers = [8, -1]", r"\[cell\] layers should be greater"),
-        ("[sweep]\ntitle.x = [1]", "title.x leads through title, no table"),
-        (
-            "[sweep]\n"
-            + "".join(f"cell.{name} = {list(range(400))}\n" for name in ("layers", "depth")),
-            "makes 160000 points; list fewer values",
-        ),
-    ],
-)
-def test_a_bad_sweep_is_refused_in_one_sentence(write, table, message):
-    text = f"{table}\n{SMALL}" if table.startswith("sweep") else f"{SMALL}\n{table}"
-    with pytest.raises(CaseError, match=message):
-        load_sweep(write(text))
+@pytest.mark.parametrize(("base", "patches", "sentence"), refused_rows("sweep"))
+def test_a_bad_sweep_is_refused_in_one_sentence(tmp_path, base, patches, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        load_sweep(write_scene(tmp_path, SMALL, *patches))
+
+
+def test_a_sweep_of_too_many_points_is_refused(write):
+    lists = "".join(f"cell.{name} = {list(range(400))}\n" for name in ("layers", "depth"))
+    with pytest.raises(CaseError, match="makes 160000 points; list fewer values"):
+        load_sweep(write(f"{SMALL}\n[sweep]\n{lists}"))
 
 
 JOINT = (
@@ -89,22 +78,7 @@ steps = 2
 interface.friction = [0.2, 0.3, 0.01]
 """
 )
-GRID = """
-title = "Grid"
-[structure]
-kind = "tensegrity_grid"
-n = 2
-prestress = "2550 N"
-size = "1 m"
-height = "0.5 m"
-cable_rigidity = "4 MN"
-bar_rigidity = "80 MN"
-nodal_load = "40 N"
-[statics]
-[sweep]
-statics.load_factors = [[0.5], [0.5, 1.0]]
-structure.prestress = ["2550 N", "1 N"]
-"""
+GRID = case_text("swept_grid")
 
 
 @pytest.mark.slow

@@ -4,9 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
 from multiscale.laws import wlf_shift
@@ -122,12 +120,6 @@ def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
     )
     with pytest.raises(CaseError, match="holds another run"):
         run(case.quick(), out)
-
-
-def test_a_tyre_case_is_explained(tmp_path):
-    result = CliRunner().invoke(app, ["run", "tyre_on_road", "-o", str(tmp_path), "--explain"])
-    assert result.exit_code == 0
-    assert "complex compliance" in result.output
 
 
 def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):

@@ -18,11 +18,10 @@ from multiscale.pipeline.stages.vibrating_bodies import (
 )
 from multiscale.upscaling import law_from_dataset
 from tests.pipeline.test_body_cases import HIGH, LONG, STATED, TEXT, WIDE, write_scattered_law
-from tests.support import PORES, write_body, write_scene
+from tests.support import PORES, refused_rows, write_body, write_scene
 
 DENSE = TEXT.replace("poissons_ratio = 0.3", 'poissons_ratio = 0.3\ndensity = "7850 kg/m^3"')
 ONLY_PRESS = DENSE.replace(", { pull = 1 }", "")
-DENSITY = 'density = "7850 kg/m^3"'
 VIBRATION = """
 [vibration]
 modes = [1, 2]
@@ -70,40 +69,10 @@ def test_a_case_has_modes_backbone_page_and_series(meshes):
         assert [row[head.index(name)] for row in rows] == ["0"] * 4
 
 
-REFUSED = {
-    "no density": (DENSITY, "", "[vibration] needs the mass of all bodies, and housing has no"),
-    "no amplitude": ('amplitudes = ["10 nm", "0.1 um"]', "", "should be given, and neither is"),
-    "falling": ('"0.1 um"', '"1 nm"', "must rise from one to the next"),
-    "twice": ("modes = [1, 2]", "modes = [2, 2]", "modes should name mode 2 once"),
-    "cycles": ("[vibration]", '[cycles]\nload = "press"\ncycles = 1\n[vibration]', "takes"),
-    "beyond": ("modes = [1, 2]", "modes = [109]", "mode 109 is requested, and the model has 108"),
-    "too wide": (
-        "friction = 0.2",
-        'friction = "0.2 +- 200 %"',
-        "a positive half-width behind +-",
-    ),
-    "no half-width": ("friction = 0.2", 'friction = "0.2 +- ?"', "' ?' is not a quantity"),
-    "not joined": ("friction = 0.2", "friction = 0", "the structure as a whole may be free"),
-    "far": (
-        '["0.1 MPa", "100 MPa"]',
-        '["50 MPa", "100 MPa"]',
-        "by about 10 MPa, more than a factor of 2",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_has_no_answer_is_refused_in_a_sentence(meshes, name):
-    old, new, said = REFUSED[name]
-    with pytest.raises((CaseError, ConvergenceError), match=re.escape(said)):
-        solve(meshes, ONLY_PRESS + VIBRATION, (old, new))
-
-
-def test_a_preload_that_fails_without_friction_names_the_key(meshes):
-    with pytest.raises(
-        ConvergenceError, match=r"preload_friction = false in \[vibration\] applies"
-    ):
-        solve(meshes, DENSE + VIBRATION)
+@pytest.mark.parametrize(("base", "patches", "said"), refused_rows("vibrating"))
+def test_what_has_no_answer_is_refused_in_a_sentence(meshes, base, patches, said):
+    with pytest.raises((CaseError, ConvergenceError), match=said):
+        solve(meshes, ONLY_PRESS + VIBRATION, *patches)
 
 
 def test_a_quick_run_says_which_modes_and_amplitudes_it_leaves_out(meshes):

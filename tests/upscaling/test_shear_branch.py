@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path, slide_cell
+from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path
 from multiscale.plotting import plot_shear_law
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, branch_of
 from multiscale.upscaling import (
@@ -27,7 +27,7 @@ from multiscale.upscaling import (
 from multiscale.upscaling.branches import sliding_friction_at, with_sliding
 from multiscale.upscaling.scales import compare_scales
 from multiscale.upscaling.shear_fit import bed_loss, bed_traction, with_shear
-from tests.support import egg_box, rough_square
+from tests.support import rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 
 KAPPA, MU, CELLS = 0.8, 0.25, 6
@@ -200,19 +200,6 @@ def test_large_sliding_gives_friction_over_pressure(law):
     np.testing.assert_allclose(known, 0.2)
     with pytest.raises(CaseError, match="slid over less than one period at every pressure"):
         with_sliding(law, slid([np.nan, np.nan]))
-
-
-@pytest.mark.slow
-def test_a_cell_that_slid_gives_friction_over_pressure(law):
-    cell = Cell(
-        egg_box(8, 0.02), 0.5, 4, 1.0, 0.3, egg_box(8, -0.02), friction_coefficient=0.2,
-        opposite=SecondBody(0.5, 4, Elastic(1.0, 0.3)),
-    )  # fmt: skip
-    far = slide_cell(cell, (0.008, 0.004), 1.0, steps=4)
-    at = sliding_friction_at(with_sliding(law, far), np.array([1e-9, 0.004, 0.008]))
-    np.testing.assert_allclose(at, far["steady_friction"].values[[1, 1, 0]])
-    with pytest.raises(CaseError, match="slid over less than one period at every pressure"):
-        with_sliding(law, slide_cell(cell, (0.004,), 0.5, steps=2))
 
 
 @pytest.mark.parametrize(

@@ -17,28 +17,9 @@ from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline import load_case, run_macro
 from tests.pipeline.test_intervals import write_cells
-from tests.support import write_scene
+from tests.support import case_text, write_scene
 
-SCENE = """
-title = "Two blocks"
-[structure]
-kind = "stacked_blocks"
-size = ["20 mm", "20 mm", "10 mm"]
-elements = [5, 5, 1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-[substructures]
-tolerance = 1e-7
-[interface]
-law = "law.nc"
-friction = 0.2
-[statics]
-preloads = ["10 MPa"]
-[cycles]
-shear = "1 MPa"
-cycles = 1
-steps = 4
-"""
+SCENE = case_text("random_joint")
 ANSWERS = ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy")
 JOINTS = 20
 

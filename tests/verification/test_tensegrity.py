@@ -81,16 +81,6 @@ def test_primal_newton_agrees_with_the_dual_program(grid, load_factor):
     np.testing.assert_allclose(newton.tension, tension, atol=1e-8 * np.abs(tension).max())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("load_factor", [1.0, 4.0])
-def test_primal_newton_agrees_with_the_complementarity_problem(grid, load_factor):
-    newton = solve_static(grid, load_factor)
-    lcp = solve_static(grid, load_factor, method="lcp")
-    assert lcp.converged == 1
-    largest = float(np.abs(newton.tension).max())
-    np.testing.assert_allclose(lcp.tension, newton.tension, atol=1e-8 * largest)
-
-
 def test_the_geometric_stiffness_makes_the_grid_buckle_above_its_load(grid, table):
     assert np.all(table.stability_eigenvalue > 0.0)
     assert solve_static(grid, [2.0], stability=True).stability_eigenvalue[0] < 0.0

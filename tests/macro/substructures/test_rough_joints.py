@@ -1,7 +1,5 @@
 """Blocks and plates with rough joints: closed forms, equilibrium, friction and energy."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -233,40 +231,6 @@ def test_joint_and_bodies_in_series_are_the_whole(lap):
     whole = series(lap.interface_stiffness[:2].values, lap.solid_stiffness[:2].values)
     np.testing.assert_allclose(whole, lap.joint_stiffness[:2], rtol=1e-9)
     assert lap.interface_stiffness[1] > lap.interface_stiffness[0]
-
-
-def test_shear_beyond_friction_ends_the_path_and_says_when():
-    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(70e9, 0.0)] * 2, [LAW])
-    loading = JointLoading((5e6,), shear=1.5e6, cycles=1, steps=2)  # 1 MPa is the limit
-    result = load_joint(blocks, loading)
-    np.testing.assert_array_equal(result.converged, [1, 1] + 9 * [0])
-    assert "the steps end before step 2: no equilibrium found" in result.attrs["failure"]
-    assert np.isnan(result.contact_state[-1]).all()
-    assert np.isnan(result.cycle_energy).all()
-
-
-@pytest.mark.slow
-def test_a_lap_joint_is_refused_above_the_friction_under_its_bolt_and_held_below(gmsh):
-    joint = lap_joint(SHAPE, (STEEL, STEEL), LAW)
-    bolt = 0.2 * 50e6 * joint.areas[0]  # N; the guide of the end carries a little of it
-
-    def pull(share):
-        return load_joint(
-            joint,
-            JointLoading((50e6,), shear=share * bolt / joint.areas[1], cycles=1, steps=1),
-            method=LatinMethod(tolerance=1e-6),
-        )
-
-    held = pull(0.85)
-    assert held.converged.values.all()
-    assert float(held.cycle_energy[0]) > 0.0
-    slid = pull(1.2)
-    np.testing.assert_array_equal(slid.converged, [1, 0, 0, 0, 0, 0])
-    assert np.isnan(slid.cycle_energy).all()
-    found = re.search(r"load of (\S+) N, .* carries about (\S+) N", slid.attrs["failure"])
-    load, capacity = (float(one) for one in found.groups())
-    assert load == pytest.approx(1.2 * bolt, rel=1e-3)
-    assert capacity == pytest.approx(bolt, rel=0.1)
 
 
 @pytest.mark.parametrize(
