@@ -63,11 +63,6 @@ def test_a_solver_refuses_a_tolerance_that_is_no_share(solve, tolerance):
         )
 
 
-def test_a_limit_of_iterations_is_a_count():
-    with pytest.raises(CaseError, match="max_iterations must be at least 1, got -3"):
-        solve_lcp(np.eye(1), np.ones(1), max_iterations=-3)
-
-
 def attempt(limit, none=()):
     """Steps converge up to a length; from some places nothing can be solved."""
 

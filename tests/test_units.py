@@ -54,23 +54,3 @@ def test_sizes_are_read_as_people_write_them(text):
 def test_what_is_no_size_is_refused(text):
     with pytest.raises(CaseError, match=r"not a size|comma|no unit"):
         to_lengths(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        pytest.param("5", "'5' has no unit", id="bare-text"),
-        pytest.param(5, 'write it as text, such as "5 m"', id="bare-number"),
-        pytest.param("5 kg", "cannot be converted to m", id="dimension"),
-        pytest.param("5 umm", "has an unknown unit; capitals count", id="unknown-unit"),
-        pytest.param("0,8 um", "has a comma; .* decimal point", id="decimal-comma"),
-        pytest.param("nan m", "is not finite", id="nan"),
-        pytest.param("__import__('os')", "is not a quantity", id="code"),
-        pytest.param("9**9**9 m", "is not a quantity", id="power-tower"),
-        pytest.param("1 m**9**9", "is not a quantity", id="unit-tower"),
-        pytest.param(None, "has no unit", id="nothing"),
-    ],
-)
-def test_what_is_not_a_length_is_refused(text, message):
-    with pytest.raises(CaseError, match=message):
-        to_si(text, "m")

@@ -44,26 +44,6 @@ def test_surface_keeps_its_own_copy_of_the_heights():
     assert not surface.heights.any()
 
 
-@pytest.mark.parametrize(
-    ("heights", "size", "sentence"),
-    [
-        pytest.param(
-            np.zeros(4), (1.0, 1.0), "at least 2 x 1 points, got an array of shape", id="line"
-        ),
-        pytest.param(np.zeros((1, 1)), (1.0, 1.0), "shape \\(1, 1\\)", id="one-point"),
-        pytest.param(np.full((3, 3), np.nan), (1.0, 1.0), "9 of 9 heights", id="nan"),
-        pytest.param(np.diag([np.inf, 0.0]), (1.0, 1.0), "1 of 4 heights", id="infinite"),
-        pytest.param(np.ma.masked_less(np.eye(2), 0.5), (1.0, 1.0), "2 of 4", id="masked"),
-        pytest.param(np.zeros((3, 3)), (1.0, 0.0), "two positive lengths", id="zero-size"),
-        pytest.param(np.zeros((3, 3)), (1.0, np.nan), "two positive lengths", id="nan-size"),
-        pytest.param(np.zeros((3, 3)), (1.0,), "two positive lengths", id="one-length"),
-    ],
-)
-def test_surface_refuses_what_is_no_map(heights, size, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        Surface(heights, size)
-
-
 # Trend
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError
 from multiscale.laws import (
     AsperityLaw,
     ConvexDecreasing,
@@ -212,9 +212,3 @@ def test_resolvent_says_when_it_finds_nothing():
 def test_resolvent_refuses_a_direction_that_is_not_stiff():
     with pytest.raises(ValueError, match="must be positive"):
         SIGNED.resolvent(np.ones((2, 3)), -1.0, np.empty((0, 3)))
-
-
-def test_a_law_that_is_not_convex_is_refused_although_it_decreases():
-    """p'' = 6 (9 (1-g) - 3 (2-g) + (3-g)) is -6 at g = 1: decreasing nearby, not convex."""
-    with pytest.raises(CaseError, match="not convex at the gap 1 m"):
-        ConvexDecreasing(np.array([1.0, 2.0, 3.0]), np.array([9.0, -3.0, 1.0]))

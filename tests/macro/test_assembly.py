@@ -23,7 +23,7 @@ from multiscale.macro import (
     pressed_blocks,
     solve_assembly,
 )
-from multiscale.macro.bodies import Platen, stacked_blocks
+from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.joint import TreadBlock, sliding_block
 from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
 from tests.pressed_joint import press_blocks
@@ -146,23 +146,6 @@ def test_unknowns_and_displacements_of_nodes_tell_the_same():
     upper = problem.substructures[3]  # without the pins
     force = upper.stiffness @ upper.rigid_motions
     assert np.abs(force[upper.unknown >= problem.n - 3][:, [2, 4]]).max() < 1e-9 * abs(force).max()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"platens": (Platen(1, "bottom", 1.0), Platen(1, "bottom", 1.0))},
-            r"of body 1 moves 15 nodes along z that a support, a platen or another washer",
-        ),
-        ({"platens": (Platen(2, "top", 1.0),)}, "platen 0 names body 2; there are 2"),
-        ({"platens": (Platen(1, "lid", 1.0),)}, "the mesh has no boundary 'lid'"),
-        ({"interfaces": (Interface((0, None), ("top", None), JOINT_LAW),)}, "names body None"),
-    ],
-)
-def test_plates_that_cannot_be_are_refused(change, message):
-    with pytest.raises(CaseError, match=message):
-        cut_assembly(replace(tilting()[1], **change))
 
 
 def test_pins_and_elements_that_do_not_fit_are_refused():

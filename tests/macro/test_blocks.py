@@ -24,7 +24,6 @@ from skfem import (
 )
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.elasticity import (
     assemble_elasticity,
@@ -208,30 +207,3 @@ def test_the_face_operator_integrates_over_the_face():
     np.testing.assert_allclose(operator @ quadratic, position[0] ** 2 + position[0] * position[1])
     assert weight @ (operator @ quadratic) == pytest.approx(8.0 + 9.0)
     np.testing.assert_allclose(position[2], 1.0)
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        pytest.param(lambda: box_mesh((1, 0, 1), (1, 1, 1)), "positive length along y", id="size"),
-        pytest.param(lambda: box_mesh((1, 1, 1), (1, 1, 0)), "one element along z", id="elements"),
-        pytest.param(
-            lambda: Elastic(-1.0, 0.3),
-            r"youngs_modulus must be positive \(Pa\), got -1",
-            id="modulus",
-        ),
-        pytest.param(
-            lambda: Elastic(1.0, 0.5),
-            "poissons_ratio must lie between -1 and 0.5, got 0.5",
-            id="ratio",
-        ),
-        pytest.param(
-            lambda: face_operator(displacement_basis(box_mesh((1, 1, 1), (1, 1, 1))), "lid"),
-            "no boundary 'lid'; its boundaries are",
-            id="boundary",
-        ),
-    ],
-)
-def test_a_wrong_parameter_is_refused_with_a_sentence(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Beam, Cable, Strut
 from multiscale.macro import cable_net, solve_static, tensegrity_grid
 from multiscale.macro.links import link_newton
@@ -178,24 +177,6 @@ def test_inextensible_cables_are_the_limit_of_stiff_ones():
     limit = bars(Cable(np.inf))
     errors = [np.abs(bars(Cable(rigidity)) - limit).max() for rigidity in (1e10, 1e11, 1e12)]
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10.0, rtol=0.1)
-
-
-@pytest.mark.parametrize(
-    ("modules", "cable", "options", "message"),
-    [
-        (2, Cable(np.inf), {"method": "newton"}, "method 'newton' needs extensible links"),
-        (2, Cable(np.inf), {"method": "lcp"}, "method 'lcp' needs extensible links"),
-        (2, Cable(np.inf), {"exact": True}, "exact needs extensible links"),
-        (2, None, {"method": "magic"}, "method 'magic' does not exist"),
-        (2, None, {"load_factor": [0.0, np.nan]}, "load_factor must be a finite number"),
-        (2, None, {"exact": True, "stability": True}, "leave out exact"),
-        (2, None, {"exact": True, "method": "lcp"}, "exact needs the method"),
-        (21, None, {"method": "lcp"}, "at most 5000; use method='auto'"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(modules, cable, options, message):
-    with pytest.raises(CaseError, match=message):
-        solve_static(tensegrity_grid(modules, cable=cable), **options)
 
 
 # --- stiff and extreme -----------------------------------------------------------------------

@@ -158,23 +158,6 @@ def test_numbers_whose_squares_underflow_or_overflow_are_solved_or_refused(mobil
 E3, Q3, MU1 = np.eye(3), np.array([-1.0, 0.0, 0.0]), np.array([0.5])
 
 
-@pytest.mark.parametrize(
-    ("delassus", "velocity", "friction", "sentence"),
-    [
-        pytest.param(np.ones((3, 4)), Q3, MU1, r"square matrix, got shape \(3, 4\)", id="square"),
-        pytest.param(np.nan * E3, Q3, MU1, "delassus has entries that are NaN", id="nan-w"),
-        pytest.param(E3, np.full(3, np.inf), MU1, "velocity has entries", id="inf-q"),
-        pytest.param(E3, Q3, -MU1, "not negative, got -0.5 at contact 0", id="negative"),
-        pytest.param(E3, Q3, np.nan * MU1, "friction must be finite", id="nan-mu"),
-        pytest.param(E3, np.ones(6), MU1, r"velocity must have shape \(3,\)", id="velocity"),
-        pytest.param(E3, Q3, np.ones(2), "an entry for every 2 or 3 of the 3", id="friction"),
-    ],
-)
-def test_wrong_data_are_refused_in_one_sentence(delassus, velocity, friction, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        solve_friction(delassus, velocity, friction)
-
-
 def test_an_indefinite_matrix_names_its_eigenvalue_and_contact():
     W, q, mu = random_problem(20, np.random.default_rng(seed=7))
     full = W.toarray()

@@ -273,29 +273,6 @@ def test_an_indefinite_matrix_is_refused_with_its_eigenvalue(large, sentence):
         solve_lcp(*indefinite(large))
 
 
-@pytest.mark.parametrize(
-    ("matrix", "vector", "options", "sentence"),
-    [
-        pytest.param(np.ones((2, 3)), np.ones(2), {}, r"square, got shape \(2, 3\)", id="shape"),
-        pytest.param(np.eye(2), np.ones(3), {}, r"shape \(2,\).* got \(3,\)", id="vector"),
-        pytest.param(
-            np.array([[1.0, 0.0], [np.nan, 1.0]]),
-            np.ones(2),
-            {},
-            r"entry \(1, 0\) is nan",
-            id="nan",
-        ),
-        pytest.param(np.eye(2), np.array([1.0, np.inf]), {}, "entry 1 is inf", id="infinite"),
-        pytest.param(
-            np.eye(2), -np.ones(2), {"method": "simplex"}, "'simplex' does not exist", id="method"
-        ),
-    ],
-)
-def test_bad_data_are_refused_in_one_sentence(matrix, vector, options, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        solve_lcp(matrix, vector, **options)
-
-
 @pytest.mark.parametrize(("unit", "size"), [(1e300, 1e-300), (1e-200, 1e200), (1.0, 1e305)])
 def test_unknowns_that_are_no_numbers_are_refused(unit, size):
     with pytest.raises(CaseError, match="outside of the floating-point numbers"):

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import (
     AreaLaw,
     BellFriction,
@@ -131,8 +130,3 @@ def test_dissipation_of_unloading_turns_where_theory_says():
         report = admissibility(HystereticLaw(PowerLaw(4e8, 1e-6, m), ratio, n), PRESSURES)
         dissipation = next(check for check in report.checks if check.name == "dissipation")
         assert dissipation.passed is expected
-
-
-def test_what_is_no_law_cannot_be_judged():
-    with pytest.raises(CaseError, match="type dict cannot be judged"):
-        admissibility({}, PRESSURES)

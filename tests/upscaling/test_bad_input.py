@@ -5,9 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from multiscale.errors import MultiscaleError
 from multiscale.schema import MICRO_RESPONSE
-from multiscale.upscaling import error_budget, fit_law, law_band
+from multiscale.upscaling import error_budget, fit_law
 from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
 
 GAPS = exponential_gaps(6, spread=0.1)
@@ -86,65 +85,3 @@ def test_a_law_says_its_pressures_per_decade_and_which_branches_are_measured():
 def budget_of(**others):
     data = response()
     return error_budget(data, fit_law(data, n_samples=0), **others)
-
-
-@pytest.mark.parametrize(
-    ("ask", "sentence"),
-    [
-        # too few realisations for the confidence asked for
-        (
-            lambda: law_band(fit_law(response(2)), lambda law: law.gap_at(PRESSURE)),
-            "2 realisations are too few for a band of 95 %; use at least 4",
-        ),
-        (
-            lambda: budget_of(sizes={0.5: response()}, apart=True),
-            "compared among themselves, so that two are needed, got 1",
-        ),
-        (
-            lambda: fit_law(lost()),
-            "realisation 2, step 3: mean_gap is nan although converged is 1; set converged to 0",
-        ),
-        (
-            lambda: fit_law(with_heights(1e6)),
-            r"realisation 0, step 0: the mean gap of .* m is .* times the rms height of 1e-06 m",
-        ),
-        # not monotone, or contradictory
-        (
-            lambda: fit_law(zigzag()),
-            "mean gap does not fall from .* lower the pressures .*, or use more realisations",
-        ),
-        (
-            lambda: fit_law(response(area=np.tile(np.linspace(0.5, 0.1, 8), (6, 1)))),
-            "contact fraction falls by .* check the order of the steps, or select one loading",
-        ),
-        (
-            lambda: fit_law(tensile()),
-            "averaged traction of .* contradicts the nominal pressure .*; both are in Pa, and a "
-            "pressure is minus the normal traction",
-        ),
-        (
-            lambda: fit_law(response(area=np.tile(np.linspace(1.0, 40.0, 8), (6, 1)))),
-            "contact fraction lies between 0 and 1, got .*; divide .* a percentage by 100",
-        ),
-        (
-            lambda: fit_law(response(converged=np.repeat([[1, 1, 0, 0, 0, 0, 0, 0]], 6, axis=0))),
-            "at least 3 pressures with a converged realisation, found 2 of 8; solve more steps",
-        ),
-        # from another code
-        (
-            lambda: fit_law(in_micrometres()),
-            "mean_gap: units 'um', expected 'm'; convert the values and set the attribute units",
-        ),
-        (
-            lambda: fit_law(response().drop_vars("contact_fraction")),
-            "contact_fraction: missing; add it .real over nominal contact area, 1, dimensions",
-        ),
-        (
-            lambda: fit_law(response().rename(step="load")),
-            r"mean_gap: dimensions \('realisation', 'load'\), expected .*; rename or",
-        ),
-    ],
-)
-def test_the_sentence_says_what_would_be_enough(ask, sentence):
-    with pytest.raises(MultiscaleError, match=sentence):
-        ask()

@@ -617,24 +617,6 @@ def test_every_kind_of_source_adds_what_it_is_known_to():
         propagate("ab", sources)
 
 
-def test_what_does_not_belong_together_is_refused():
-    response = ensemble(6)
-    law = fit_law(response, n_samples=0)
-    with pytest.raises(CaseError, match="not the 7 of the response; fit it to this response"):
-        error_budget(response.isel(step=slice(1, None)), law)
-    with pytest.raises(
-        CaseError, match=r"ratio 2 has 5 realisations, not 6; solve the same realisations"
-    ):
-        error_budget(response, law, resolutions={2.0: ensemble(5)})
-    with pytest.raises(CaseError, match="has other pressures; press it as the first"):
-        error_budget(response, law, sizes={0.5: ensemble(6).isel(step=slice(1, None))})
-    with pytest.raises(CaseError, match="carries no error budget; add it by with_budget"):
-        law_sources(law)
-    budget = error_budget(response, law)
-    with pytest.raises(CaseError, match="budget has 8 steps, the dataset 7"):
-        with_budget(law.isel(step=slice(1, None)), budget)
-
-
 def test_a_budget_of_an_earlier_version_is_refused_in_a_sentence():
     response = ensemble()
     law = fit_law(response, n_samples=0)

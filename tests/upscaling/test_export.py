@@ -97,23 +97,6 @@ def test_overclosures_that_calculix_would_move_apart_are_refused(tmp_path):
     write_pressure_overclosure(fine, tmp_path / "a.inp")
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"length_unit": "MPa"}, "cannot be converted to m"),
-        ({"pressure_unit": "furlong"}, "cannot be converted to Pa"),
-        ({"tolerance": 1e-5}, "takes .* points, and CalculiX holds 40; allow a larger tolerance"),
-        ({"name": "rough, joint"}, "cannot name a surface interaction"),
-        ({"tolerance": 2e-3, "face_to_face": True}, "and CalculiX holds 20 face to face; allow a"),
-        ({"length_unit": "nm", "face_to_face": True}, "points only of a table below .* nm; use a"),
-    ],
-)
-def test_units_and_names_that_do_not_fit_are_refused(tmp_path, options, sentence):
-    law = fit_law(response_of(exponential_gaps(1)), n_samples=0)
-    with pytest.raises(CaseError, match=sentence):
-        write_pressure_overclosure(law, tmp_path / "a.inp", **options)
-
-
 def test_the_table_has_units_in_its_head_and_the_bands_of_the_law(tmp_path):
     law = fit_law(response_of(exponential_gaps(6)), n_samples=100)
     write_law_table(law, tmp_path / "law.csv")

@@ -112,18 +112,6 @@ def test_a_pressure_that_comes_twice_is_refused():
         fit_law(response_of(exponential_gaps(1), pressure))
 
 
-@pytest.mark.parametrize(
-    ("option", "sentence"),
-    [
-        ({"n_terms": 5}, "at least 6 terms"),
-        ({"n_samples": -1}, "n_samples must not be negative"),
-    ],
-)
-def test_options_out_of_range_are_refused(option, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        fit_law(response_of(exponential_gaps(1)), **option)
-
-
 def test_another_dataset_or_family_is_refused():
     law = fit_law(response_of(exponential_gaps(1)))
     with pytest.raises(SchemaError, match="micro_response"):
@@ -175,24 +163,3 @@ def test_a_point_without_weight_does_not_count():
     assert float(turned["decay_length"]) == pytest.approx(float(expected["decay_length"]))
     spline = law_from_dataset(fit_law(response_of(gap), weights=weights))
     assert spline.pressure(exponential_gaps(1)[0]) == pytest.approx(PRESSURE, rel=5e-3)
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"family": "exponental"}, "no family 'exponental' for gap; choose from convex_decreasing"),
-        ({"family": "bell"}, "no family 'bell' for gap"),
-        ({"family": "power", "fixed": {"support_": 1.0}}, "no parameter 'support_' to be fixed"),
-        ({"fixed": {"support": 1.0}}, "has free form and no parameter"),
-        ({"weights": np.ones(7)}, r"weights must be 8 finite numbers .* got shape \(7,\)"),
-        ({"weights": -np.ones(8)}, "weights must be 8 finite numbers that are not negative"),
-    ],
-)
-def test_families_and_weights_that_do_not_fit_are_refused(options, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        fit_law(response_of(exponential_gaps(3)), **options)
-
-
-def test_a_family_needs_more_points_than_parameters():
-    with pytest.raises(CaseError, match=r"3 free parameters, but only 3 points .* at least 4"):
-        fit_law(response_of(exponential_gaps(3)[:, :3], PRESSURE[:3]), family="power")

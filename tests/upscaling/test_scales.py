@@ -60,13 +60,6 @@ def test_one_coarser_grid_bounds_each_of_several_answers_by_its_own_differences(
     np.testing.assert_allclose(half_width, [[0.125, 0.125, np.nan], [0.25, 0.25, 0.25]])
 
 
-def test_a_grid_is_not_judged_by_finer_or_no_others():
-    with pytest.raises(CaseError, match="at least one coarser"):
-        estimate_grid_error(np.ones(1), {})
-    with pytest.raises(CaseError, match="more than once the finest"):
-        estimate_grid_error(np.ones(1), {0.5: np.ones(1)})
-
-
 def test_scales_that_are_apart_pass_without_caution():
     scales = compare_scales(1e-5, 4e-5, 1e-2)
     assert scales.wavelength_ratio == pytest.approx(1e-3)

@@ -300,20 +300,6 @@ def test_sheared_cells_follow_the_bed(opposite):
     assert np.max(apart / (mu * law["shear_pressure"])) < (0.02 if opposite == 1.0 else 0.05)
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"pressures": []}, "under positive pressures"),
-        ({"pressures": [0.0]}, "under positive pressures"),
-        ({"along": "z"}, "along 'x', 'y' or 'xy', got 'z'"),
-        ({"steps": 0}, "a shear needs at least 1 step, got 0"),
-    ],
-)
-def test_shears_without_a_sense_are_refused(options, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        shear_path(two_bodies(12, 1), **({"pressures": [1e6]} | options))
-
-
 def test_a_cell_without_friction_or_roughness_is_not_sheared():
     with pytest.raises(CaseError, match="without friction cannot be sheared"):
         shear_path(two_bodies(12, 1, friction=0.0), [1e6])

@@ -138,28 +138,6 @@ def test_files_that_cannot_be_used_are_refused_with_what_would_be_enough(write, 
         read_observations(write(text), "normal_stiffness")
 
 
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda p: observe("stifness", p, p), "no quantity 'stifness'; choose from gap"),
-        (lambda p: observe("friction_coefficient", p, p), "depends on pressure and speed"),
-        (lambda p: observe("gap", p, np.full(3, np.nan)), "no value of gap was observed"),
-        (
-            lambda p: fit_law(observe("friction_coefficient", (p, p), p / 3e7)),
-            "several ways; choose family = 'coulomb' or 'decaying' or 'bell'",
-        ),
-        (
-            lambda p: fit_law(observe("recovery", (p, 2 * p), 1e-7 + 0 * p)),
-            r"choose family = unloading_family\(loading law\)",
-        ),
-        (lambda p: fit_law(observe("gap", p, np.array([3e-6, 1e-6, 2e-6]))), "does not fall"),
-    ],
-)
-def test_observations_that_cannot_be_used_are_refused(make, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        make(np.array([1e6, 2e6, 3e6]))
-
-
 def test_bands_ask_for_enough_realisations_and_samples():
     p = np.geomspace(1e6, 1e8, 8)
     gaps = Exponential(4e8, 1e-6).gap_at(p) * np.array([[1.0], [1.1], [0.95]])

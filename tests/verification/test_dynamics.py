@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable, Strut
 from multiscale.macro import LinkSystem, simulate, solve_static, tensegrity_grid
 from multiscale.macro.links.dynamics import mean_tension
@@ -284,29 +283,3 @@ def test_the_mean_tension_is_the_quotient_of_energies_and_its_slope_the_derivati
     change = mean_tension(before, after + 1e-6, lower, upper, 0.5)[0]
     change = (change - mean_tension(before, after - 1e-6, lower, upper, 0.5)[0]) / 2e-6
     np.testing.assert_allclose(slope, change, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        pytest.param({"times": [0.0]}, "times must rise", id="one-time"),
-        pytest.param({"times": [0.0, 0.0]}, "times must rise", id="same-time"),
-        pytest.param({"mass": 0.0}, "mass of node 1 must be positive", id="mass"),
-        pytest.param({"mass": np.ones(3)}, "mass must be a number or an array", id="masses"),
-        pytest.param({"theta": 0.3}, "theta must lie between 1/2 and 1", id="theta"),
-        pytest.param({"restitution": 1.1}, "restitution must lie between", id="restitution"),
-        pytest.param(
-            {"start": (np.zeros(3), np.zeros(3))}, r"must have shape \(2, 3\)", id="start"
-        ),
-        pytest.param({"system": hanging(Bar(np.inf))}, "inextensible bar", id="bar"),
-        pytest.param(
-            {"system": hanging(Cable(np.inf)), "start": lifted(-0.1)},
-            r"changes the length of link 0, which is inextensible, by 0.1 m",
-            id="stretched",
-        ),
-    ],
-)
-def test_refusals_have_a_reason(changes, message):
-    given = {"system": hanging(Cable(1e3)), "times": [0.0, 1.0], "mass": 1.0} | changes
-    with pytest.raises(CaseError, match=message):
-        simulate(given.pop("system"), given.pop("times"), given.pop("mass"), **given)

@@ -116,13 +116,6 @@ def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(waves):
     assert abs(np.mean(laws - solved.gaps)) / exact <= 0.01  # of the fit
 
 
-def test_a_ratio_that_is_not_one_over_a_whole_number_is_refused():
-    with pytest.raises(CaseError, match="the inverse of a whole number of at least 4, such as 1/8"):
-        RoughWave(0.3)
-    with pytest.raises(CaseError, match="the inverse of a whole number"):
-        TiltedJoint(0.5)
-
-
 def test_a_structure_solved_in_three_ways_is_refused_outside_its_cells():
     law = Exponential(1e9, 1e-6, pressure_range=(1e6, 1e8))
     x, pressure = np.arange(4.0), np.array([1e6, 2e8, 1e8, 0.0])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
@@ -89,28 +88,6 @@ def test_pieces_of_one_law_are_evaluated_together_as_each_alone():
         np.testing.assert_allclose(found, expected, rtol=1e-12)
     found, expected = (law.resolvent(-1e13 * jump, 1e13, state) for law in (joined, apart))
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("gap", "message"),
-    [
-        (
-            replace(TILTED, position=1e3 * TILTED.position),
-            r"interface from 0 to 0.02 m by",
-        ),
-        (replace(TILTED, position=TILTED.position - 0.01), "covers 0.25 of the interface"),
-        (replace(TILTED, gap=np.where(X > 0.01, np.nan, X * SLOPE)), "covers 0.5 of"),
-        (replace(TILTED, gap=1e3 * TILTED.gap), "give the unit of the gaps"),
-    ],
-)
-def test_maps_that_do_not_fit_are_refused(gap, message):
-    with pytest.raises(CaseError, match=message):
-        solve_assembly(pressed(gap), 1e6)
-
-
-def test_a_map_without_points_is_refused():
-    with pytest.raises(CaseError, match="0 defined points"):
-        replace(TILTED, gap=np.full(X.size, np.nan))
 
 
 def test_a_small_hole_of_the_map_is_bridged():

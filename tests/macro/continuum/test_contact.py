@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from skfem import MeshHex, MeshQuad, MeshTet, MeshTri, MeshTri2
+from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.macro import (
     Body,
@@ -285,54 +285,6 @@ def on_floor(body, **options):
 
 def bodies(contact, **others):
     return FiniteAssembly({"a": square(supports=HELD)} | others, {"c": contact})
-
-
-REFUSED = {
-    r"no boundary 'botom'; its boundaries are bottom, left, right, top": lambda: square(
-        supports={"botom": (0.0, 0.0)}
-    ),
-    "needs 2 components": lambda: square(supports={"top": (0.0,)}),
-    "must be finite": lambda: square(tractions={"top": (0.0, float("nan"))}),
-    "straight triangles": lambda: Body(MeshTri2.from_mesh(MeshTri()), LAW),
-    "must not be negative": lambda: Contact(("a", "top"), FLOOR, -0.1),
-    "needs a direction": lambda: RigidPlane((0, 0), (0, 0)),
-    "no body has a support": lambda: on_floor(square()),
-    "body 'b' has neither a support nor a contact": lambda: bodies(
-        Contact(("a", "top"), FLOOR), b=square()
-    ),
-    "no boundary 'lid'": lambda: bodies(Contact(("a", "lid"), ("a", "top"))),
-    r"names an unknown body 'x'; known bodies: \['a'\]": lambda: bodies(
-        Contact(("x", "top"), FLOOR)
-    ),
-    "the surfaces .* have no common area": lambda: solve_contact(
-        bodies(
-            Contact(("b", "bottom"), ("a", "top")),
-            b=Body(moved(SQUARE, np.add(SQUARE.p, [[5.0], [1.0]])), LAW, {"top": (0.0, -1e-3)}),
-        )
-    ),
-    "the support on 'top' is NaN or infinite at time 0": lambda: solve_contact(
-        on_floor(square(supports={"top": (0.0, lambda x, t: float("nan"))}))
-    ),
-    "the traction on 'left' is NaN or infinite": lambda: solve_contact(
-        on_floor(square(supports=TOP, tractions={"left": (lambda x, t: np.inf, 0.0)}))
-    ),
-    "times must increase from zero": lambda: solve_contact(
-        on_floor(square(supports=TOP)), (1.0, 0.5)
-    ),
-    "only a linear problem can be condensed": lambda: solve_contact(
-        on_floor(Body(SQUARE, J2(1e9, 0.3, 1e6), {"top": (0.0, -1e-3)})), condensed=True
-    ),
-    "a body is supported only by contacts": lambda: solve_contact(
-        on_floor(square(supports={"left": (0.0, None)}, tractions={"top": (0.0, -1e3)})),
-        condensed=True,
-    ),
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_bad_input_is_refused_in_a_sentence(message):
-    with pytest.raises(CaseError, match=message):
-        REFUSED[message]()
 
 
 def test_a_body_that_floats_away_is_named():

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from skfem import MeshQuad, MeshTri
+from skfem import MeshQuad
 
-from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Softening
 from multiscale.laws.bulk import Elastic
@@ -88,21 +87,3 @@ def test_strength_falls_with_size_as_bazants_law():
     middle = np.sqrt(sizes[1:] * sizes[:-1])
     np.testing.assert_allclose(local, -0.5 * middle / (middle + start / slope), atol=0.02)
     assert local[1] < -0.35  # on the way to -1/2 of linear fracture mechanics
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda: Softening(OPENING, np.ones(30)), "must fall to 0"),
-        (lambda: Softening(OPENING[1:], LAW.stress[1:]), "must rise from 0"),
-        (
-            lambda: follow_crack_band(
-                Body(MeshTri().with_boundaries({"a": lambda x: x[0] < 1e-9}), Elastic(E, NU)), LAW
-            ),
-            "quadrilaterals or hexahedra, got MeshTri1",
-        ),
-    ],
-)
-def test_what_has_no_band_is_refused(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.macro import granulate
 from multiscale.macro.granulate import (
     ContactLaw,
@@ -283,58 +282,3 @@ def fall(grains=ONE, walls=FLOOR, duration=1.0, step=1e-3, accuracy=None, **opti
 
 def plane(point=(0, 0, 0), normal=(0, 0, 1), **options):
     return PlaneWall(point, normal, **options)
-
-
-REFUSED = {
-    r"radius of grain 0 must be positive \(m\), got 0": lambda: Grains([[0, 0, 0.01]], 0.0),
-    r"position must have shape \(grains, 3\), got \(1, 2\)": lambda: Grains([[0, 0]], 0.1),
-    r"velocity must have shape \(1, 3\)": lambda: Grains([[0, 0, 1]], 0.1, velocity=[[0, 0]]),
-    "position of grain 0 must be finite": lambda: Grains([[0, 0, np.nan]], 0.1),
-    "thickness of discs must be positive": lambda: Grains([[0, 0, 1]], 0.1, thickness=-1.0),
-    "disc 1 leaves the plane y = 0 m": lambda: Grains([[0, 0, 1], [0, 1, 1]], 0.1, thickness=1.0),
-    "grain 0 overlaps grain 1 by 1 of its radius at the start": lambda: fall(
-        Grains([[0, 0, 0.02], [0, 0, 0.03]], 0.01)
-    ),
-    "grain 0 overlaps wall 0": lambda: fall(Grains([[0, 0, -0.5]], 0.01)),
-    "no wall supports the grains against gravity": lambda: fall(walls=()),
-    "step must be positive and at most the duration 1 s, got 2 s": lambda: fall(step=2.0),
-    "accuracy must lie between 0 and 1, relative to .*, got 2": lambda: fall(accuracy=2.0),
-    "period along x is 0.03 m and must be at least": lambda: fall(period=(0.03, np.inf, np.inf)),
-    "friction must be finite and not negative, got -0.1": lambda: ContactLaw(friction=-0.1),
-    "restitution must lie between 0 and 1, got 1.5": lambda: ContactLaw(restitution=1.5),
-    "compliance must be finite and not negative": lambda: ContactLaw(compliance=np.inf),
-    "relaxation must be at least 1, got 0.5": lambda: ContactLaw(relaxation=0.5),
-    "tolerance must lie between 0 and 1, got 1": lambda: Solver(tolerance=1.0),
-    "max_iterations must be at least 1, got 0": lambda: Solver(max_iterations=0),
-    "damping_rate .* got -1": lambda: Model(ONE, damping_rate=-1.0),
-    "a pressure acts on a cell that is periodic in space": lambda: Model(ONE, pressure=1e3),
-    "pressure must be finite": lambda: Model(ONE, period=(1.0, 1.0, 1.0), pressure=np.nan),
-    "a strain rate needs a pressure": lambda: Model(ONE, strain_rate=(None, None, -1.0)),
-    "radius of a cylinder must be positive": lambda: granulate.CylinderWall((0, 0, 0), (0, 0, 1)),
-    "point of a wall must be three finite numbers": lambda: plane((0, 0, np.inf)),
-    "direction of a wall must not be zero": lambda: plane(normal=(0, 0, 0)),
-    "friction of a wall must not be neg": lambda: plane(friction=-0.1),
-    "mass of a wall must be positive": lambda: plane(mass=-1.0),
-    "force on a wall must be finite": lambda: plane(force=np.nan),
-    "infinite mass must not have a force": lambda: plane(force=1.0),
-    "there must be at least one grain, got 0": lambda: granulate.draw_radii(0, 0.1, 0.2),
-    "radii must be positive and rise .* 0 and 1": lambda: granulate.draw_radii(5, 0.0, 1.0),
-    "rise from the smallest to the largest .* 0.2 and": lambda: granulate.draw_radii(5, 0.2, 0.1),
-    "a grain of radius 0.1 m needs 0.22 m, the box is 0.05 m wide": lambda: granulate.deposit(
-        np.full(3, 0.1), (0.05, 0.05), ContactLaw()
-    ),
-    "does not fit into a pipe of 0.1 m": lambda: granulate.silo([0.1] * 3, 0.1, ContactLaw()),
-    "pressure must be positive .* got 0": lambda: granulate.compact([0.1] * 8, 0.0, ContactLaw()),
-    "pressure must be positive .* got -1": lambda: granulate.biaxial_cell(
-        np.full(30, 0.01), -1.0, 1.0, ContactLaw()
-    ),
-    "strain_rate must not be negative": lambda: granulate.biaxial_cell(
-        np.full(30, 0.01), 1e3, -1.0, ContactLaw()
-    ),
-}
-
-
-@pytest.mark.parametrize("message", REFUSED)
-def test_bad_input_is_named(message):
-    with pytest.raises(CaseError, match=message):
-        REFUSED[message]()

@@ -9,7 +9,6 @@ from scipy.integrate import quad
 from scipy.optimize import root
 from skfem import ElementHex2
 
-from multiscale.errors import CaseError
 from multiscale.laws import ConvexDecreasing, Exponential, HystereticLaw
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.laws.interface_law import InterfaceLaw, Response
@@ -310,51 +309,3 @@ def test_springs_in_series_equal_the_blocks_of_elements(law, upper):
     for name in ("approach", "mean_gap", "closed_fraction", "joint_stiffness"):
         expected = getattr(resolved, name)
         np.testing.assert_allclose(pressed[name], expected, rtol=1e-10, err_msg=name)
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        pytest.param(lambda: Block(0.0, E, 0.3), "height of a block must be positive", id="height"),
-        pytest.param(lambda: Block(1.0, -E, 0.3), "youngs_modulus of a block", id="modulus"),
-        pytest.param(lambda: Block(1.0, E, 0.5), "between -1 and 0.5, got 0.5", id="ratio"),
-        pytest.param(
-            lambda: Block(1.0, E, 0.3, layers=0),
-            "a block needs at least one layer of elements, got 0",
-            id="layers",
-        ),
-        pytest.param(
-            lambda: RoughJoint((0.01, 0.0), Block(1.0, E, 0.3), Block(1.0, E, 0.3)),
-            "section must have positive lengths",
-            id="section",
-        ),
-        pytest.param(
-            lambda: steel_joint(elements=(0, 4)),
-            r"elements must be at least 1 along x and y, got \(0, 4\)",
-            id="elements",
-        ),
-        pytest.param(
-            lambda: steel_joint(quadrature_order=0),
-            "quadrature_order must be at least 1, got 0",
-            id="order",
-        ),
-        pytest.param(
-            lambda: steel_joint(eccentricity=(0.025, 0.0)),
-            r"must keep the force inside the section, where \|eccentricity\| < 0.025 m, got 0.025",
-            id="eccentricity",
-        ),
-        pytest.param(
-            lambda: press_joint(steel_joint(), EXPONENTIAL, np.array([1e6, -1.0])),
-            "preloads must be positive",
-            id="preload",
-        ),
-        pytest.param(
-            lambda: press_joint(steel_joint(eccentricity=(0.01, 0.0)), EXPONENTIAL, PRELOADS),
-            "an eccentric force gives a nonuniform pressure",
-            id="uneven",
-        ),
-    ],
-)
-def test_a_wrong_parameter_is_refused_with_a_sentence(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import Exponential, ModifiedLaw
 from multiscale.macro import Block, RoughJoint, press_joint, soften
 from tests.closed_forms import joint as closed_form
@@ -72,18 +71,3 @@ def test_softening_keeps_everything_but_the_stiffness():
 def test_a_damaged_law_carries_less():
     gap = np.array([0.0, 1e-6])
     np.testing.assert_allclose(ModifiedLaw(LAW, 0.4).pressure(gap), 0.6 * LAW.pressure(gap))
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (
-            lambda: soften(BLOCK, np.diag([E, E, 0.0, 0.0, 0.0, E])),
-            "cut through, D = 1, and carries no load",
-        ),
-        (lambda: soften(BLOCK, 0.0), "must lie above 0 and up to 1, got 0; a block without"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()

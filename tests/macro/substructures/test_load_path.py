@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.bodies import stacked_blocks
@@ -75,8 +74,3 @@ def test_a_cycle_beyond_friction_is_unknown_and_the_others_stay(blocks):
     said = found.attrs["cautions"]
     assert "cycles at the preload 2 MPa have no answer from the amplitude 1 MPa on" in said
     assert np.isfinite(found["cycle_energy"]).all()
-
-
-def test_amplitudes_should_rise():
-    with pytest.raises(CaseError, match=r"amplitudes must be positive and rise"):
-        JointLoading((1e6,), amplitudes=(2e5, 1e5))

@@ -1,9 +1,7 @@
 """Time steps of cut structures against those of the whole."""
 
 import numpy as np
-import pytest
 
-from multiscale.errors import CaseError
 from multiscale.macro import cut_links, simulate, solve_static, tensegrity_grid
 from multiscale.macro.substructures import simulate_latin, split_grid
 
@@ -25,16 +23,3 @@ def test_a_cut_grid_that_loses_its_load_moves_like_the_whole():
     for name in ("displacement", "velocity", "tension"):
         scale = float(np.abs(whole[name]).max())
         np.testing.assert_allclose(parts[name], whole[name], atol=1e-7 * scale)
-
-
-def test_steps_that_differ_and_masses_that_do_not_fit_are_refused():
-    grid = tensegrity_grid(2)
-    problem = cut_links(grid, split_grid(grid, (2, 1)))
-    with pytest.raises(CaseError, match="equal steps"):
-        simulate_latin(problem, np.array([0.0, 1.0, 3.0]), 1.0)
-    with pytest.raises(CaseError, match="at least two"):
-        simulate_latin(problem, np.array([0.0]), 1.0)
-    with pytest.raises(CaseError, match="mass must be positive"):
-        simulate_latin(problem, np.array([0.0, 1.0]), 0.0)
-    with pytest.raises(CaseError, match="a number or an array"):
-        simulate_latin(problem, np.array([0.0, 1.0]), np.ones(3))

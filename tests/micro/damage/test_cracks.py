@@ -98,16 +98,3 @@ def test_cracks_that_touch_end_the_search_unless_they_are_to_pass():
     with pytest.raises(CaseError, match="law of the volume is unknown"):
         softening_of(ended)
     assert softening_of(passed).strength == pytest.approx(float(passed["factor"].max()))
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda: grow_microcracks(ONE, -PULL), "opens no crack"),
-        (lambda: dataclasses.replace(ONE, radius=np.array([0.06])), "must not cut a section"),
-        (lambda: dataclasses.replace(ONE, toughness=0.0), "toughness must be positive"),
-    ],
-)
-def test_what_cannot_grow_is_refused(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from multiscale.errors import CaseError
 from multiscale.micro.damage import FatigueMaterial, two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueProgress, Inclusions
 from multiscale.micro.damage.inclusion import damage_rate, effective_stress, run_cycles
@@ -367,36 +366,6 @@ def test_a_woehler_curve_falls_to_the_limit():
 
 
 # --- refusals --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (
-            lambda: dataclasses.replace(PLAIN, fatigue_limit=-1.0),
-            r"fatigue_limit must be positive \(Pa\), got -1",
-        ),
-        (lambda: dataclasses.replace(PLAIN, hardening=-1.0), "hardening must not be negative"),
-        (lambda: dataclasses.replace(PLAIN, threshold=-0.1), "threshold must not be negative"),
-        (lambda: dataclasses.replace(PLAIN, critical_damage=1.5), "up to 1, got 1.5"),
-        (lambda: dataclasses.replace(PLAIN, closure=2.0), "closure must lie from 0 to 1, got 2"),
-        (lambda: dataclasses.replace(PLAIN, poissons_ratio=0.5), "between -1 and 0.5"),
-        (
-            lambda: two_scale_fatigue(np.zeros((3, 4)), PLAIN),
-            r"shape \(points,\) or \(points, 6\), got \(3, 4\)",
-        ),
-        (lambda: two_scale_fatigue(np.array([np.nan]), PLAIN), "must be finite"),
-        (lambda: two_scale_fatigue([], PLAIN), r"got \(0,\)"),
-        (lambda: two_scale_fatigue("tension", PLAIN), "is a path of numbers, got 'tension'"),
-        (lambda: two_scale_fatigue(np.ones(2), PLAIN, jump_tolerance=2.0), "between 0 and 1"),
-        (lambda: two_scale_fatigue(np.ones(2), PLAIN, max_cycles=0), "at least 1"),
-        (lambda: woehler_curve(PLAIN, np.array([-1e6])), "amplitudes must be positive"),
-        (lambda: woehler_curve(PLAIN, np.ones(1), stress_ratio=1.0), "below 1, got 1"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()
 
 
 def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.micro.damage import (
     FatigueMaterial,
     local_fatigue,
@@ -106,8 +105,3 @@ def test_weak_inclusions_may_crack_and_the_others_stay_elastic():
     assert float(found["cracked_share"][0]) == 0.5
     assert int(found["run_out"]) == 1
     assert float(found["cycles_to_first"]) < float(found["cycles_to_crack"]) == np.inf
-
-
-def test_a_deviation_beyond_its_range_is_refused():
-    with pytest.raises(CaseError, match=r"from 0 to 1, got -0\.1"):
-        limit_factors(-0.1)

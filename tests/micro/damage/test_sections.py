@@ -3,7 +3,6 @@ r"""Eq (1) on geometries whose sections have closed forms, by bodies and by voxe
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.micro.damage import (
     Cavities,
     Ellipsoids,
@@ -324,29 +323,3 @@ def test_a_packing_does_not_overlap_and_has_the_porosity():
 
 
 # --- refusals --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda: VoxelImage(np.full((4, 4, 4), 0.5), CUBE), "not binary: its values run from 0.5"),
-        (lambda: VoxelImage(np.zeros((4, 4)), CUBE), "three axes"),
-        (lambda: VoxelImage(np.zeros((4, 4, 4)), (1, 1, 0)), "three positive lengths"),
-        (lambda: Cavities((1, 1, -1)), "three positive lengths"),
-        (lambda: max_damage(np.zeros((4, 4, 4))), "an array becomes an image by VoxelImage"),
-        (lambda: voxelise(Cavities(CUBE), 0), "at least 1 voxel along every axis, got 0"),
-        (lambda: voxelise(VoxelImage(np.zeros((4, 4, 4)), CUBE), 8), "takes Cavities"),
-        (lambda: spheres(MIDDLE, -0.1), r"radius of a body must be positive.*got -0.1 for body 0"),
-        (lambda: penny_cracks(MIDDLE, (0, 0, 0), 0.1), "normal of a body must be a direction"),
-        (lambda: plane_damage(Cavities(CUBE), (0, 0, 0)), "must be a direction in space"),
-        (lambda: plane_damage(Cavities(CUBE), (0, 0, 1), slab=-1), "at least 0"),
-        (lambda: plane_damage(Cavities(CUBE), (1, 2**0.5, 0), closed=True), "does not close"),
-        (lambda: max_damage(Cavities(CUBE), sections=0), "sections must be at least 1"),
-        (lambda: random_spheres(CUBE, 0.1, porosity=0.6, seed=0, max_tries=2000), "too much for"),
-        (lambda: random_spheres(CUBE, 0.6, porosity=0.9, seed=0), "overlap their own images"),
-        (lambda: boolean_spheres(CUBE, 0.1, porosity=1.0, seed=0), "from 0 to below 1, got 1"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError
 from multiscale.laws.bulk.moduli import VOIGT
 from multiscale.micro.damage import (
     Cavities,
@@ -245,35 +245,6 @@ def test_directions_of_an_isotropic_solid_are_alike():
 
 
 # --- refusals --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda: effective_stiffness(Cavities(CUBE), E, NU), "takes a VoxelImage, got Cavities"),
-        (
-            lambda: effective_stiffness(VoxelImage(np.ones((2, 2, 2)), CUBE), E, NU),
-            "contains no solid",
-        ),
-        (
-            lambda: effective_stiffness(VoxelImage(np.zeros((2, 2, 2)), CUBE), -E, NU),
-            "youngs_modulus must be positive",
-        ),
-        (
-            lambda: effective_stiffness(VoxelImage(np.zeros((2, 2, 2)), CUBE), E, 0.5),
-            "between -1 and 0.5",
-        ),
-        (
-            lambda: effective_stiffness(
-                VoxelImage(np.zeros((2, 2, 2)), CUBE), E, NU, void_modulus=-1.0
-            ),
-            "void_modulus must not be negative",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        call()
 
 
 @pytest.mark.parametrize("sides", SIDES)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, self_affine, solve_cell
 from multiscale.micro.elastic import active_set
 from multiscale.micro.elastic.active_set import (
@@ -263,38 +262,6 @@ def test_a_shallow_cell_is_named_before_it_is_solved(caplog):
     assert "a depth of 0.5 m below a period of 1 m makes the longest mode 5.6 % too stiff" in (
         caplog.text
     )
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"depth": -1.0}, "depth of the cell must be positive"),
-        ({"layers": 1}, "at least 2 layers, got 1"),
-        ({"youngs_modulus": 0.0}, "youngs_modulus must be positive"),
-        ({"poissons_ratio": 0.5}, "between -1 and 0.5, got 0.5"),
-        ({"youngs_modulus": np.ones(4)}, r"of the layers \(10,\) or of .* \(4,\)"),
-        ({"poissons_ratio": np.linspace(0.1, 0.6, 10)}, "0.5, got 0.54"),
-        ({"obstacle": rough(16)}, "must have the grid of the surface"),
-    ],
-)
-def test_a_refused_cell_says_why(changes, message):
-    with pytest.raises(CaseError, match=message):
-        cell_of(rough(), **changes)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({}, "either pressures or approaches"),
-        ({"pressure": (1.0,), "approach": (1.0,)}, "give one of both"),
-        ({"pressure": ()}, "at least one step"),
-        ({"pressure": (-1.0,)}, "adhesion is not modelled"),
-        ({"approach": (np.nan,)}, "finite"),
-    ],
-)
-def test_a_refused_path_says_why(arguments, message):
-    with pytest.raises(CaseError, match=message):
-        Path(**arguments)
 
 
 @pytest.mark.parametrize("load", [0.3, 1.0, 3.0])

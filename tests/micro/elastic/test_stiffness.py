@@ -25,11 +25,6 @@ def test_operator_is_symmetric():
     assert np.vdot(v, apply(u)) == pytest.approx(np.vdot(u, apply(v)), rel=1e-12)
 
 
-def test_an_odd_number_of_points_is_refused_with_the_next_even_one():
-    with pytest.raises(CaseError, match="got 5 x 8; resample the surface to 6 x 8"):
-        GraphMesh(Surface(np.zeros((5, 8)), (1.0, 1.0)), np.linspace(0.0, 1.0, 3))
-
-
 def test_a_valley_below_the_base_is_refused():
     heights = np.zeros((4, 4))
     heights[1, 1] = -1.1

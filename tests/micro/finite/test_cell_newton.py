@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
+from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.finite_cell import current_weight, make_scene
@@ -200,34 +199,3 @@ def test_a_rough_obstacle_is_smooth_periodic_and_moves():
     turned = here.turn(step, 0.0, np.ones((N, N)), 0.0 * moved, 0.0 * moved)
     ahead = meet(moved + 1e-6 * step, (0.0, 0.0))
     np.testing.assert_allclose((here.normal - ahead.normal) / 1e-6, turned, atol=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: cell(friction_coefficient=-0.1), "friction coefficient must not be negative"),
-        (lambda: cell(geometry="flat", friction_coefficient=0.1), "neither friction nor a law"),
-        (lambda: cell(bulk=Elastic(1.0, 0.3)), "takes NeoHookean, J2 or Prony"),
-        (lambda: cell(bulk=NeoHookean(2.0, 0.3)), "youngs_modulus of the bulk law is 2"),
-        (lambda: Path(pressure=(1.0,), slide=((0.0, 0.0),) * 2), "slide needs two finite lengths"),
-        (lambda: Path(pressure=(1.0, 1.0), time=(1.0, 0.5)), "rising from 0"),
-        (lambda: Path(pressure=(1.0,), increments=0), "increments of a path must be at least 1"),
-        (
-            lambda: solve_cell(cell(bulk=NeoHookean(1.0, 0.3)), Path(pressure=(0.1,), time=(1.0,))),
-            "the body is not viscous",
-        ),
-        (
-            lambda: solve_cell(cell(bulk=Prony(1.0, 0.3, (0.5,), (1.0,))), Path(pressure=(0.1,))),
-            "needs the time",
-        ),
-        (
-            lambda: solve_cell(
-                cell(obstacle=rough(seed=4)), Path(pressure=(0.1,), slide=((99.0, 0.0),))
-            ),
-            "is 99 periods of the cell",
-        ),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.equations import CellEquations
@@ -237,35 +236,3 @@ def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():
     up = solve_cell(pair(one, Surface(-two.heights, two.size)), Path(pressure=(0.02,)))
     down = solve_cell(pair(two, under), Path(pressure=(0.02,)))
     assert down["mean_gap"].values == pytest.approx(up["mean_gap"].values, rel=5e-3)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: pair(rough(1), Surface(np.zeros((4, 4)), (2.0, 1.0))), "both bodies need the"),
-        (lambda: pair(rough(1), rough(2, 24)), "fewer than the opposite body"),
-        (lambda: pair(other=Elastic(1.0, -0.3)), "opposite body: poissons_ratio must lie"),
-        (lambda: pair(other=1.0), "the opposite body: a cell takes Elastic, GradedElastic"),
-        (
-            lambda: Cell(
-                *(rough(1), 0.5, 6, 1.0, 0.3),
-                geometry="flat",
-                opposite=SecondBody(0.5, 6, NeoHookean(1.0, 0.3)),
-            ),
-            "a flat cell has neither friction nor a law at large strain",
-        ),
-        (
-            lambda: solve_cell(pair(), Path(pressure=(0.1,), slide=((99.0, 0.0),))),
-            "is 99 periods of the cell",
-        ),
-        (
-            lambda: solve_cell(
-                pair(other=Prony(1.0, 0.3, (0.5,), (1.0,))), Path(pressure=(0.1,))
-            ),
-            "needs the time",
-        ),
-    ],
-)  # fmt: skip
-def test_what_makes_no_sense_is_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
-from multiscale.laws.bulk import Elastic, NeoHookean
+from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.flat.flat_cell import flat_compliance
 from multiscale.micro.layer import elements_of
@@ -132,34 +131,3 @@ def test_two_deformable_bodies_have_coatings_of_their_own():
     pair = Cell(surface, 1.0, 12, 1.0, 0.3, under, opposite=second)
     gaps = [solve_cell(cell, path)["mean_gap"].item() for cell in (flat, pair)]
     assert gaps[1] == pytest.approx(gaps[0], rel=0.03)
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: Coating(0.0, 1.0, 0.3), "thickness of a coating must be positive"),
-        (lambda: Coating(1.0, -1.0, 0.3), "youngs_modulus must be positive"),
-        (lambda: symbol([Coating(25.0, 1.0, 0.3)]), "25 m thick, and the depth of 20 m leaves"),
-        (
-            lambda: Cell(
-                *(wave((8, 2), 1e-3), 1.0, 4, 1.0, 0.3),
-                bulk=NeoHookean(1.0, 0.3),
-                coating=(Coating(0.1, 1.0, 0.3),),
-            ),
-            "single elastic material, and the law of the cell is NeoHookean",
-        ),
-        (
-            lambda: (
-                Cell(
-                    *(wave((8, 2), 1e-3), 1.0, 4, 1.0, 0.3),
-                    coating=(Coating(1e-3, 2.0, 0.3), Coating(1e-3, 3.0, 0.3)),
-                ).planes
-            ),
-            "one of 2 coatings has none of the 4 layers of elements",
-        ),
-    ],
-    ids=["thickness", "modulus", "thick", "law", "elements"],
-)
-def test_coatings_that_make_no_sense_are_refused(make, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        make()

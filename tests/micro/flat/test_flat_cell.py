@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 from multiscale.micro.flat import flat_contact
 from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_compliance
 from multiscale.micro.flat.flat_contact import coarse_start
 from tests.closed_forms import westergaard
-from tests.support import egg_box, rough_square, wave
+from tests.support import rough_square, wave
 
 
 def rough(n, slope):
@@ -73,22 +72,6 @@ def test_a_hardness_beyond_every_pressure_changes_nothing():
         for hardness in (None, 10.0)
     )
     np.testing.assert_allclose(capped["mean_gap"], free["mean_gap"], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        pytest.param({"hardness": 1.0, "geometry": "conforming"}, "flat cell only", id="geometry"),
-        pytest.param({"hardness": -1.0}, "hardness must be positive", id="negative"),
-        pytest.param({"youngs_modulus": np.ones((4, 4, 4))}, "conforming geometry", id="elements"),
-        pytest.param({"geometry": "round"}, "'conforming' or 'flat', got 'round'", id="round"),
-        pytest.param({"hardness": 0.01}, r"load of 0\.02 N is more than the 0\.01 N", id="load"),
-    ],
-)
-def test_a_refused_flat_cell_says_why(changes, message):
-    given = {"youngs_modulus": 1.0, "poissons_ratio": 0.3, "geometry": "flat"} | changes
-    with pytest.raises(CaseError, match=message):
-        solve_cell(Cell(egg_box(4, 0.1), 1.0, 4, **given), Path(pressure=(0.02,)))
 
 
 def test_approach_control_gives_the_pressure_back():

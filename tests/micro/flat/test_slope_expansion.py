@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Coating, Path, SecondBody, solve_cell
 from multiscale.micro.flat.compliance import expanded_compliance
@@ -147,22 +146,3 @@ steep = partial(Cell, geometry="flat", slope_order=2)
 
 
 thin, film = SecondBody(0.2, 4, Elastic(1.0, 0.3)), (Coating(0.1, 2.0, 0.3),)
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: steep(bumps(0.6), 1.0, 4, 1.0, 0.3), "slope of 0.6.*, beyond 0.5"),
-        (lambda: steep(bumps(0.1), 0.3, 4, 1.0, 0.3), "less than half of the period"),
-        (lambda: steep(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "a single material"),
-        (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.6)), "beyond 0.5"),
-        (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, opposite=thin), "depth of 0.2 m"),
-        (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, coating=film), "are rough too"),
-        (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, slope_order=2), "belongs to flat cells"),
-        (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, geometry="flat", slope_order=3), "1 or 2"),
-    ],
-    ids=["steep", "thin", "layers", "obstacle", "second", "coated", "conforming", "third"],
-)
-def test_what_is_not_expanded_is_refused(make, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        make()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError
 from multiscale.laws import wlf_shift
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.flat.viscoelastic import RelaxingSolid, solve_sliding
@@ -137,24 +136,3 @@ def test_very_slow_and_very_fast_sliding_are_elastic(number, modulus):
     elastic = solve_cell(body, Path(pressure=(pressure,)))
     gap = float(elastic["mean_gap"].values[0, 0])
     assert found.mean_gap == pytest.approx(gap, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: RelaxingSolid(0.0, 0.5, (), ()), "relaxed_modulus must be positive"),
-        (lambda: RelaxingSolid(1.0, 0.6, (), ()), "between 0 and 0.5"),
-        (lambda: RelaxingSolid(1.0, 0.5, (1.0,), ()), "1 moduli and 0 times"),
-        (lambda: RelaxingSolid(1.0, 0.5, (1.0,), (-1.0,)), "times must be positive"),
-        (lambda: wlf_shift(200.0, 293.0), "not defined at 200 K"),
-        (lambda: solve_sliding(FLAT, RUBBER, 0.0, 1.0), "pressure must be positive"),
-        (lambda: solve_sliding(FLAT, RUBBER, 1.0, -1.0), "velocity must not be negative"),
-        (
-            lambda: solve_sliding(FLAT, RelaxingSolid(1.0, 0.5, (), ()), 1.0, 1.0),
-            "slides but is not viscous",
-        ),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()

@@ -253,17 +253,6 @@ def test_a_mesh_whose_sides_do_not_match_is_refused():
         )
 
 
-def test_missing_boundaries_are_named():
-    with pytest.raises(CaseError, match=r"boundaries named base and top, which .* are none"):
-        MeshCell(MeshTet(), ElementTetP1(), Elastic(1.0, 0.3))
-
-
-def test_fields_of_a_general_mesh_are_refused():
-    cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), Elastic(1.0, 0.3))
-    with pytest.raises(CaseError, match="this general mesh has no grid; give the cell points"):
-        solve_cell(cell, PATH, keep_fields=True)
-
-
 def test_an_ensemble_of_general_meshes_is_solved_and_resumed(tmp_path):
     mesh, path = named(wavy_box(4, 0.02)), Path(pressure=(0.001, 0.01))
     cells = [MeshCell(mesh, ElementHex1(), Elastic(modulus, 0.3)) for modulus in (1.0, 2.0)]

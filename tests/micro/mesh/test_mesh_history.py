@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic
 from multiscale.micro import Cell, Path, Surface, run_ensemble, solve_cell
-from multiscale.micro.mesh.mesh_cell import CellSides
 from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell
 from tests.support import rough_square
 
@@ -116,36 +114,3 @@ def test_a_metal_with_friction_slips_at_the_bound():
     assert found["converged"].values.all()
     normal, along, _ = found["traction"].values[0].T
     np.testing.assert_allclose(along[1:], [-0.1 * normal[1], 0.1 * normal[2]], rtol=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        pytest.param({"friction_coefficient": -1.0}, "must not be negative", id="negative"),
-        pytest.param(
-            {"friction_coefficient": 0.1, "sides": CellSides.SLIDING},
-            "with friction takes periodic sides and a flat obstacle, got sliding",
-            id="sides",
-        ),
-        pytest.param(
-            {"law": METAL, "sides": CellSides.TRACTION},
-            "flows takes periodic or sliding sides and a flat obstacle, got traction",
-            id="traction",
-        ),
-        pytest.param(
-            {"law": METAL, "obstacle": Surface(np.zeros((8, 8)), (1.0, 1.0))},
-            "and a rough obstacle; change them",
-            id="obstacle",
-        ),
-    ],
-)
-def test_what_a_path_on_a_mesh_does_not_take_is_a_sentence(changes, message):
-    given = {"law": Elastic(1.0, 0.3)} | changes
-    with pytest.raises(CaseError, match=message):
-        graph_mesh_cell(rough(), 1.0, 4, given.pop("law"), **given)
-
-
-def test_times_are_refused():
-    cell = graph_mesh_cell(rough(), 1.0, 4, METAL)
-    with pytest.raises(CaseError, match="not viscous"):
-        solve_cell(cell, Path(pressure=(0.001,), time=(1.0,)))

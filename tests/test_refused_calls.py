@@ -1,0 +1,33 @@
+"""Calls that are refused: rows of ``test_refused_calls.toml``, calls and their sentences."""
+
+import tomllib
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from multiscale import errors
+
+TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+ROWS = [
+    pytest.param(table, call, id=f"{name}: {call}")
+    for name, table in TABLES.items()
+    for call in table["refused"]
+]
+
+
+@cache
+def names_of(*modules):
+    """All names of some modules; of two alike, the one of the first."""
+    found = [import_module(module) for module in reversed(modules)]
+    return {name: getattr(module, name) for module in found for name in dir(module)}
+
+
+@pytest.mark.parametrize(("table", "call"), ROWS)
+def test_a_call_is_refused_in_a_sentence(table, call):
+    error = getattr(errors, table.get("error", "CaseError"))
+    text = table.get("call", "{}").replace("{}", call)
+    with pytest.raises(error, match=table["refused"][call]):
+        eval(text, {**names_of(*table["names"]), "np": np})
