@@ -26,8 +26,17 @@ def names_of(*modules):
 
 
 @pytest.mark.parametrize(("table", "call"), ROWS)
-def test_a_call_is_refused_in_a_sentence(table, call):
+def test_a_call_is_refused_in_a_sentence(tmp_path, table, call):
+    def file(content, name="table.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
     error = getattr(errors, table.get("error", "CaseError"))
     text = table.get("call", "{}").replace("{}", call)
-    with pytest.raises(error, match=table["refused"][call]):
-        eval(text, {**names_of(*table["names"]), "np": np})
+    with pytest.raises(error, match=table["refused"][call]) as refused:
+        eval(text, {**names_of(*table["names"]), "np": np, "file": file})
+    sentence = str(refused.value)
+    assert "\n" not in sentence or refused.type is errors.SchemaError  # which lists all faults
+    for path in tmp_path.iterdir():
+        assert sentence.startswith(str(path))

@@ -30,9 +30,9 @@ class Softening:
         if w.shape != s.shape or w.ndim != 1 or w.size < 2:
             raise CaseError(f"a crack has a stress for each opening, got {w.shape} and {s.shape}")
         if w[0] != 0.0 or np.any(w[1:] <= w[:-1]):
-            raise CaseError(f"the openings of a crack must rise from 0 (m), got {self.opening}")
+            raise CaseError(f"the openings of a crack must rise from 0 (m), got {w.tolist()}")
         if s[-1] != 0.0 or np.any(s[1:] >= s[:-1]):
-            raise CaseError(f"the stresses of a crack must fall to 0 (Pa), got {self.stress}")
+            raise CaseError(f"the stresses of a crack must fall to 0 (Pa), got {s.tolist()}")
         object.__setattr__(self, "opening", w)
         object.__setattr__(self, "stress", s)
 

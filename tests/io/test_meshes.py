@@ -110,34 +110,6 @@ def test_labels_of_the_faces_of_a_cube_point_outwards(tmp_path, label, normal):
     np.testing.assert_allclose(area_vector(cube, "Side"), normal, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        pytest.param(("7, 8", "7, 99"), "element 1 has node 99, which", id="unknown node"),
-        pytest.param(("7, 8", "7"), "element 1 has 7 nodes, and C3D8R has 8", id="too few"),
-        pytest.param(("7, 8", "7, 8, 3"), "has 9 nodes, and C3D8R has 8", id="too many"),
-        pytest.param(
-            ("30, 0.5", "30, x"), "line 13 of .NODE does not define a node: .*'x'", id="no number"
-        ),
-        pytest.param(("30, 0.5", "8, 0.5"), "gives node 8 a second place", id="several parts"),
-        pytest.param(("Tip, S1", "Tip, S5"), "face 'S5' of a tetra.* S1 to S4", id="face"),
-        pytest.param(("Tip, S1", "Top, S1"), "names 'Top', and no line above", id="unknown set"),
-        pytest.param(("\n2, S2", "\n77, S2"), "unknown element 77", id="unknown element"),
-        pytest.param(("2, 5, 6, 7", "1, 5, 6, 7"), "two elements have the number 1", id="twice"),
-        pytest.param(("C3D4", "C3D27"), "elements of type C3D27 are not read", id="type"),
-        pytest.param(("*Heading", "*SYSTEM\n0, 0, 1"), r"has \*SYSTEM, which is not", id="system"),
-        pytest.param(("*Heading", "*Instance\n1, 0, 0"), "moves a part", id="instance"),
-    ],
-)
-def test_a_faulty_deck_is_refused_with_the_line_or_the_element(tmp_path, change, message):
-    text = deck()
-    assert text.count(change[0]) >= 1
-    (tmp_path / "faulty.inp").write_text(text.replace(*change, 1))
-    with pytest.raises(CaseError, match=message) as refusal:
-        load_mesh(tmp_path / "faulty.inp", volume="Cube")
-    assert str(refusal.value).startswith(f"{tmp_path / 'faulty.inp'}: ")
-
-
 def test_surfaces_of_a_deck_without_a_name_are_no_faces(tmp_path):
     nameless = "*SURFACE, TYPE=NODE\n1\n*SURFACE\n1, S1\n"
     (tmp_path / "block.inp").write_text(deck() + nameless)

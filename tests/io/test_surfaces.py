@@ -1,6 +1,5 @@
 """A topography file becomes a surface in metres, or one sentence."""
 
-import gzip
 import sys
 from pathlib import Path
 
@@ -125,50 +124,6 @@ def test_channel_is_found_by_name_and_by_number(tmp_path, heights):
     np.testing.assert_array_equal(down, read_surface(both, channel=1).heights)
     with pytest.raises(CaseError, match=r"no channel 'Left' .* 0 \('Up'\), 1 \('Down'\)"):
         read_surface(both, channel="Left")
-
-
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        pytest.param(b"", "the file is empty", id="empty"),
-        pytest.param(b" \n\n", "no known topography format", id="blank"),
-        pytest.param(b"Dear reader,\nno heights.\n", "no known topography format", id="prose"),
-        pytest.param(bytes(range(256)) * 5, "no known topography format", id="bytes"),
-        pytest.param(gzip.compress(b"1 2 3 4\n" * 9)[:-9], "no known topography", id="gzip"),
-        pytest.param(b"PK\x03\x04" + bytes(99), "no known topography|cannot be read", id="zip"),
-        pytest.param(b"\x89HDF\r\n\x1a\n" + bytes(99), "no known|cannot be read", id="hdf5"),
-        pytest.param(b"1 2 3 4\n1 2 3\n1 2 3 4\n", "no known topography format", id="ragged"),
-        pytest.param(b"1\n2\n3\n4\n5\n", "line scan", id="line-scan"),
-        pytest.param(
-            b"# Width: 4 um\n# Height: 4 um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
-            "gives no unit of length; give unit, or export",
-            id="no-unit",
-        ),
-        pytest.param(
-            b"# Value units: um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
-            "gives no lateral size; give size, or export",
-            id="no-size",
-        ),
-        pytest.param(
-            HEADER.encode() + b"7 7 7 7\n" * 5, "equal once the plane is removed", id="constant"
-        ),
-        pytest.param(
-            HEADER.encode() + b"nan nan nan nan\n" * 5, "no point has a defined", id="all-nan"
-        ),
-        pytest.param(
-            b"# Width: 0 um\n# Height: 4 um\n# Value units: um\n" + b"1 2 3 5\n2 1 5 3\n" * 2,
-            "two positive lengths",
-            id="zero-width",
-        ),
-    ],
-)
-def test_other_content_is_refused_in_one_sentence_that_names_the_file(tmp_path, content, sentence):
-    path = tmp_path / "map.dat"
-    path.write_bytes(content)
-    with pytest.raises(CaseError, match=sentence) as caught:
-        read_surface(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
 
 
 def test_missing_file_is_refused_with_the_nearest_name(tmp_path, heights):

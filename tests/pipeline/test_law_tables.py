@@ -168,27 +168,6 @@ def test_a_constant_stiffness_is_stated_with_its_error(folder):
     np.testing.assert_allclose([low, high], [stiffness - half, stiffness + half], rtol=2e-3)
 
 
-ROWS = {
-    "falls": ("0, 0\n1, 0.1\n10, 0.05\n", "row 3: the overclosure of 5e-08 m does not rise above"),
-    "pressure": ("0, 0\n1, 0.1\n1, 0.2\n", r"row 3: the pressure of 1e\+06 Pa does not rise above"),
-    "softens": ("0, 0\n1, 0.1\n1.5, 0.2\n", r"row 3: the stiffness falls from 1e\+13 to 5e\+12"),
-    "begins": ("1, 0.1\n2, 0.15\n", r"row 1: the pressure is 1e\+06 Pa, and a law begins at zero"),
-    "one": ("0, 0\n", "a law needs two rows or more, got 1"),
-    "infinite": (
-        "0, 0\ninf, 1\n",
-        r"line 3: pressure \(MPa\) should be a finite number, got 'inf'",
-    ),
-}
-
-
-@pytest.mark.parametrize(("rows", "said"), ROWS.values(), ids=ROWS.keys())
-def test_rows_that_are_no_law_are_refused_with_their_values(tmp_path, rows, said):
-    file = tmp_path / "table.csv"
-    file.write_text("pressure (MPa), overclosure (um)\n" + rows)
-    with pytest.raises(CaseError, match=said):
-        read_law(file)
-
-
 def test_a_stated_error_is_of_a_table_only(folder):
     write_law(folder / "law.nc")
     with pytest.raises(CaseError, match="law_error is of a table of pressure and overclosure"):

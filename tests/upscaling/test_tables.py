@@ -88,56 +88,6 @@ def test_specimens_give_bands_by_specimen():
     assert (high - low) / mean > 0.1
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        (
-            "pressure (MPa),gap (um)\n1,2\n",
-            r"no column stiffness; the first line should name pressure \(MPa\), "
-            r"stiffness \(MPa/um\), found pressure \(MPa\), gap \(um\)",
-        ),
-        ("", "empty; the first line names the columns"),
-        ("gap (um)\n1\n", "no column pressure and no column stiffness"),
-        (
-            "pressure,stiffness (MPa/um)\n1,2\n",
-            r"'pressure' has no unit; write it in the first line, such as pressure \(MPa\)",
-        ),
-        ("pressure (1),stiffness (MPa/um)\n1,2\n", r"the column 'pressure \(1\)': "),
-        (
-            "pressure (MPa),stiffness (MPa/um),stiffness (MPa/mm)\n1,2,2000\n",
-            r"'stiffness \(MPa/um\)' and 'stiffness \(MPa/mm\)' have the same name; leave one",
-        ),
-        ("pressure (mm),stiffness (MPa/um)\n1,2\n", r"'pressure \(mm\)': .* cannot be converted"),
-        ("pressure (MPa),stiffness (MPa)\n1,2\n", r"'1 MPa' cannot be converted to Pa/m"),
-        (
-            "pressure (MPa),stiffness (MPa/um)\n1,two\n",
-            "line 2: .* a positive, finite number, got 'two'",
-        ),
-        (
-            "pressure (MPa),stiffness (MPa/um)\n-1,2\n",
-            r"line 2: pressure \(MPa\) should be a positive, .*'-1'",
-        ),
-        (
-            "pressure (MPa),stiffness (MPa/um)\n1,0\n",
-            r"line 2: stiffness \(MPa/um\) should be .*'0'",
-        ),
-        ("pressure (MPa),stiffness (MPa/um)\n1,3\n2,inf\n", "line 3: stiffness .* got 'inf'"),
-        ("pressure (MPa),stiffness (MPa/um)\n1,3\n2,nan\n", "line 3: stiffness .* got 'nan'"),
-        (
-            "pressure (MPa),stiffness (MPa/um),specimen\n1,5,a\n1,50,a\n",
-            r"specimen a has two values at 1e\+06 Pa, 5e\+12 and 5e\+13 Pa m-1; remove one",
-        ),
-        (
-            "pressure (MPa),stiffness (MPa/um)\n1,9\n2,8\n3,6\n4,5\n5,4\n",
-            "stiffness falls as the pressure rises, as its power -0.5,",
-        ),
-    ],
-)
-def test_files_that_cannot_be_used_are_refused_with_what_would_be_enough(write, text, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        read_observations(write(text), "normal_stiffness")
-
-
 def test_bands_ask_for_enough_realisations_and_samples():
     p = np.geomspace(1e6, 1e8, 8)
     gaps = Exponential(4e8, 1e-6).gap_at(p) * np.array([[1.0], [1.1], [0.95]])
