@@ -38,40 +38,54 @@ def reference_data(request):
 
 
 @pytest.fixture(scope="session")
-def run_folder(tmp_path_factory):
+def once(tmp_path_factory):
+    """Make a folder by its name once for all workers; nothing is written to it later."""
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def made(name, make):
+        folder, complete = base / name, base / f"{name}.complete"
+        with FileLock(base / f"{name}.lock"):
+            if not complete.exists():
+                folder.mkdir(exist_ok=True)
+                make(folder)
+                complete.touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def run_folder(once):
     """What the main command leaves, of flat cells on a coarse grid."""
     from multiscale.pipeline import load_case, run
     from multiscale.report import draw_figures
 
-    case = load_case("ground_steel").quick()
-    cell = case.cell.model_copy(update={"geometry": "flat"})
-    out = tmp_path_factory.mktemp("run") / "results"
-    run(case.model_copy(update={"cell": cell}), out)
-    draw_figures(out)
-    return out
+    def make(folder):
+        case = load_case("ground_steel").quick()
+        cell = case.cell.model_copy(update={"geometry": "flat"})
+        run(case.model_copy(update={"cell": cell}), folder / "results")
+        draw_figures(folder / "results")
+
+    return once("flat_steel", make) / "results"
 
 
 @pytest.fixture(scope="session")
-def shipped_run(tmp_path_factory):
-    """Return folder, print and cautions of a shipped case, run once for all workers with --quick.
-
-    The folder is read only.
-    """
+def shipped_run(once):
+    """Folder, print and cautions of a shipped case, which is run with --quick."""
     from tests.support import COMMAND, run_python
 
-    folder = tmp_path_factory.getbasetemp()
-    folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    def make(folder):
+        arguments = ("run", folder.name, "-o", folder / "out", "--quick", "--jobs", "1")
+        done = run_python(COMMAND, *arguments, cwd=folder, check=False)
+        assert done.returncode == 0, done.stderr
+        (folder / "printed").write_text(done.stdout, encoding="utf-8")
+        (folder / "cautions").write_text(done.stderr, encoding="utf-8")
 
     def finished(name):
-        out, *said = (folder / f"{name}{end}" for end in ("", ".out", ".err"))
-        with FileLock(folder / f"{name}.lock"):
-            if not said[1].exists():
-                arguments = ("run", name, "-o", out, "--quick", "--jobs", "1")
-                done = run_python(COMMAND, *arguments, cwd=folder, check=False)
-                assert done.returncode == 0, done.stderr
-                for file, text in zip(said, (done.stdout, done.stderr), strict=True):
-                    file.write_text(text, encoding="utf-8")
-        return out, *(file.read_text(encoding="utf-8") for file in said)
+        folder = once(name, make)
+        printed, cautions = ((folder / one).read_text("utf-8") for one in ("printed", "cautions"))
+        return folder / "out", printed, cautions
 
     return finished
 

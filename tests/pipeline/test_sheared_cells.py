@@ -276,14 +276,13 @@ def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(command):
+def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(shipped_run):
     pytest.importorskip("gmsh", exc_type=Exception)
-    status, said, _ = command("run", "bolted_lap", "--quick", "-o", "out", "--jobs", "1")
-    assert status == 0
-    law = open_law("out/interface_law.nc")
+    out, said, _ = shipped_run("bolted_lap")
+    law = open_law(out / "interface_law.nc")
     np.testing.assert_allclose(law["shear_stiffness_ratio"], THEORY, rtol=0.12)
     assert float(law["shear_friction"]) == pytest.approx(0.2, rel=0.02)
-    result = open_dataset("out/macro_result.nc")
+    result = open_dataset(out / "macro_result.nc")
     assert result["cycle_energy"].values[0] > 0.0
     force = 1e-3 * result["bolt_force"].values[:, 0]
     assert f"Bolt 0 is tightened to {force[2]:.4g} kN, then carries {force[3:].min():.4g}" in said

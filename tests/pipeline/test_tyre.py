@@ -14,7 +14,7 @@ from multiscale.pipeline.stages.braking import solve_treads
 from multiscale.pipeline.stages.rubber_friction import make_roads, slide_road
 from multiscale.report import draw_figures, write_report
 from multiscale.upscaling import fit_law, friction_at, friction_observations
-from tests.support import COMMAND, case_of, run_python, slow
+from tests.support import case_of, slow
 
 TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
 SMALL = (
@@ -129,16 +129,13 @@ def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_shipped_tyre_runs_on_the_command_line(tmp_path):
-    options = ("run", "tyre_on_road", "-o", "out", "--quick", "--jobs", "1")
-    done = run_python(COMMAND, *options, cwd=tmp_path, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "braking force" in " ".join(done.stdout.split())
-    assert (tmp_path / "out" / "report.html").stat().st_size > 0
-    law = open_law(tmp_path / "out" / "interface_law.nc")
+def test_the_law_of_the_shipped_tyre_is_close_to_its_roads(shipped_run):
+    out, said, _ = shipped_run("tyre_on_road")
+    assert "braking force" in " ".join(said.split())
+    law = open_law(out / "interface_law.nc")
     assert law.attrs["rms_error_over_peak"] < 0.02
     assert law.attrs["largest_error_over_peak"] < 0.05
-    assert "the fitted curve differs" not in done.stdout
+    assert "the fitted curve differs" not in said
 
 
 def test_a_braking_force_has_an_error_budget(finished):

@@ -25,11 +25,6 @@ SCRIPTS = (
 SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
 
 
-ELSEWHERE = ("bolted_lap", "brake_reuss", "ground_steel", "tyre_on_road")
-"""Cases that other tests run: ``test_sheared_cells``, ``test_brake_reuss``, ``test_run`` and
-``test_tyre``."""
-
-
 def files(pattern):
     """Files of the workflows, those that take long marked as slow."""
     return [
@@ -77,12 +72,11 @@ def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in shipped_cases() if name not in ELSEWHERE])
-def test_every_shipped_case_runs(name, command, tmp_path):
-    status, said, _ = command("run", name, "-o", "out", "--quick", "--jobs", "1")
-    assert status == 0
-    assert "report, figures and datasets: out" in said
-    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+@pytest.mark.parametrize("name", shipped_cases())
+def test_every_shipped_case_runs(name, shipped_run):
+    out, said, _ = shipped_run(name)
+    assert f"report, figures and datasets: {out}" in said
+    assert (out / "report.html").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("scene", files("scenes/*.toml"))
