@@ -1,5 +1,6 @@
 """Admissibility of laws: sign, shape, dissipation and objectivity, each with its worst value."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any
@@ -16,40 +17,30 @@ POINTS = 500  # at which a law is tested
 
 
 @dataclass(frozen=True)
-class Check:
-    """One property of a law."""
+class Admissibility:
+    """Checks of a law: the worst violation of each property over the largest value tested."""
 
-    name: str  # such as "sign", "monotone", "convex" or "dissipation"
-    worst: float  # violation over the largest value tested; not positive if there is none
+    pressure_range: tuple[float, float]  # Pa
+    worst: Mapping[str, float]  # of "sign", "monotone", "convex", "dissipation" and the like
 
     @property
-    def passed(self) -> bool:
-        """Whether the property holds up to round-off."""
-        return bool(np.isfinite(self.worst) and self.worst <= SLACK)
-
-    def __str__(self) -> str:
-        """Return the check as a few words."""
-        state = "holds" if self.passed else f"violated by {self.worst:.2g} of the largest value"
-        return f"{self.name}: {state}"
-
-
-@dataclass(frozen=True)
-class Admissibility:
-    """Checks of a law, and their range of pressures, Pa."""
-
-    pressure_range: tuple[float, float]
-    checks: tuple[Check, ...]
+    def violated(self) -> dict[str, float]:
+        """Properties that do not hold up to round-off."""
+        return {name: worst for name, worst in self.worst.items() if not worst <= SLACK}
 
     @property
     def passed(self) -> bool:
         """Whether every property holds."""
-        return all(check.passed for check in self.checks)
+        return not self.violated
 
     def __str__(self) -> str:
         """Return the report as a line."""
         low, high = (readable(f"{end:.3g} Pa") for end in self.pressure_range)
-        checks = "; ".join(str(check) for check in self.checks)
-        return f"{checks} (from {low} to {high})"
+        words = {
+            name: f"violated by {x:.2g} of the largest value" for name, x in self.worst.items()
+        }
+        words |= dict.fromkeys(self.worst.keys() - self.violated.keys(), "holds")
+        return f"{'; '.join(map(': '.join, words.items()))} (from {low} to {high})"
 
 
 def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibility:
@@ -81,7 +72,7 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
 
 
 @singledispatch
-def _checks(law: Any, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
+def _checks(law: Any, pressure_range: tuple[float, float]) -> dict[str, float]:
     """Check a law by its kind; a contact fraction from no pressure to 100 times the largest."""
     if not hasattr(law, "contact_fraction"):
         raise CaseError(
@@ -91,15 +82,15 @@ def _checks(law: Any, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     low, high = pressure_range
     p = np.append(0.0, np.geomspace(low / 100.0, 100.0 * high, POINTS))
     a = law.contact_fraction(p)
-    return (
-        Check("zero without pressure", _worst(np.abs(a[:1]), a)),
-        Check("monotone", _worst(-np.diff(a), a)),
-        Check("at most one", _worst(a - 1.0, a)),
-    )
+    return {
+        "zero without pressure": _worst(np.abs(a[:1]), a),
+        "monotone": _worst(-np.diff(a), a),
+        "at most one": _worst(a - 1.0, a),
+    }
 
 
 @_checks.register
-def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
+def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> dict[str, float]:
     """Check a normal law; the secant of a convex law lies between the tangents."""
     far, near = law.gap_at(np.array(pressure_range))
     gap = np.linspace(near - (far - near), far + (far - near), POINTS)
@@ -109,13 +100,13 @@ def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> tuple[
     jump[0] = np.linspace(near, far, 5) - law.gap
     jump[1:] = far - near
     traction = law.respond(jump, np.zeros((law.n_state, 5))).traction
-    return (
-        Check("sign", _worst(-np.minimum(p / _size(p), k / _size(k)), np.ones(1))),
-        Check("monotone", _worst(np.diff(p), p)),
-        Check("convex", _worst(np.maximum(secant - k[:-1], k[1:] - secant), k)),
-        Check("dissipation", _worst(*_cycle(law, gap))),
-        Check("objective", _worst(np.abs(traction[1:]), traction[0])),
-    )
+    return {
+        "sign": _worst(-np.minimum(p / _size(p), k / _size(k)), np.ones(1)),
+        "monotone": _worst(np.diff(p), p),
+        "convex": _worst(np.maximum(secant - k[:-1], k[1:] - secant), k),
+        "dissipation": _worst(*_cycle(law, gap)),
+        "objective": _worst(np.abs(traction[1:]), traction[0]),
+    }
 
 
 def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +128,7 @@ def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @_checks.register
-def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
+def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) -> dict[str, float]:
     """Check the loading law, and the energy of its unloading branches, eq. (2) of the law."""
     loading = _check_normal(law.loading, pressure_range)
     peak = np.geomspace(*pressure_range, POINTS)
@@ -147,15 +138,15 @@ def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) ->
     p = peak * (1.0 - share) ** law.exponent
     returned = peak * length / (law.exponent + 1.0)
     rate = np.diff(returned) / -np.diff(corner)  # per approach
-    return (
-        *(Check(f"loading, {check.name}", check.worst) for check in loading),
-        Check("unloading below loading", _worst(p - law.loading.pressure(gap), peak)),
-        Check("dissipation", _worst(rate - peak[1:], peak)),
-    )
+    return {
+        **{f"loading, {name}": worst for name, worst in loading.items()},
+        "unloading below loading": _worst(p - law.loading.pressure(gap), peak),
+        "dissipation": _worst(rate - peak[1:], peak),
+    }
 
 
 @_checks.register
-def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
+def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> dict[str, float]:
     """Check friction at many pressures, speeds and directions, in two frames."""
     random = np.random.default_rng(seed=0)
     p, speed = (
@@ -172,21 +163,21 @@ def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tu
     mu, t = law.coefficient(p, speed), law.traction(p, v)
     power = np.sum(t * v, axis=0) / (p * np.where(speed > 0.0, speed, 1.0))
     miss = (law.traction(p, turned(v)) - turned(t)) / p
-    return (
-        Check("sign", _worst(-mu, mu)),
-        Check("dissipation", _worst(-power, mu)),
-        Check("objective", _worst(np.abs(miss), mu)),
-    )
+    return {
+        "sign": _worst(-mu, mu),
+        "dissipation": _worst(-power, mu),
+        "objective": _worst(np.abs(miss), mu),
+    }
 
 
 @_checks.register
-def _check_stiffness(law: StiffnessLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
+def _check_stiffness(law: StiffnessLaw, pressure_range: tuple[float, float]) -> dict[str, float]:
     """Check values at many pressures: positive, never falling."""
     values = law.stiffness_at(np.geomspace(*pressure_range, POINTS))
-    return (
-        Check("sign", _worst(-values, values)),
-        Check("monotone", _worst(-np.diff(values), values)),
-    )
+    return {
+        "sign": _worst(-values, values),
+        "monotone": _worst(-np.diff(values), values),
+    }
 
 
 def _size(values: np.ndarray) -> float:
