@@ -39,21 +39,7 @@ def bench(
     report: Callable[[str], None] = lambda line: None,
     keep: "Callable[[Dataset], object]" = lambda dataset: None,
 ) -> "Dataset":
-    """Measure a family of scenes.
-
-    Parameters
-    ----------
-    family : str, a name of ``FAMILIES``
-    quick : bool, fewer scenes and grids, and a single run of each
-    report : callable, gets a line after each measurement
-    keep : callable, gets the dataset of all scenes so far after each scene
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``. The attribute ``cautions`` has a sentence for each method that
-        is left out.
-    """
+    """Measure a family; ``report`` gets a line a run, ``keep`` the runs after each scene."""
     from multiscale.bench.measure import measure_family
 
     module = import_module(f"multiscale.bench.{FAMILIES[family]}")

@@ -50,12 +50,7 @@ def interface_stiffnesses(points: int, realisations: int, samples: int = SAMPLES
 
 
 def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Run the case on several grids with several numbers of realisations.
-
-    Errors are of the stiffness of the interface, since the bodies would hide them in the stiffness
-    of the joint, relative to four times as many other realisations on the finest grid; the stated
-    95 % interval of these is the uncertainty.
-    """
+    """Run the case on several grids with several numbers of realisations."""
     grids, counts = ((34, 48), (3,)) if quick else ((48, 64, 96, 128), (3, 6, 12))
     rows = [
         run(
@@ -119,12 +114,7 @@ def fitted_stiffnesses(family: str, count: int, samples: int = SAMPLES) -> np.nd
 
 
 def laws(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Fit laws of several families to ensembles of flat cells of growing size.
-
-    Errors of the stiffness at 1 GPa are relative to the law of free form fitted to other
-    realisations; two standard errors, from eighths of them, are the uncertainty. More realisations
-    do not remove the misfit of a family of two parameters.
-    """
+    """Fit laws of several families to ensembles of flat cells of growing size."""
     rows = [
         run(
             "stiffness of a rough interface",
@@ -171,11 +161,7 @@ def mean_moduli(size: float, count: int, voxels: int, seeds: Sequence[int]) -> l
 
 
 def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Compute the stiffness of a porous solid by larger, more and finer volumes.
-
-    Errors are the root mean square over independent answers, against the mean of larger and finer
-    volumes; the change of this mean by coarser voxels is the uncertainty.
-    """
+    """Compute the stiffness of a porous solid by larger, more and finer volumes."""
     seeds = range(1000, 3000 if quick else 7000, 1000)
     rows = [
         run(
@@ -236,12 +222,7 @@ def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple
 
 
 def damage(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Compute lives cycle by cycle, and by jumps of several tolerances.
-
-    Errors of the cycles to rupture are relative to the run that follows every cycle in the same
-    substeps; its change by four times the substeps is the uncertainty, and the error of that run:
-    jumps need not be more accurate. ``iterations`` are the cycles that were followed.
-    """
+    """Compute lives cycle by cycle, and by jumps of several tolerances."""
     jumps = (0.1, 0.01) if quick else (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
     for scene in DAMAGE_SCENES[1:2] if quick else DAMAGE_SCENES:
         rows = [

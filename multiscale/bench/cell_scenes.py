@@ -37,13 +37,7 @@ def gap_of_mesh(element: str, points: int) -> float:
 
 
 def meshes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Press waves with the kernel and with meshes of every element.
-
-    Cells of all elements have the same contact nodes. Errors of the mean gap are relative to the
-    limit of the kernel, extrapolated from its three finest grids; the distance of its finest grid
-    from this limit is their uncertainty. The hexahedra of first order are the kernel's, so that
-    their times compare a matrix with its factors to the same matrix that is never built.
-    """
+    """Press waves with the kernel and with meshes of every element."""
     grids: dict[str, tuple[int, ...]] = {"kernel": (8, 16, 32) if quick else (8, 16, 32, 64)}
     grids |= dict.fromkeys(("hex8", "hex27", "tet4", "tet10"), (8,) if quick else (8, 16, 32))
     rows = [
@@ -85,12 +79,7 @@ def gap_at_large_strain(scene: str, points: int) -> float:
 
 
 def strain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Press waves of rubber and of plastic steel on grids of all sizes.
-
-    Errors of the mean gap are relative to its limit, extrapolated from the three finest grids; the
-    distance of the finest grid from this limit is their uncertainty. The largest increments of the
-    plastic path are the same on all grids, so that most of their error is not seen here.
-    """
+    """Press waves of rubber and of plastic steel on grids of all sizes."""
     for scene, (law, _) in STRAIN_SCENES.items():
         method, warm = type(law).__name__, ("plastic waves", 8)
         rows = [
@@ -179,12 +168,7 @@ def measure_kernel(scene: str, points: int) -> dict[str, float]:
 
 
 def limit(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Time one application of each kernel on all grids.
-
-    There is no error: ``over_copy`` is the distance of a kernel from the memory's limit, with
-    ``bytes_moved``, which counts arrays that must be read or written once, and ``operations``,
-    counted on paper within a few tenths.
-    """
+    """Time one application of each kernel on all grids."""
     grids = (64, 128) if quick else (64, 128, 256, 512)
     for scene in LIMIT_SCENES:
         rows = [

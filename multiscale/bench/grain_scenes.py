@@ -77,12 +77,7 @@ def deposit_heights(
 
 
 def follow_grains(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Follow grains in ever shorter steps, with rigid and with compliant contacts.
-
-    Errors are distances from a closed form; for the height of deposits, from other deposits of
-    rigid grains in the shortest steps. Piles of other histories differ by some per cent, whatever
-    the step: two standard errors of the mean over those other deposits are the uncertainty.
-    """
+    """Follow grains in ever shorter steps, with rigid and with compliant contacts."""
     grains, steps = (20, STEPS[1:3]) if quick else (200, STEPS)
     for scene in (BOUNCE, ROLL, DEPOSIT):
         rows = [

@@ -27,10 +27,7 @@ def granular(
 
 
 def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_array:
-    """Assemble minus the direction of each link at its first end, plus at its second.
-
-    Forces that pull are positive; shape (d * nodes, links).
-    """
+    """Assemble minus the direction of each link at its first end, plus at its second."""
     links, dim = direction.shape
     link = np.repeat(np.arange(links), dim)
     rows = [(dim * ends[:, [side]] + np.arange(dim)).ravel() for side in (0, 1)]
@@ -46,10 +43,7 @@ def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_arr
 def loaded_column(
     bodies: int, *, mass_ratio: float = 1.0
 ) -> tuple[csr_array, csr_array, np.ndarray]:
-    """Build a column of light bodies under a body of ``mass_ratio``, pulled down for one step.
-
-    Mass, directions and velocity are as in :func:`granular`, with a row for each body.
-    """
+    """Build a column of light bodies under a body of ``mass_ratio``, pulled down for one step."""
     mass = np.ones(bodies)
     mass[-1] = mass_ratio
     directions = csr_array(
@@ -65,10 +59,7 @@ def condensed(mass: csr_array, directions: csr_array) -> csr_array:
 
 
 def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarray]:
-    """Build a membrane on a wavy obstacle, of ``nodes`` along an edge, under a uniform load.
-
-    Half of its cells, chosen at random, are ``contrast`` times as stiff as the others.
-    """
+    """Build a membrane of two stiffnesses on a wavy obstacle, under an even load."""
     n, rng = nodes, np.random.default_rng(seed=0)
     stiffness = np.where(rng.random((n + 1, n + 1)) < 0.5, 1.0, contrast)
     node = np.arange(n * n).reshape(n, n)

@@ -53,10 +53,7 @@ def measure(
     threads: int = THREADS,
     process: bool = True,
 ) -> Measurement:
-    """Run a task several times after a warm-up that takes imports and compilation, untimed.
-
-    For a process, the task and its answer must be picklable.
-    """
+    """Run a picklable task several times after a warm-up, for imports and compilation, untimed."""
     runs = list[Measurement]()
     for _ in range(repeats):
         if not process:
@@ -134,10 +131,7 @@ class Runner:
         repeats: int = 1,
         **settings: float,
     ) -> Row:
-        """Measure a task with arguments, after the same task with ``warm`` arguments.
-
-        Settings of the accuracy are variables of ``WORK_PRECISION``, such as ``points``.
-        """
+        """Measure a task with arguments, after the same task with ``warm`` arguments."""
         self.repeats = max(self.repeats, repeats)
         run = measure(
             partial(task, *arguments),

@@ -110,17 +110,7 @@ def problem_of(name: str, *, quick: bool) -> Problem:
 
 
 def solve_problems(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Solve every scene by every method.
-
-    Errors are measured by the verifier, and ``converged`` is 1 if they are within the ``tolerance``
-    of the scene; a failed run stays in the table with its error. The histories contain all
-    residuals in their order, also where they rose; the answer is the best. A residual counts as an
-    iteration: a step of a Newton or interior-point method, twenty sweeps, n / 20 pivots.
-
-    Times are measured on one thread in this process, with scaling and verification, after two
-    iterations of every method on the same scene that take the compilation. A hundred processes
-    would take longer to start than the solvers to run, so memory is not measured.
-    """
+    """Solve every scene by every method."""
     for name in (*LCP_SCENES, *FRICTION_SCENES):
         problem = problem_of(name, quick=quick)
         yield [judged(problem, run, method, quick) for method in problem.methods]

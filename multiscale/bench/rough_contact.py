@@ -159,21 +159,7 @@ def scene_surface(points: int) -> Surface:
 
 
 def micro(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Measure every installed code on every grid and pressure.
-
-    Errors of the mean gap are relative to the root mean square height, errors of the contact
-    fraction to the fraction. ``error`` and ``contact_error`` are distances from a common reference,
-    the half-space problem for small slopes: the limit with the smallest extrapolation among the
-    limits of the codes that solve this problem. Its uncertainty is the distance to the other
-    limits. ``own_error`` and ``own_contact_error`` are distances from the limit of the code itself.
-    The mesh of the conforming cell follows the surface, so that its distance from the common
-    reference tends to the difference of the two models, which is of first order in the slope:
-    contact is on the summits, softer than a half-space.
-
-    Limits are Richardson's, with the observed order for the mean gap and order 1 for the contact
-    fraction, whose error sits at the edges of the spots and is too irregular for more. Times count
-    the way from heights to averages.
-    """
+    """Measure every installed code on every grid and pressure."""
     grids = (64, 128, 256) if quick else (64, 128, 256, 512)
     for relative_pressure in (0.1,) if quick else (0.02, 0.1, 0.3):
         load = relative_pressure * CONTACT_MODULUS * RMS_SLOPE, CONTACT_MODULUS

@@ -66,14 +66,7 @@ def check_stability(
     report: Callable[[str], None] = lambda line: None,
     keep: Callable[[Dataset], None] = lambda dataset: None,
 ) -> Dataset:
-    """Run cases in separate processes, with one thread for kernels.
-
-    Notes
-    -----
-    A case has *converged* if the residual that is verified in its answer is within its tolerance.
-    It was *refused* if the package explains in a sentence why there is no answer. Everything else
-    has *failed*: another exception, a residual above the tolerance, a process that died or hangs.
-    """
+    """Run cases in separate processes, with one thread for kernels."""
     outcomes: list[Outcome] = []
     for case, row in zip(cases, _run_all(cases, jobs), strict=True):
         outcomes.append(row)

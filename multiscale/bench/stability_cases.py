@@ -51,10 +51,7 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
 
 
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:
-    """Release a grid from its load: worst of momentum, motion, link laws and energy.
-
-    Forces are relative to the largest force, and to the force of a stretch of ``SHORT``.
-    """
+    """Release a grid from its load: worst of momentum, motion, link laws and energy."""
     from multiscale.macro import simulate, solve_static
     from multiscale.macro.links.link_equations import compatibility
 
@@ -467,10 +464,7 @@ def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
 
 
 def unbalanced_share(result: Dataset, friction: float) -> float:
-    """Return the largest fault in momentum and in Coulomb's cone, over the largest force.
-
-    The result follows ``GRANULATE``, with every step as a frame.
-    """
+    """Return the largest fault in momentum and in Coulomb's cone, over the largest force."""
     mass, n = result["mass"].values, result.sizes["grain"]
     ends, force = result["contact_ends"].values, result["contact_force"].values
     normal = result["branch"].values / np.linalg.norm(result["branch"], axis=1)[:, None]

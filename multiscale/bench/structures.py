@@ -53,10 +53,7 @@ def scene_grid(n: int) -> LinkSystem:
 
 
 def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> GridAnswer:
-    """Solve by a method.
-
-    Without ``pardiso`` the process cannot import pypardiso afterwards, so that it should end.
-    """
+    """Solve by a method; without ``pardiso`` the process cannot import pypardiso afterwards."""
     if not method.pardiso:
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
     result = solve_static(system, load_factor, method=method.method)
@@ -90,18 +87,7 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
 
 
 def solve_grids(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    r"""Solve grids of all sizes at two load factors by every method.
-
-    Residuals are by :func:`verify`, and decide on ``converged``. Errors are distances, by
-    :func:`distance`, of the tensions, which are unique, from the tensions by Newton's method.
-    For the interior-point method, which shares only the operators, the distance is a check of both.
-    For Newton's method it is the distance between both factorisations, which is the effect of
-    rounding. It is NaN where the other factorisation is missing, as on the largest grids, which
-    have a residual only.
-
-    Times hold for :func:`multiscale.macro.solve_static`, with the checks of the structure and all
-    preparations. Memory counts the whole process.
-    """
+    """Solve grids of all sizes at two load factors by every method."""
     methods = dict(GRID_METHODS)
     if find_spec("pypardiso") is None:
         reason = "because pypardiso is not installed; pip install 'multiscale-contact[pardiso]'"

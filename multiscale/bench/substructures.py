@@ -155,17 +155,7 @@ def make_scenes(*, quick: bool = False) -> list[CutScene]:
 
 
 def solve_cuts(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Solve every scene by LATIN, by Newton-Schur and without a cut.
-
-    Errors are distances in the norm of the energy: of the tensions, see
-    :func:`multiscale.bench.structures.distance`, or of the displacements of bodies, with the
-    stiffness of the bodies. The whole structure is the reference of the substructured solvers; the
-    error of the whole structure is the distance from the answer of Newton-Schur.
-
-    Times begin with the structure of links, or with the assembled substructures of bodies, and
-    count the cut of the former. Memory counts the whole process. Each method has a process with a
-    single thread, so that substructures are solved one after another.
-    """
+    """Solve every scene by LATIN, by Newton-Schur and without a cut."""
     small = make_scenes(quick=True)
     for scene in make_scenes(quick=quick):
         warm = small[0 if isinstance(scene.structure, LinkSystem) else -1]

@@ -88,12 +88,7 @@ def join_families(families: Mapping[str, Dataset]) -> Dataset:
 def tabulate_cheapest(
     work_precision: Dataset,
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the cheapest method and setting of every scene for each of the ``TARGETS``.
-
-    The table has a head and a row for each scene of the dataset of :func:`join_families` that has
-    errors; an entry is "none" where no run reached the error, and "unknown" where the reference is
-    less certain.
-    """
+    """Return the cheapest method and setting of every scene for each of the ``TARGETS``."""
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
     timed_only = work_precision["error"].isnull() & (work_precision["converged"] == 1)
     scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values[~timed_only])

@@ -189,10 +189,7 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
 
 @contextmanager
 def reading_run(folder: str | PathLike[str]) -> Iterator[None]:
-    """Report a missing optional variable or attribute of a dataset of a run in a sentence.
-
-    The message, a ``SchemaError``, names the folder.
-    """
+    """Report a missing variable or attribute of a dataset of a run in a sentence."""
     try:
         yield
     except KeyError as error:

@@ -91,10 +91,7 @@ def _text(matrix: np.ndarray, **options: str) -> BytesIO:
 
 
 def place_on_grid(points: np.ndarray) -> BytesIO | None:
-    """Write points x, y, z, shape (n, 3), of a regular grid with all places, NaN where missing.
-
-    Returns None if the points do not lie on a regular grid.
-    """
+    """Write points (n, 3) of a regular grid at all places, NaN where missing, or None."""
     places, steps = [], []
     for values in points[:, :2].T:
         edges = np.unique(values)

@@ -215,10 +215,7 @@ def on_axes(
     projection: str | None = None,
     **options: object,
 ) -> Callable[[Path], Path]:
-    """Return ``draw(file)``, which calls ``plot(*shown, ax=..., **options)`` for a PNG file.
-
-    The axes are new; ``size`` is in inches.
-    """
+    """Return ``draw(file)``, which calls ``plot(*shown, ax=..., **options)`` for a PNG file."""
 
     def draw(file: Path) -> Path:
         figure = new_figure(*size)

@@ -112,11 +112,7 @@ def plot_joint_plan(
 
 
 def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes) -> "Collection":
-    """Draw the values at some points of a joint, seen along its normal, and return the artist.
-
-    Each point colours its share of the faces of a body, or a disc of its area if the points are not
-    the corners of faces.
-    """
+    """Draw values at points of a joint, on their shares of faces or else on discs."""
     from matplotlib.collections import EllipseCollection, PolyCollection
 
     axes, names = _seen(result, points)
@@ -155,10 +151,7 @@ def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes
 
 
 def _faces(result: Dataset, points: np.ndarray) -> np.ndarray:
-    """Faces of a body with all corners among the points, (faces, corners), as numbers of points.
-
-    Empty if no body has such faces.
-    """
+    """Faces of a body with all corners among the points, (faces, corners), as numbers of points."""
     if "corners" not in result:
         return np.empty((0, 3), dtype=int)
     place = np.concatenate([result["point_position"].values[points], result["position"].values])
@@ -175,10 +168,7 @@ def _faces(result: Dataset, points: np.ndarray) -> np.ndarray:
 
 
 def _seen(result: Dataset, points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:
-    """Return the normal of the plane of some points and two axes in it, (3, 3), and their names.
-
-    The axes are coordinate axes, unless the plane is oblique.
-    """
+    """Return normal and two axes of the plane of some points, (3, 3), and the names of the axes."""
     axes = plane_axes(result["point_position"].values[points])
     across, first, second = np.argmax(np.abs(axes), axis=1)
     straight = axes[0, across] == 1.0
@@ -186,10 +176,7 @@ def _seen(result: Dataset, points: np.ndarray) -> tuple[np.ndarray, tuple[str, s
 
 
 def _outlines(result: Dataset, axes: np.ndarray) -> list[np.ndarray]:
-    """Outline of the top of every body in plan, (2, points) in m with NaN between its edges.
-
-    The top is farthest along the first of the axes; the other axes span the plan.
-    """
+    """Outline of the top of every body along the first axis, (2, points), m, NaN between edges."""
     if "corners" not in result:
         return []
     place, corners = result["position"].values, result["corners"].values

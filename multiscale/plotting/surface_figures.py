@@ -74,10 +74,7 @@ def plot_measured_heights(statistics: Dataset, *, ax: Axes | None = None) -> Axe
 def plot_spectral_density(
     statistics: Dataset, *, measured: bool = True, ax: Axes | None = None
 ) -> Axes:
-    """Plot the spectral density over the wavelength, with fit and reliable range if measured.
-
-    All wavelengths of a cell are reliable.
-    """
+    """Plot the spectral density over the wavelength, with fit and reliable range if measured."""
     ax = axes_or_current(ax)
     map_or_line = int(statistics["dimensions"])
     name = "power_spectral_density" if map_or_line == 2 else "profile_density"

@@ -81,10 +81,7 @@ def plot_vibrating_joint(
     joint: int = 0,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure of a joint, or its share at sliding, at an amplitude in one direction.
-
-    Open points have no share, and no colour.
-    """
+    """Plot the pressure of a joint, or its share at sliding where closed, at an amplitude."""
     from multiscale.macro.substructures.measures import OPEN
 
     ax = axes_or_current(ax)

@@ -88,11 +88,7 @@ def _labels(runs: Dataset) -> list[str]:
 
 
 def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None) -> Axes:
-    """Plot the smallest error so far against time, one line per method.
-
-    Each line ends in a marker at the error and the time of the whole run, open if the run did not
-    converge; the dotted line is the tolerance. A method has the same colour in all scenes.
-    """
+    """Plot the smallest error so far against time by method; open markers did not converge."""
     ax = axes_or_current(ax)
     methods = list(dict.fromkeys(work_precision["method"].values))
     for k in np.flatnonzero(work_precision["scene"].values == scene):
@@ -153,13 +149,7 @@ def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
 def plot_growth(
     work_precision: Dataset, *, quantity: str = "wall_time", ax: Axes | None = None
 ) -> Axes:
-    """Plot time or memory against the number of cables, one line per method and scene.
-
-    A method has one colour; the first scene has filled markers, the other scenes open ones. The
-    legend gives the growth of a line between its two largest structures: the slope of the time, or
-    the memory per cable, since memory begins with interpreter and libraries. The dotted line is
-    proportional to the number of cables. Runs that did not converge are left out.
-    """
+    """Plot time or memory against the number of cables by method, with its growth in the legend."""
     ax = axes_or_current(ax)
     label, factor = QUANTITIES[quantity]
     runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))

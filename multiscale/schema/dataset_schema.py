@@ -47,18 +47,7 @@ class PlainDataset:
 
 @dataclass(frozen=True)
 class Schema:
-    """Names, dimensions and units of a kind of dataset.
-
-    Parameters
-    ----------
-    name, version
-        Written into every file; :mod:`multiscale.io` refuses other versions.
-    variables : mapping of str to Variable, required variables
-    optional : mapping of str to Variable
-        Optional variables and coordinates.
-    news : str
-        Variables that earlier versions lack, for the message that refuses them.
-    """
+    """Names, dimensions and units of a kind of dataset; ``news`` is what earlier versions lack."""
 
     name: str
     version: int
@@ -145,10 +134,7 @@ class Schema:
         return PlainDataset(values, dataset.attrs)
 
     def join(self, datasets: Sequence[PlainDataset], dim: str) -> PlainDataset:
-        """Concatenate arrays with the first dimension ``dim``; other arrays must be equal.
-
-        Missing arrays are filled with NaN. The result has no attributes.
-        """
+        """Concatenate arrays along the first dimension ``dim``; other arrays must be equal."""
         import numpy as np
 
         known, joined = {**self.variables, **self.optional}, {}

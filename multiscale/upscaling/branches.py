@@ -58,10 +58,7 @@ def assume_shear(
 def state_shear(
     law: Dataset, *, friction: float | None = None, stiffness_ratio: float | None = None
 ) -> Dataset:
-    """Return a law with tangential values that a user states; see :func:`assume_shear`.
-
-    A caution names the values of the law that they replace.
-    """
+    """Return a law with tangential values of a user, and cautions with the replaced values."""
     stated = {"friction": friction, "stiffness_ratio": stiffness_ratio}
     replaced = {
         name: value for name, value in tangential_values(law).items() if stated[name] is not None
@@ -146,21 +143,14 @@ def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
 
 
 def sliding_friction_at(dataset: Dataset, pressure: np.ndarray) -> np.ndarray:
-    """Interpolate the friction coefficient of large sliding at pressures, Pa.
-
-    It is constant beyond the data.
-    """
+    """Interpolate the friction coefficient of large sliding at pressures, Pa."""
     require_law(dataset, "sliding_pressure", "sliding_friction")
     p, mu = (dataset[f"sliding_{name}"].to_numpy() for name in ("pressure", "friction"))
     return np.asarray(np.interp(np.log(pressure), np.log(p), mu))
 
 
 def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
-    """Return a law with the friction of large sliding at a pressure, Pa, in its sliders.
-
-    The law is of :func:`with_sliding`; its friction was measured in one cell, so that the error
-    of the friction is not known.
-    """
+    """Return a law with the friction of large sliding at a pressure, Pa, with an unknown error."""
     friction = float(sliding_friction_at(law, np.array(pressure)))
     origin = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
     name, changed = _set_shear(law, origin, friction, None)

@@ -203,10 +203,7 @@ def ensembles_of_cells(
 def compared(
     response: Dataset, others: Mapping[float, Dataset], *, apart: bool
 ) -> dict[float, Dataset]:
-    """Return the compared responses, pressed alike, by their ratios.
-
-    The response itself, of the ratio 1, is among them unless the others are ``apart`` from it.
-    """
+    """Return compared responses by their ratios, with the response unless ``apart``."""
     if apart and len(others) < 2:
         raise CaseError(
             f"ensembles apart from the response are compared among themselves, so that two are "
@@ -223,10 +220,7 @@ def compared(
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """Return the 95 % half-width of a sum with variances (terms, steps) and freedoms (terms, 1).
-
-    The freedom of the sum is by Welch and Satterthwaite.
-    """
+    """Return the 95 % half-width of a sum, by Welch and Satterthwaite, from (terms, steps)."""
     from scipy.special import stdtrit
 
     total = np.maximum(variances.sum(axis=0), 0.0)

@@ -238,10 +238,7 @@ def laws_of_each(observations: Observations, law: Dataset | None = None) -> list
 
 
 def stiffness_of_each(observations: Observations, law: Dataset | None = None) -> np.ndarray:
-    """Evaluate the stiffness of the laws of all realisations, Pa/m, (realisations, points).
-
-    NaN where a realisation has no value or its fit does not settle.
-    """
+    """Evaluate the stiffness of the laws of all realisations, Pa/m, NaN where it is missing."""
     counted = observations.counted
     gap = np.where(counted, observations.values, observations.mean)
     stiffness = np.full(gap.shape, np.nan)

@@ -119,11 +119,7 @@ class Observations:
 
     @property
     def ensembles(self) -> "tuple[tuple[Observations, int], ...]":
-        """Ensembles with independent means that add up to the mean, and the freedom of each.
-
-        A single ensemble; with a control the residuals of the pairs, and the cheap values, each
-        about the mean.
-        """
+        """Ensembles with independent means that add up to the mean, and the freedom of each."""
         if self.control is None:
             return ((self, self.n_realisations - 1),)
         return tuple(

@@ -100,11 +100,7 @@ def _observe_response(
 def paired_first(
     control: Dataset, numbers: np.ndarray, variable: str, pressure: np.ndarray
 ) -> np.ndarray:
-    """Return values of cheap cells under rising pressures, SI, first of the given numbers.
-
-    Shape (cheap cells, pressures), NaN where a cell has no value. A ``CaseError`` lists numbers or
-    pressures that the cheap cells lack.
-    """
+    """Return values of cheap cells at pressures, (cells, pressures), the given numbers first."""
     loading = loading_branch(control)
     solved = loading["nominal_pressure"].to_numpy()
     at = np.array([int(np.argmin(np.abs(solved - p))) for p in pressure])
@@ -203,10 +199,7 @@ def inherited(response: Dataset) -> dict[str, Any]:
 
 
 def _check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> None:
-    """Refuse mean gaps above ``HIGHEST_GAP`` rms heights, which no surface supports.
-
-    Gaps, m, and which of them exist have the shape (realisations, steps).
-    """
+    """Refuse mean gaps above ``HIGHEST_GAP`` rms heights, which no surface supports."""
     if "rms_height" not in response.variables:
         return
     height = response["rms_height"].to_numpy()[:, None]

@@ -20,10 +20,7 @@ SMALLEST = 1e-12  # sum of squares about the mean over the sum of squares, witho
 def draw_counts(
     n_realisations: int, n_samples: int, seed: int, *, n_further: int = 0
 ) -> np.ndarray:
-    """Draw the multiplicity of each realisation, shape (samples, realisations + further).
-
-    The ``n_further`` members of a second ensemble are drawn independently of the realisations.
-    """
+    """Draw multiplicities of each realisation, and of ``n_further`` others, (samples, all)."""
     if n_realisations < FEWEST_REALISATIONS:
         return np.empty((0, n_realisations + n_further))
     drawn = [
@@ -157,10 +154,7 @@ class Control:
         return (self.mean + self.residuals, pairs - 2), (self.mean + self.cheap, cheap - 1)
 
     def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return means of samples, spread as Student's, and their weights, (samples, points).
-
-        ``counts`` are the multiplicities of each pair, and then of each further cheap cell.
-        """
+        """Return means of samples, spread as Student's, and their weights, (samples, points)."""
         pairs, n = len(self.residuals), len(self.cheap)
         ends = (counts[:, :pairs], self.residuals, pairs - 2), (counts, self.cheap, n - 1)
         mean = np.tile(self.mean, (len(counts), 1))

@@ -151,11 +151,7 @@ def _grid_error(laws: Mapping[float, Dataset], name: str) -> float:
 
 
 def with_loss_grid(law: Dataset, laws: Mapping[float, Dataset]) -> Dataset:
-    """Return a law with the error by the grid of the loss of its cells in closed cycles.
-
-    ``laws``, by the ratio of the spacings, are of the same realisations, as of
-    :func:`tangential_terms`; the error is unknown if any was not cycled.
-    """
+    """Return a law with the error by the grid of its loss, from laws by ratios of spacings."""
     name = "shear_loss_ratio"
     if len(laws) < 2 or not all(name in grid.variables for grid in laws.values()):
         return law

@@ -166,10 +166,7 @@ def _nearest_ratio(
     friction: float,
     weight: np.ndarray,
 ) -> np.ndarray:
-    """Fit the stiffness ratios along x and y of the nearest path (1); NaN where nothing shears.
-
-    Candidates are compared, then a finer set about the best; a parabola through the last three.
-    """
+    """Fit the stiffness ratios along x and y of the nearest path (1); NaN where nothing shears."""
     sheared = np.abs(slip).max(axis=0) > SIDEWAYS * np.abs(slip).max()
     low, high = np.log(RATIOS)
     middle, reach = np.full(2, 0.5 * (low + high)), 0.5 * (high - low)
