@@ -332,8 +332,8 @@ def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> Hyst
     """
     if "unloading_stiffness_ratio" not in dataset.variables:
         raise CaseError(
-            "the law has no unloading branch; unload the cells (unload = true in [micro]), and fit "
-            "them by fit_branches"
+            "the law has no unloading branch; unload the cells (unload = true in [micro]), and "
+            "add the branch by fit_branches"
         )
     names = ("unloading_stiffness_ratio", "unloading_exponent")
     require_law(dataset, *names)
