@@ -73,8 +73,3 @@ def random_problem(contacts, rng, *, rank=None, friction=0.5, dim=3):
     if rank is not None:
         q = G @ rng.normal(size=rank)  # within the range of W, so that an answer exists
     return csr_array(G @ G.T), q, np.full(contacts, friction)
-
-
-def body_velocity(bodies, impulse):
-    """Velocities of rigid bodies after contact impulses, m/s and 1/s."""
-    return (bodies.momentum + bodies.transfer @ impulse) / bodies.mass.diagonal()
