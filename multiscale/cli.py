@@ -251,31 +251,41 @@ def fit_command(
         list[str] | None,
         typer.Option(help='Pressure such as "5 MPa" at which the law of a table is printed.'),
     ] = None,
+    measured: Annotated[
+        str, typer.Option(help="Case of the cells with [[measured]] joints that calibrate the law.")
+    ] = "",
 ) -> None:
     """Fit the interface law to a response, or to a table of measurements."""
     from multiscale.io import open_dataset, open_response, save_law
+    from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
     from multiscale.upscaling.branches import describe_shear
 
     _check_dataset(out)
     if response.suffix.lower() == ".csv":
-        if shear or sliding:
+        if shear or sliding or measured:
             raise CaseError(
-                f"{response}: --shear and --sliding belong to a response, not to a table"
+                f"{response}: --shear, --sliding and --measured belong to a response, not to a "
+                f"table"
             )
         _fit_table(response, out, family, [to_si(text, "Pa") for text in pressure or ()])
         return
     if pressure:
         raise CaseError(f"--pressure needs a table .csv, got {response}")
+    case = _load_with("measured", measured) if measured else None
     law = fit_branches(
         open_response(response),
         shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
         sliding=None if sliding is None else open_dataset(sliding, SLIDING_RESPONSE),
         family=family or "convex_decreasing",
     )
+    if case is not None:
+        law = calibrate_case(case, law).law
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
+    for table in calibration_tables(law):
+        _print_table(*table)
     typer.echo(law.attrs["branches"])
     _print_lines(describe_shear(law))
 

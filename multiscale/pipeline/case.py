@@ -29,6 +29,7 @@ FILES = (
     *(("interface", key) for key in ("law", "damage_file")),
     ("cell", "mesh"),
     ("rve", "image", "file"),
+    ("measured", "file"),
 )
 """Keys of tables, and of lists of tables, that name files."""
 

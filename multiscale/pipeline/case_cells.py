@@ -57,7 +57,7 @@ def longest_wave(case: Case) -> float:
     wavelengths = [
         surface.longest_wave for surface in surfaces if isinstance(surface, SyntheticSurface)
     ]
-    if case.measured or case.cell.mesh is not None:
+    if case.from_maps or case.cell.mesh is not None:
         wavelengths.append(max(case.cell.size))
     return max(wavelengths)
 

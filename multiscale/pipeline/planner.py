@@ -231,7 +231,7 @@ def _grid(case: Case) -> int:
 def _smallest(case: Case) -> int:
     """Return the first size: half of the cell of the case, or the cell with few wavelengths."""
     n_wavelengths = 0.5 * max(case.cell.size) / longest_wave(case)
-    return SIZES[0] if case.measured or n_wavelengths >= FEWEST_WAVELENGTHS else 0
+    return SIZES[0] if case.from_maps or n_wavelengths >= FEWEST_WAVELENGTHS else 0
 
 
 def _check(case: Case) -> None:

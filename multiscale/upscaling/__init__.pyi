@@ -9,6 +9,10 @@ from .budget import limits as limits
 from .budget import over_steps as over_steps
 from .budget import with_budget as with_budget
 from .budget import with_intervals as with_intervals
+from .calibration import Calibration as Calibration
+from .calibration import by_differences as by_differences
+from .calibration import calibrate as calibrate
+from .calibration import predict_measured as predict_measured
 from .cell_size import at_rms_height as at_rms_height
 from .cell_size import without_bias as without_bias
 from .export import write_law_table as write_law_table
@@ -25,6 +29,8 @@ from .fit import predict as predict
 from .law_budget import error_budget as error_budget
 from .law_budget import with_scales as with_scales
 from .law_checks import admissibility as admissibility
+from .measured_data import Measured as Measured
+from .measured_data import read_measured as read_measured
 from .observations import observe as observe
 from .propagation import Bound as Bound
 from .propagation import Correction as Correction

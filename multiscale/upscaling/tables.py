@@ -106,7 +106,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
 
 def quantity_of(path: str | PathLike[str]) -> str:
     """Return the quantity of a table over pressures: stiffness or gap."""
-    names = [_name_and_unit(head)[0] for head in read_table(Path(path), lambda head: str)]
+    names = list(units_of_columns(Path(path)))
     columns = {_COLUMN[quantity]: quantity for quantity in ("normal_stiffness", "gap")}
     present = [quantity for column, quantity in columns.items() if column in names]
     if len(present) != 1:
@@ -115,6 +115,11 @@ def quantity_of(path: str | PathLike[str]) -> str:
             f"units, found {', '.join(names)}"
         )
     return present[0]
+
+
+def units_of_columns(path: Path) -> dict[str, str | None]:
+    """Return the names of the columns of a table, and their units as they are written."""
+    return dict(map(_name_and_unit, read_table(path, lambda head: str)))
 
 
 def read_columns(

@@ -31,7 +31,8 @@ PAGES = {
     "surfaces": ("bodies and their surfaces", "Case RoughBody"),
     "cells": (
         "cells and their law",
-        "CellSettings MicroSettings LawSettings SlideSettings SealSettings AccuracySettings",
+        "CellSettings MicroSettings LawSettings MeasuredTable SlideSettings SealSettings "
+        "AccuracySettings",
     ),
     "joints": (
         "blocks and lap joints",

@@ -290,7 +290,7 @@ def _with_roughness(response: Dataset, measured: Mapping[str, Measured]) -> Data
 def _needs(case: Case) -> Needs:
     cell = cell_of(case, Surface(np.zeros(case.cell.points), case.cell.size))
     needs = cell.needs()
-    reader = ("SurfaceTopography",) if case.measured else ()
+    reader = ("SurfaceTopography",) if case.from_maps else ()
     nx, ny = case.cell.points
     cells = Choice(
         "cells",

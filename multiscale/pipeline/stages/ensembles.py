@@ -163,7 +163,7 @@ def _press_flat(case: Case, datasets: Datasets, job: Job) -> Dataset:
 
 def press_control(case: Case, count: int, job: Job) -> Dataset:
     """Press flat cells, on the surfaces of the first realisations; finished cells are reused."""
-    step = 1 if case.measured else BATCH
+    step = 1 if case.from_maps else BATCH
     jobs = -(-count // step)
     others = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
     identity = case.checksum(include={**BODIES, "micro": FLAT_KEYS}, exclude=others)
@@ -175,7 +175,7 @@ def press_control(case: Case, count: int, job: Job) -> Dataset:
 
 def _press_batch(case: Case, start: int, stop: int) -> PlainDataset:
     """Press the flat cells of some realisations under all pressures of the path, rising."""
-    if case.measured:
+    if case.from_maps:
         cells = make_cells(case.control(stop))[start:]
     else:
         micro = case.micro.model_copy(update={"seed": case.micro.seed + start})

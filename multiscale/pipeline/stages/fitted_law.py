@@ -9,6 +9,7 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
+from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
 from multiscale.pipeline.case_cells import case_budget
 from multiscale.pipeline.real_contact import behaviour, negative_gap
 from multiscale.pipeline.showing import ROUNDING, View, list_missing
@@ -90,7 +91,8 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     if case.micro.leakage:
         law = with_leakage(law, response, datasets.get(COARSER_CELLS.name))
     budget = case_budget(case, loading_branch(response), law, pressed, sheared, control)
-    return with_budget(law, budget)
+    law = with_budget(law, budget)
+    return law if case.measured is None else calibrate_case(case, law).law
 
 
 def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
@@ -200,6 +202,8 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
             conductance_for=code if "thermal_conductance" in conducts else None,
         )
     yield Section("Interface law", lines, figures=figures, files=files)
+    for title, head, rows in calibration_tables(law):
+        yield Section(title, str(attributes["calibration"]).splitlines(), head, rows)
 
 
 def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
@@ -274,6 +278,7 @@ FITTED_LAW = Stage(
     tables=("micro",),
     reads={
         "law": True,
+        "measured": True,
         "structure": {"kind", "width"},  # with whose width the budget compares the scales
         "body_1": set(CONDUCTIVITIES),
         "body_2": set(CONDUCTIVITIES),

@@ -344,6 +344,24 @@ class LawSettings(Settings):
     extrapolate: bool = False
     """Whether answers stand where more than 5 % of a load lies beyond a factor of 2 outside the
     pressures of the cells; they are unknown otherwise."""
+    roughness: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
+    """Half-width of the 95 % interval of all heights of the surfaces, over them, for the
+    calibration by `[[measured]]`; `"20 %"` if not given."""
+    discrepancy: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
+    """Half-width of the 95 % interval of the stiffness of joints about the law of their cells, for
+    the calibration by `[[measured]]`; of its exponent half as much; `"10 %"` if not given."""
+    friction: Annotated[Number, Field(gt=0.0)] | None = None
+    """Friction coefficient of the interface before its calibration by `[[measured]]`, with 50 % of
+    it as half-width, where the cells are not sheared."""
+    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = None
+    """Tangential over normal stiffness before the calibration, with 12 % of it as half-width, where
+    the cells are not sheared."""
+
+    @property
+    def of_calibration(self) -> list[str]:
+        """Keys that are given for the calibration by measured joints."""
+        names = ("roughness", "discrepancy", "friction", "stiffness_ratio")
+        return [name for name in names if getattr(self, name) is not None]
 
     def quick(self) -> Self:
         """Return the same fit with few samples."""

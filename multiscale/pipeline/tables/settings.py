@@ -49,6 +49,7 @@ from multiscale.pipeline.tables.link_settings import (
     TensegrityGrid,
 )
 from multiscale.pipeline.tables.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
+from multiscale.pipeline.tables.measured_settings import MeasuredTable
 from multiscale.pipeline.tables.rough_bodies import (
     CoatingSettings,
     InstrumentSurface,
@@ -107,7 +108,7 @@ OTHER_MICRO_KEYS = {"realisations", "coarser", "shear", "control", "control_real
 CELLS = ("body_1", "body_2", "cell", "micro")
 """Tables of cells; a case has all of them, or neither of the last two."""
 
-OF_CELLS = ("cell", "micro", "law", "slide", "seal", "accuracy")
+OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal", "accuracy")
 """Tables that only a case with cells has."""
 
 OF_RUBBER = ("rubber", "road", "sliding", "tread")
@@ -151,6 +152,8 @@ class Case(Settings):
     cell: CellSettings = ABSENT
     micro: MicroSettings = ABSENT
     law: LawSettings = ABSENT
+    measured: tuple[MeasuredTable, ...] = Field(ABSENT, min_length=1)
+    """Measured joints, by which the law of the cells is calibrated."""
     slide: SlideSettings = Field(ABSENT, description="Slide of the bodies over each other.")
     seal: SealSettings = ABSENT
     accuracy: AccuracySettings = ABSENT
@@ -190,6 +193,11 @@ class Case(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.measured is None and self.law is not None and (given := self.law.of_calibration):
+            raise ValueError(
+                f"{' and '.join(given)} in [law] belong to the calibration by measured joints; "
+                f"give their tables by [[measured]], or leave them out"
+            )
         if any(self._has(name) for name in OF_RUBBER):
             check_rubber(self)
             return self
@@ -376,7 +384,7 @@ class Case(Settings):
                 f"control in [micro] has flat cells on the surfaces of dearer cells, and the cells "
                 f"are {here}; leave it out"
             )
-        if self.accuracy is not None and self.measured:
+        if self.accuracy is not None and self.from_maps:
             raise ValueError(
                 "control in [micro] and a target in [accuracy] exclude each other on measured "
                 "maps, which hold too few cells; leave control out"
@@ -541,10 +549,10 @@ class Case(Settings):
     def beside_flat(self) -> bool:
         """Whether the cells are dearer than flat cells and may have flat control cells."""
         dear = self.has_cells and self.cell.geometry != "flat" and self.cell.mesh is None
-        return dear and self.micro.control is not False and not self.measured
+        return dear and self.micro.control is not False and not self.from_maps
 
     @property
-    def measured(self) -> bool:
+    def from_maps(self) -> bool:
         """Whether a surface is a measured map, with a limited number of cells."""
         return any(isinstance(body.surface, InstrumentSurface) for body in self.bodies)
 
@@ -667,7 +675,7 @@ class Case(Settings):
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
-        return self._only(*CELLS, "law", "slide")
+        return self._only(*CELLS, "law", "measured", "slide")
 
     def _only(self, *tables: str) -> Self:
         """Return the case with some of its tables, and all keys outside of tables."""

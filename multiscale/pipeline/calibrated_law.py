@@ -1,0 +1,104 @@
+"""The law of a case, calibrated by its measured joints, and its tables."""
+
+from multiscale.pipeline.tables.settings import Case
+from multiscale.schema import Dataset
+from multiscale.units import readable
+from multiscale.upscaling import Calibration, assume_shear, calibrate, tangential_values
+from multiscale.upscaling.calibration import DISCREPANCY, EXPONENT, ROUGHNESS
+
+PARAMETERS = ("parameter", "cells", "±", "calibrated", "±", "learned", "pull")
+ROWS = ("table", "pressure", "measured", "calibrated law", "±", "deviations", "weight")
+"""Heads of the tables of a calibration."""
+
+SHOWN_UNITS = {"Pa/m": (1e-12, "MPa/µm"), "m/Pa": (1e12, "µm/MPa")}
+
+TEXT = "\t"  # between the columns of a table in an attribute
+
+
+def calibrate_case(case: Case, law: Dataset) -> Calibration:
+    """Calibrate a law by the tables [[measured]] of a case.
+
+    Raises
+    ------
+    MultiscaleError
+        If a table or the data are refused; see :func:`~multiscale.upscaling.calibrate`.
+    """
+    known = tangential_values(law)
+    stated = {"friction": case.law.friction, "stiffness_ratio": case.law.stiffness_ratio}
+    missing = {name: value for name, value in stated.items() if name not in known}
+    if any(value is not None for value in missing.values()):
+        known_cautions = law.attrs["cautions"]  # the values are calibrated, not assumed
+        law = assume_shear(law, **missing).assign_attrs(cautions=known_cautions)
+    areas = [table.area for table in case.measured if table.area is not None]
+    discrepancy = DISCREPANCY if case.law.discrepancy is None else case.law.discrepancy
+    size = case.cell.size
+    calibration = calibrate(
+        law,
+        [table.read() for table in case.measured],
+        cells=min(areas) / (size[0] * size[1]) if areas else None,
+        roughness=ROUGHNESS if case.law.roughness is None else case.law.roughness,
+        discrepancy=discrepancy,
+        exponent=EXPONENT * discrepancy / DISCREPANCY,
+        extrapolate=case.law.extrapolate,
+    )
+    tables = {
+        f"calibration_{name}": "\n".join(map(TEXT.join, rows))
+        for name, rows in (
+            ("parameters", _parameters(calibration)),
+            ("rows", _measured(calibration)),
+        )
+    }
+    calibration.law.attrs.update(tables)
+    return calibration
+
+
+def calibration_tables(law: Dataset) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+    """Return title, head and rows of both tables of a calibrated law; empty for other laws."""
+    tables = (
+        ("Parameters of the law before and after calibration", PARAMETERS, "parameters"),
+        ("Measured values", ROWS, "rows"),
+    )
+    return [
+        (title, head, [tuple(line.split(TEXT)) for line in text.splitlines()])
+        for title, head, name in tables
+        if (text := str(law.attrs.get(f"calibration_{name}", "")))
+    ]
+
+
+def _parameters(calibration: Calibration) -> list[tuple[str, ...]]:
+    return [
+        (
+            row.name,
+            _text(row.prior, row.unit),
+            _text(row.prior_half_width, row.unit, 2),
+            _text(row.value, row.unit),
+            _text(row.half_width, row.unit, 2),
+            f"{100.0 * row.learned:.0f} %",
+            f"{row.pull:+.1f}",
+        )
+        for row in calibration.parameters
+    ]
+
+
+def _measured(calibration: Calibration) -> list[tuple[str, ...]]:
+    return [
+        (
+            row.table,
+            _text(row.pressure, "Pa"),
+            _text(row.measured, row.unit),
+            _text(row.predicted, row.unit),
+            _text(row.half_width, row.unit, 2),
+            f"{row.residual:+.1f}",
+            f"{row.weight:.2g}",
+        )
+        for row in calibration.rows
+    ]
+
+
+def _text(value: float, unit: str, digits: int = 3) -> str:
+    """Write a value in SI with a readable unit."""
+    if unit in SHOWN_UNITS:
+        factor, unit = SHOWN_UNITS[unit]
+        return f"{factor * value:.{digits}g} {unit}"
+    rounded = f"{value:.{digits}g}"
+    return rounded if unit == "1" else readable(f"{rounded} {unit}")

@@ -1,0 +1,594 @@
+r"""The law of cells, corrected by measured joints, with its remaining uncertainty.
+
+The prior of the stiffness is the law of the cells,
+
+.. math:: \ln K(x) = m(x - \sigma) + \sum_k \theta_k \varphi_k(x), \qquad x = \ln p,    \tag{1}
+
+with the leading modes :math:`\varphi_k` of the covariance of the logarithm, by the samples of the
+law and by a discrepancy between cells and joints, and with the logarithm :math:`\sigma` of the
+factor of all heights, as :math:`p(g) = s\, p_0(g/s)`. Further parameters are the logarithms of
+stiffness ratio and friction, and the nuisances of every table.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
+from multiscale.units import readable
+from multiscale.upscaling.branches import tangential_values
+from multiscale.upscaling.budget import (
+    ALWAYS,
+    ERROR_TERMS,
+    NORMAL,
+    Term,
+    assemble_budget,
+    has_budget,
+    how_attribute,
+    with_budget,
+)
+from multiscale.upscaling.family import integrate_stiffness
+from multiscale.upscaling.fit import with_branch
+from multiscale.upscaling.free_form import N_TERMS, fit_spline, place_knots
+from multiscale.upscaling.law_budget import LAW_QUANTITIES
+from multiscale.upscaling.measured_data import Curve, Interface, Measured
+from multiscale.upscaling.observations import list_pressures
+from multiscale.upscaling.posterior import Draws, Mode, draw, find_mode
+from multiscale.upscaling.reading import fitted_laws, pick, refuse_band, require_law
+from multiscale.upscaling.sampling import half_range
+
+FRICTION, RATIO = 0.5, 0.12
+"""Half-widths of the prior of friction and stiffness ratio of cells, over them: the friction of
+points of contact is an input of the cells."""
+
+ROUGHNESS, DISCREPANCY, EXPONENT = 0.2, 0.1, 0.05
+"""Default half-widths of the factor of all heights, and of level and exponent of the stiffness of
+joints about the law of their cells."""
+
+POINTS, BELOW, ABOVE = 400, 7.0, 0.8  # of the grid over x; beyond the data on both sides
+
+DATA_POINTS = 48  # of the law within its data
+
+VARIANCE = 0.995  # of the logarithm of the stiffness, that the modes contain
+
+CANDIDATES, SAMPLES = 400, 200  # draws of the posterior, and samples of a law without any
+
+OUTSIDE = 2.0  # factor of the pressures of a law up to which a preload is within its data
+
+FAR, FEW = 3.0, 0.25  # standard deviations of a residual, and share of rows that may lie beyond
+
+DISAGREES, LEARNS = 2.0, 0.05  # standard deviations of a pull; share of a variance
+
+RELIABLE = 0.7  # shape of the tail of the weights
+
+Answer = Callable[[Measured, Interface, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
+"""Maps a table, a law and nuisances to values and gradient; see :meth:`Measured.answer`."""
+
+
+class Parameter(NamedTuple):
+    """A parameter of the law, or a nuisance, before and after calibration."""
+
+    name: str
+    unit: str  # of value and half-widths, SI
+    prior: float
+    prior_half_width: float  # of the 95 % interval
+    value: float
+    half_width: float
+    learned: float  # share of the prior variance that the data remove
+    pull: float  # standard deviations by which the data move it
+
+
+class MeasuredRow(NamedTuple):
+    """A measured value beside its prediction by the calibrated law."""
+
+    table: str
+    pressure: float  # Pa
+    unit: str
+    measured: float
+    predicted: float
+    half_width: float  # of the 95 % interval of the prediction
+    residual: float  # prediction less measured value, in standard deviations of the data
+    weight: float  # 1 or more for a value near the law, small for an outlier
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated law, and how it follows from prior and data."""
+
+    law: Dataset  # follows INTERFACE_LAW, with samples and budget of the posterior
+    parameters: tuple[Parameter, ...]
+    rows: tuple[MeasuredRow, ...]
+    sentences: tuple[str, ...]  # parameters that disagree or are not learned, outliers
+    effective: float  # number of independent draws
+    solves: int  # of every table, for the mode
+
+
+def calibrate(
+    law: Dataset,
+    measured: Sequence[Measured],
+    solve: Answer | None = None,
+    *,
+    roughness: float = ROUGHNESS,
+    discrepancy: float = DISCREPANCY,
+    exponent: float = EXPONENT,
+    cells: float | None = None,
+    extrapolate: bool = False,
+    seed: int = 0,
+) -> Calibration:
+    r"""Calibrate a law of cells by measured joints.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``; with friction and stiffness ratio, see :func:`assume_shear`, if a
+        table depends on them.
+    measured : sequence of Measured, see :func:`read_measured`
+    solve : callable, optional
+        Values and gradient of a table by a law and by its nuisances, with the arguments and the
+        result of :meth:`Measured.answer`, which is taken if not given; see
+        :func:`by_differences` for a structure without gradient.
+    roughness, discrepancy, exponent : float
+        Half-widths of the 95 % intervals of the logarithms of all heights and of the stiffness of
+        joints about the law of their cells, and of its exponent over the pressure.
+    cells : float, optional
+        Number of cells in the nominal area of the joint, whose scatter is then part of the prior.
+    extrapolate : bool, whether preloads outside the pressures of the law are used
+    seed : int
+
+    Returns
+    -------
+    Calibration
+        Samples of normal law, stiffness ratio and friction are drawn together, so that sample k of
+        one belongs to sample k of the others. Other branches stay.
+
+    Raises
+    ------
+    CaseError
+        If there are no data, a preload lies outside the pressures of the law, a table needs a
+        friction that the law lacks, or more than a quarter of the values lies more than 3 standard
+        deviations away from any law: they contradict each other.
+    ConvergenceError
+        If the parameters do not settle.
+
+    Notes
+    -----
+    The mode is found by Gauss-Newton steps, for data with Student's distribution; samples are drawn
+    about it, and weighted. With ``solve`` they have the normal distribution of the linearised
+    answers, so that a structure is solved for the mode only.
+    """
+    if not measured:
+        raise CaseError("there are no measured values; give a table [[measured]] or more")
+    sheared = any(table.sheared for table in measured)
+    if sheared and len(tangential_values(law)) < 2:
+        raise CaseError(
+            "the tables need friction and stiffness ratio, which the law of the cells does not "
+            "have; shear the cells, or state both in [law]"
+        )
+    for table in measured:
+        _refuse_outside(table, law, extrapolate)
+    prior = _Prior.of(law, measured, roughness, (discrepancy, exponent), cells)
+    answer = solve or (lambda table, *given: table.answer(*given))
+
+    def residual(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return prior.residual(theta, measured, answer)
+
+    mode = find_mode(residual, prior.scale.size)
+    _refuse_contradiction(mode, measured)
+    if not mode.settled:
+        raise ConvergenceError(
+            f"the parameters of the law do not settle in {mode.solves} solves; look for rows that "
+            f"contradict each other, or state larger errors"
+        )
+    # samples of the law, as many as the cells have
+    count = int(law.sizes.get("sample", 0)) or SAMPLES
+    random = np.random.default_rng(seed)
+    if solve is None:
+        draws = draw(residual, mode, max(CANDIDATES, 2 * count), count, random)
+    else:
+        normal = random.normal(size=(count, mode.theta.size))
+        spread = normal @ np.linalg.cholesky(mode.covariance).T
+        draws = Draws(mode.theta + spread, float(count), 0.0)
+    rows = tuple(_rows(mode, prior, measured, answer))
+    parameters = tuple(prior.parameters(mode))
+    sentences = tuple(_sentences(mode, prior, rows, draws))
+    calibrated = _posterior_law(law, prior, np.vstack([mode.theta, draws.theta]), sentences)
+    return Calibration(calibrated, parameters, rows, sentences, draws.effective, mode.solves)
+
+
+def predict_measured(law: Dataset, table: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """Predict the values of a table by a law with samples, such as a calibrated law.
+
+    Parameters
+    ----------
+    law : Dataset, follows ``INTERFACE_LAW``
+    table : Measured, of which the measured values are not used
+
+    Returns
+    -------
+    value : ndarray, shape (rows,), by the mean law, in the unit of the table
+    band : ndarray, shape (2, rows), ends of the 95 % intervals, by the samples
+
+    Raises
+    ------
+    CaseError
+        If the law has no samples, or not the stiffness ratio and friction of the table.
+    """
+    count = int(law.sizes.get("sample", 0))
+    if refusal := refuse_band(law):
+        raise CaseError(refusal)
+    if table.sheared:
+        require_law(law, "shear_stiffness_ratio", "shear_friction")
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    x = np.linspace(np.log(low) - BELOW, np.log(high) + ABOVE, POINTS)
+    laws = fitted_laws(law, [None, *range(count)])
+    shears = [(1.0, 1.0)] * len(laws)
+    if table.sheared:
+        drawn = [None, *range(min(count, int(law.sizes.get("shear_sample", 0))))]
+        ratios, frictions = (
+            [float(np.nanmean(value)) for value in pick(law, f"shear_{name}", drawn, of="shear")]
+            for name in ("stiffness_ratio", "friction")
+        )
+        shears = list(
+            zip(np.resize(ratios, len(laws)), np.resize(frictions, len(laws)), strict=True)
+        )
+    values = []
+    for normal, (ratio, friction) in zip(laws, shears, strict=True):
+        stiffness = normal.stiffness(normal.gap_at(np.exp(x)))
+        curve = Curve(x, np.log(stiffness), np.empty((0, x.size)))
+        values.append(table.answer(Interface(curve, ratio, friction), {})[0])
+    return values[0], np.percentile(values[1:], [2.5, 97.5], axis=0)
+
+
+def by_differences(
+    values: Callable[[Measured, Interface, Mapping[str, float]], np.ndarray], step: float = 1e-3
+) -> Answer:
+    """Return an answer with its gradient by central differences, two solves a parameter.
+
+    The curve changes by ``step`` along its rates, the logarithms of ratio and friction by ``step``,
+    and nuisances by this share of their standard deviation.
+    """
+
+    def answer(
+        table: Measured, interface: Interface, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        curve, ratio, friction = interface
+
+        def moved(h: float) -> Iterator[tuple[Interface, Mapping[str, float]]]:
+            for rate in curve.rates:
+                softer = replace(curve, log_stiffness=curve.log_stiffness + h * rate)
+                yield Interface(softer, ratio, friction), nuisances
+            yield Interface(curve, ratio * np.exp(h), friction), nuisances
+            yield Interface(curve, ratio, friction * np.exp(h)), nuisances
+            for name, width in table.nuisances.items():
+                yield interface, {**nuisances, name: nuisances[name] + h * width}
+
+        up, down = (np.array([values(table, *given) for given in moved(h)]) for h in (step, -step))
+        widths = [1.0] * (len(curve.rates) + 2) + list(table.nuisances.values())
+        gradient = (up - down) / (2.0 * step * np.array(widths)[:, None])
+        return values(table, interface, nuisances), gradient.T
+
+    return answer
+
+
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """Whitened parameters: modes, heights, stiffness ratio, friction, nuisances of the tables."""
+
+    x: np.ndarray  # grid, logarithm of the pressure
+    mean: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # m(x) and its slope
+    modes: np.ndarray  # (modes, points), of ln K, scaled by their deviations
+    names: tuple[str, ...]
+    scale: np.ndarray  # deviation of every parameter, in its unit
+    shear: tuple[float, float]  # prior of stiffness ratio and friction
+
+    @classmethod
+    def of(
+        cls,
+        law: Dataset,
+        measured: Sequence[Measured],
+        roughness: float,
+        discrepancy: tuple[float, float],
+        cells: float | None,
+    ) -> "_Prior":
+        """Collect the parameters from the law and the tables."""
+        from scipy.interpolate import CubicSpline
+
+        require_law(law, "pressure_min", "pressure_max", "n_realisations")
+        ends = [float(np.log(law.attrs[f"pressure_{end}"])) for end in ("min", "max")]
+        data = np.linspace(ends[0], ends[1], DATA_POINTS)
+        p = np.exp(data)
+        laws = fitted_laws(law, [None, *range(int(law.sizes.get("sample", 0)))])
+        middle, *drawn = (np.log(one.stiffness(one.gap_at(p))) for one in laws)
+        # (1), linear beyond the data
+        spline = CubicSpline(data, middle)
+
+        def mean(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            inside = np.clip(x, ends[0], ends[1])
+            slope = spline(inside, 1)
+            return spline(inside) + slope * (x - inside), slope
+
+        # covariance of the samples, of few cells, and of the discrepancy; its leading modes
+        x, centred = np.linspace(ends[0] - BELOW, ends[1] + ABOVE, POINTS), data - data.mean()
+        level, bend = np.array(discrepancy) / NORMAL
+        covariance = level**2 + bend**2 * np.outer(centred, centred)
+        if len(drawn) > 1:
+            share = 0.0 if cells is None else float(law.attrs["n_realisations"]) / cells
+            covariance += (1.0 + share) * np.cov(np.array(drawn).T)
+        value, vector = np.linalg.eigh(covariance)
+        value, vector = value[::-1], vector[:, ::-1]
+        share = np.cumsum(value) / max(value.sum(), 1e-300)
+        n = int(np.searchsorted(share, VARIANCE)) + 1 if value[0] > 1e-12 else 0
+        modes = np.array(
+            [np.interp(x, data, row) for row in (np.sqrt(value[:n]) * vector[:, :n]).T]
+        )
+        names, scale = [f"form of the law, mode {k + 1}" for k in range(n)], [1.0] * n
+        if roughness > 0.0:
+            names, scale = [*names, HEIGHTS], [*scale, roughness / NORMAL]
+        shears = tangential_values(law)
+        if len(shears) == 2:
+            names += [STIFFNESS_RATIO, FRICTION_COEFFICIENT]
+            scale += list(_shear_widths(law, shears))
+        for k, table in enumerate(measured):
+            names += [f"{name} of {k + 1}, {table.name}" for name in table.nuisances]
+            scale += list(table.nuisances.values())
+        shear = shears.get("stiffness_ratio", 1.0), shears.get("friction", 1.0)
+        return cls(x, mean, modes.reshape(n, x.size), tuple(names), np.array(scale), shear)
+
+    def interface(self, theta: np.ndarray) -> Interface:
+        """Return the law by parameters, with its rates by modes and by heights, if uncertain."""
+        n, shift, rates = len(self.modes), 0.0, self.modes
+        uncertain = HEIGHTS in self.names
+        if uncertain:
+            shift = self.scale[n] * theta[n]
+        middle, slope = self.mean(self.x - shift)
+        if uncertain:
+            rates = np.vstack([self.modes, -self.scale[n] * slope])
+        curve = Curve(self.x, middle + theta[:n] @ self.modes, rates)
+        ratio, friction = self.shear
+        at = n + uncertain
+        if STIFFNESS_RATIO in self.names:
+            step = np.exp(self.scale[at : at + 2] * theta[at : at + 2])
+            ratio, friction = ratio * step[0], friction * step[1]
+        return Interface(curve, float(ratio), float(friction))
+
+    def heights(self, theta: np.ndarray) -> np.ndarray:
+        """Return the factors of the heights of rows of parameters."""
+        if HEIGHTS not in self.names:
+            return np.ones(len(theta))
+        k = self.names.index(HEIGHTS)
+        return np.asarray(np.exp(self.scale[k] * theta[:, k]))
+
+    def residual(
+        self, theta: np.ndarray, measured: Sequence[Measured], answer: Answer
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return all residuals over their deviations, and their derivatives."""
+        interface = self.interface(theta)
+        m, shear = len(interface.curve.rates), 2 * (STIFFNESS_RATIO in self.names)
+        at, residuals, rows = m + shear, [], []
+        for table in measured:
+            n = len(table.nuisances)
+            place = slice(at, at + n)
+            given = dict(zip(table.nuisances, self.scale[place] * theta[place], strict=True))
+            value, gradient = answer(table, interface, given)
+            row = np.zeros((value.size, theta.size))
+            row[:, :m] = gradient[:, :m]
+            row[:, m : m + shear] = gradient[:, m : m + shear] * self.scale[m : m + shear]
+            row[:, place] = gradient[:, m + 2 :] * self.scale[place]
+            residuals.append((value - table.value) / table.deviation)
+            rows.append(row / table.deviation[:, None])
+            at += n
+        return np.concatenate(residuals), np.concatenate(rows)
+
+    def parameters(self, mode: Mode) -> Iterator[Parameter]:
+        """Yield the parameters in their units before and after calibration."""
+        deviation = np.sqrt(np.diag(mode.covariance))
+        logarithmic = dict(zip(LOGARITHMIC, (1.0, *self.shear), strict=True))
+        columns = zip(
+            self.names, self.scale, mode.theta, deviation, mode.learned, mode.pull, strict=True
+        )
+        for k, (name, scale, theta, spread, learned, pull) in enumerate(columns):
+            if k < len(self.modes):  # as the root mean square of ln K over the data
+                scale = float(np.sqrt(np.mean(self.modes[k] ** 2)))
+            middle = logarithmic.get(name, 0.0)
+            value = middle * np.exp(scale * theta) if middle else scale * theta
+            width = NORMAL * scale * (middle or 1.0)
+            unit = UNITS.get(name.split(" of ")[0], "1")
+            after = width * spread * (value / middle if middle else 1.0)
+            yield Parameter(name, unit, middle, width, value, after, learned, pull)
+
+
+HEIGHTS, STIFFNESS_RATIO = "factor of the heights", "stiffness ratio"
+FRICTION_COEFFICIENT = "friction coefficient"
+LOGARITHMIC = (HEIGHTS, STIFFNESS_RATIO, FRICTION_COEFFICIENT)
+UNITS = {"frame": "m/Pa", "offset": "Pa", "zero": "m"}
+"""Names of parameters, and units of nuisances."""
+
+
+def _shear_widths(law: Dataset, shears: Mapping[str, float]) -> Iterator[float]:
+    """Yield the deviations of the logarithms of stiffness ratio and friction of a law."""
+    for short, width in (("stiffness_ratio", RATIO), ("friction", FRICTION)):
+        samples = range(int(law.sizes.get("shear_sample", 0)))
+        drawn = [np.nanmean(value) for value in pick(law, f"shear_{short}", samples, of="shear")]
+        scatter = float(np.std(drawn)) / shears[short] if drawn else 0.0
+        yield float(np.hypot(scatter, width / NORMAL))
+
+
+def _refuse_outside(table: Measured, law: Dataset, extrapolate: bool) -> None:
+    """Refuse preloads outside the pressures of the law."""
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    p = table.pressure
+    outside = (p < low / OUTSIDE) | (p > high * OUTSIDE)
+    if outside.any() and not extrapolate:
+        raise CaseError(
+            f"{table.name}: the law has pressures from {list_pressures(np.array([low]))} to "
+            f"{list_pressures(np.array([high]))}, and was not computed at the measured "
+            f"{list_pressures(p[outside])}; press the cells there, or leave these rows out"
+        )
+
+
+def _refuse_contradiction(mode: Mode, measured: Sequence[Measured]) -> None:
+    """Refuse data of which many lie far from the nearest law."""
+    far = np.abs(mode.residual) > FAR
+    if far.sum() <= FEW * far.size:
+        return
+    names = [f"{table.name}, row {k + 1}" for table in measured for k in range(table.value.size)]
+    worst = int(np.argmax(np.abs(mode.residual)))
+    raise CaseError(
+        f"{far.sum()} of {far.size} measured values lie more than {FAR:g} standard deviations of "
+        f"their errors from the nearest law ({names[worst]}: {abs(mode.residual[worst]):.3g}): "
+        f"they contradict each other or the cells; correct the table, or state larger errors, a "
+        f"frame or a roughness"
+    )
+
+
+def _rows(
+    mode: Mode, prior: _Prior, measured: Sequence[Measured], answer: Answer
+) -> Iterator[MeasuredRow]:
+    """Yield the measured values with their predictions."""
+    residual, J = prior.residual(mode.theta, measured, answer)
+    spread = NORMAL * np.sqrt(np.einsum("ij,jk,ik->i", J, mode.covariance, J))
+    at = 0
+    for table in measured:
+        for p, value, deviation in zip(table.pressure, table.value, table.deviation, strict=True):
+            yield MeasuredRow(
+                table.name,
+                float(p),
+                UNIT_TEXTS[table.unit],
+                float(value),
+                float(value + residual[at] * deviation),
+                float(spread[at] * deviation),
+                float(residual[at]),
+                float(mode.weight[at]),
+            )
+            at += 1
+
+
+UNIT_TEXTS = {"Pa m-1": "Pa/m", "m": "m", "Pa": "Pa"}
+
+
+def _sentences(
+    mode: Mode, prior: _Prior, rows: Sequence[MeasuredRow], draws: Draws
+) -> Iterator[str]:
+    """Report disagreement, outliers, what was not learned, and unreliable weights."""
+    worst = int(np.argmax(np.where(mode.learned > LEARNS, np.abs(mode.pull), 0.0)))
+    if abs(mode.pull[worst]) > DISAGREES and mode.learned[worst] > LEARNS:
+        yield (
+            f"the measured values disagree with the prior of the {prior.names[worst]}, by "
+            f"{abs(mode.pull[worst]):.2g} standard deviations: look at this value first"
+        )
+    for row in rows:
+        if abs(row.residual) > FAR:
+            yield (
+                f"{row.table}: {readable(f'{row.measured:.4g} {row.unit}')} at "
+                f"{list_pressures(np.array([row.pressure]))} lies {abs(row.residual):.2g} standard "
+                f"deviations from the law, and has {row.weight:.2g} of the weight of another value"
+            )
+    form = range(len(prior.modes))
+    if not any(mode.learned[k] > LEARNS for k in form) or len(rows) < 2:
+        yield (
+            f"{len(rows)} measured value{'s' * (len(rows) > 1)} taught nothing of the form of the "
+            f"law: they do not separate it from the zero of the load and the frame"
+        )
+    unlearned = [
+        name
+        for name, learned in zip(prior.names, mode.learned, strict=True)
+        if learned < LEARNS and name in LOGARITHMIC
+    ]
+    if unlearned:
+        yield f"the measured values teach nothing of the {' and the '.join(unlearned)}"
+    if draws.tail > RELIABLE:
+        yield (
+            f"the weights of the draws are uneven (Pareto shape {draws.tail:.2g}); the samples "
+            f"stand for {draws.effective:.3g} independent draws, and intervals are rough"
+        )
+
+
+def _posterior_law(
+    law: Dataset, prior: _Prior, theta: np.ndarray, sentences: Sequence[str]
+) -> Dataset:
+    """Return the law with the mode and the samples of the posterior, shape (1 + samples, n)."""
+    interfaces = [prior.interface(one) for one in theta]
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    p = np.geomspace(low, high, DATA_POINTS)
+    stiffness = np.array([np.exp(one.curve.at(p)[0]) for one in interfaces])
+    # gaps up to a constant, which scales with the heights; laws meet the mode at a middle pressure,
+    # so that the same knots serve all
+    scaled = prior.heights(theta)
+    top = scaled * fitted_laws(law, [None])[0].gap_at(high / scaled)
+    gap = integrate_stiffness(p, stiffness) + top[:, None]
+    apart = gap[:, DATA_POINTS // 2] - gap[0, DATA_POINTS // 2]
+    gap -= apart[:, None]
+    knot, level = place_knots(p, gap[0], N_TERMS, float(gap.max()))
+    coefficient = fit_spline(p, gap, np.ones_like(gap), knot, level)
+    values = {"knot": knot, "coefficient": coefficient[0], "coefficient_sample": coefficient[1:]}
+    data = law["fit_pressure"].to_numpy()
+    at_data = np.array([np.interp(np.log(data), np.log(p), row) for row in gap])
+    values["fit_mean_gap"] = at_data[0]
+    count = len(theta) - 1
+    if "area_fraction" in law and "area_fraction_sample" not in law:
+        values["area_fraction_sample"] = np.tile(law["area_fraction"].to_numpy(), (count, 1))
+    gone = [name for name in law.variables if str(name).startswith(REPLACED)]
+    after = law.drop_dims(("quantity", "error_term", "parameter"), errors="ignore")
+    after = INTERFACE_LAW.assign(after.drop_vars(gone, errors="ignore"), values)
+    after.attrs = {
+        name: text
+        for name, text in after.attrs.items()
+        if not name.startswith(("how_", "unknown", "cell_ratio"))
+    } | {
+        "family": "convex_decreasing",
+        "uncertainty": "posterior of measured joints",
+        "n_samples": count,
+        "calibration": "\n".join(sentences),
+    }
+    after = with_branch(after, "loading", "calibrated by measured joints", {})
+    if STIFFNESS_RATIO in prior.names:
+        after = _with_shear(after, interfaces)
+    drawn = at_data + apart[:, None], np.exp([one.curve.at(data)[0] for one in interfaces])
+    return with_cautions(with_budget(after, _budget(law, after, *drawn)), *sentences)
+
+
+REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit", "stiffness_fit")
+"""Variables of the normal law of the cells."""
+
+
+def _with_shear(law: Dataset, interfaces: Sequence[Interface]) -> Dataset:
+    """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean."""
+    ratio = np.array([[one.ratio] * 2 for one in interfaces])
+    friction = np.array([one.friction for one in interfaces])
+    values = {
+        "shear_stiffness_ratio": ratio[0],
+        "shear_stiffness_ratio_sample": ratio[1:],
+        "shear_friction": friction[0],
+        "shear_friction_sample": friction[1:],
+    }
+    if "shear_loss_ratio_sample" in law:
+        lost = law["shear_loss_ratio_sample"].to_numpy()
+        values["shear_loss_ratio_sample"] = np.resize(lost, (len(interfaces) - 1, 2))
+    law = with_branch(law.drop_dims("shear_sample", errors="ignore"), "shear", "measured", values)
+    return law.assign_attrs(n_sheared=int(law.attrs.get("n_sheared", 1)))
+
+
+def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndarray) -> Dataset:
+    """Return the budget: the posterior of gap and stiffness, and the terms of the cells' area.
+
+    Gaps and stiffnesses are of mode and samples at the pressures of the law.
+    """
+    p = after["fit_pressure"].to_numpy()
+    terms = {}
+    for term in ERROR_TERMS:
+        half, bias = np.zeros((2, 3, p.size))
+        how = "nothing besides the posterior"
+        if has_budget(before):
+            of_area = before.sel(quantity="contact_fraction", error_term=term)
+            half[1], bias[1] = (of_area[f"error_{kind}"] for kind in ("half_width", "bias"))
+            how = f"of the contact area: {before.attrs[how_attribute(term)]}"
+        elif term in ALWAYS:
+            half[1] = np.nan
+        if term == "sampling":
+            half[[0, 2]] = [half_range(rows[1:]) / np.abs(rows[0]) for rows in (gap, stiffness)]
+            how = f"{len(gap) - 1} samples of the posterior of measured joints"
+        terms[term] = Term(how, half, bias)
+    return assemble_budget(terms, LAW_QUANTITIES, p)

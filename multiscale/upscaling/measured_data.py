@@ -1,0 +1,465 @@
+r"""Answers of measured joints by the law of their interface, with gradients in closed form.
+
+The law is the normal stiffness :math:`K` over the pressure, with :math:`x = \ln p` and
+:math:`\ln K(x)` linear between the points of a grid, and a bed of sliders on it with the ratio
+:math:`\kappa` of tangential to normal stiffness and the friction :math:`\mu`. Bodies between the
+sensors and the frame of the machine are compliances :math:`c` in series.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.upscaling.budget import NORMAL
+from multiscale.upscaling.observations import list_pressures
+from multiscale.upscaling.tables import read_columns, units_of_columns
+
+NODES, WEIGHTS = (np.polynomial.legendre.leggauss(3)[0] + 1.0) / 2.0, np.array([5, 8, 5]) / 18.0
+"""Points and weights of Gauss on an interval of length 1."""
+
+FRAME, OFFSET = 0.2, 0.1
+"""Default half-widths of the compliance of the frame, over the least measured compliance, and of
+the zero of the load, over the least preload."""
+
+SETTLED = 1e-13  # of a pressure, relative
+
+AWAY = 0.1  # of the range of a loop, by which its middle may differ from zero
+
+LEAST_PRESSURE = 0.05  # of a preload less the zero of the load, over it
+
+Kind = Literal["stiffness", "tangential_stiffness", "closure", "loop"]
+
+COLUMNS: dict[Kind, dict[str, str]] = {
+    "stiffness": {"stiffness": "Pa m-1"},
+    "tangential_stiffness": {"stiffness": "Pa m-1"},
+    "closure": {"closure": "m"},
+    "loop": {"displacement": "m", "shear": "Pa"},
+}
+"""Columns of every kind besides the preload, the value last, and their units."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Stiffness of an interface over its pressure, with its rates by m parameters."""
+
+    x: np.ndarray  # (points,), logarithm of the pressure, evenly rising
+    log_stiffness: np.ndarray  # (points,), of K in Pa/m
+    rates: np.ndarray  # (m, points), of ln K by the parameters
+
+    def at(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return ln K, its rates (m, ...) and its slope over ln p."""
+        x = np.log(pressure)
+        rates = np.array([np.interp(x, self.x, rate) for rate in self.rates])
+        place = self._place(x)
+        slope = (np.diff(self.log_stiffness) / np.diff(self.x))[place]
+        return np.interp(x, self.x, self.log_stiffness), rates.reshape(-1, *x.shape), slope
+
+    def closure(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r"""Return :math:`\int \mathrm{d}p / K` from the lowest pressure, m, and its rates."""
+        x = np.log(np.atleast_1d(pressure))
+        place = self._place(x)
+        width = x - self.x[place]
+        total = self._closures[:, place] + width * self._means(self.x[place], width)
+        shaped = total.reshape(-1, *np.shape(pressure))
+        return shaped[0], shaped[1:]
+
+    def _place(self, x: np.ndarray) -> np.ndarray:
+        return np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, self.x.size - 2)
+
+    @cached_property
+    def _closures(self) -> np.ndarray:
+        """Closure and its rates at the points of the grid, shape (1 + m, points)."""
+        width = np.diff(self.x)
+        steps = width * self._means(self.x[:-1], width)
+        return np.pad(np.cumsum(steps, axis=1), ((0, 0), (1, 0)))
+
+    def _means(self, begin: np.ndarray, width: np.ndarray) -> np.ndarray:
+        """Return the means of p / K and of its rates over intervals, shape (1 + m, intervals)."""
+        x = begin + NODES[:, None] * width
+        integrand = np.exp(x - np.interp(x, self.x, self.log_stiffness))
+        rates = [-integrand * np.interp(x, self.x, rate) for rate in self.rates]
+        return np.asarray(np.tensordot(WEIGHTS, np.array([integrand, *rates]), axes=(0, 1)))
+
+
+class Interface(NamedTuple):
+    """Law of an interface with its derivatives; parameters are of the curve, ln kappa, ln mu."""
+
+    curve: Curve
+    ratio: float  # kappa
+    friction: float  # mu
+
+
+@dataclass(frozen=True, eq=False)
+class Measured(ABC):
+    """A table of measured values of a joint with an even pressure.
+
+    Attributes
+    ----------
+    name : str, of the table, in messages
+    pressure : ndarray, shape (rows,), preload over the nominal area, Pa
+    value : ndarray, shape (rows,), in ``unit``
+    deviation : ndarray, shape (rows,), standard deviation of the error of every value, same unit
+    nuisances : mapping of str to float
+        Standard deviations, about zero, of ``"frame"`` (compliance in series, m/Pa), ``"offset"``
+        (zero of the load, Pa) and, for closures, ``"zero"`` (zero of the displacement, m).
+    bodies : float, compliance of the bodies between the sensors, m/Pa
+    """
+
+    name: str
+    pressure: np.ndarray
+    value: np.ndarray
+    deviation: np.ndarray
+    nuisances: Mapping[str, float]
+    bodies: float = 0.0
+
+    unit: ClassVar[str]
+    sheared: ClassVar[bool] = False  # whether the answer depends on kappa and mu
+
+    @abstractmethod
+    def answer(
+        self, interface: Interface, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate the values by a law, and their gradient.
+
+        Returns
+        -------
+        value : ndarray, shape (rows,)
+        gradient : ndarray, shape (rows, m + 2 + nuisances), by the parameters of the curve,
+            ln kappa, ln mu, and the nuisances in their order
+        """
+
+    def _loaded(self, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the true pressures, and their derivative by the zero of the load."""
+        p = self.pressure + nuisances.get("offset", 0.0)
+        least = LEAST_PRESSURE * self.pressure
+        return np.maximum(p, least), 1.0 * (p > least)
+
+    def _columns(
+        self,
+        of_curve: np.ndarray,
+        ratio: np.ndarray | float,
+        friction: np.ndarray | float,
+        **by: np.ndarray,
+    ) -> np.ndarray:
+        """Assemble a gradient from its columns; a nuisance without a column has no effect."""
+        nothing = np.zeros(self.value.size)
+        rows = [by.get(name, nothing) for name in self.nuisances]
+        return np.column_stack([*of_curve, nothing + ratio, nothing + friction, *rows])
+
+
+class MeasuredStiffness(Measured):
+    r"""Normal stiffness at preloads: :math:`1 / k = 1 / K(p) + c`."""
+
+    unit = "Pa m-1"
+
+    def answer(
+        self, interface: Interface, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate the stiffness of the interface, bodies and frame in series."""
+        p, moves = self._loaded(nuisances)
+        log_stiffness, rates, slope = interface.curve.at(p)
+        compliance = np.exp(-log_stiffness)
+        if self.sheared:
+            compliance /= interface.ratio
+        k = 1.0 / (compliance + self.bodies + nuisances.get("frame", 0.0))
+        by_log = k**2 * compliance
+        return k, self._columns(
+            by_log * rates,
+            by_log * self.sheared,
+            0.0,
+            frame=-(k**2),
+            offset=by_log * slope / p * moves,
+        )
+
+
+class MeasuredTangential(MeasuredStiffness):
+    r"""Tangential stiffness without slip: :math:`1 / k = 1 / (\kappa K(p)) + c`."""
+
+    sheared = True
+
+
+class MeasuredClosure(Measured):
+    r"""Closure since the first row: :math:`\int_{p_0}^p \mathrm{d}p' / K(p') + c\, (p - p_0)`.
+
+    The displacement since the first row has the zero of that row as a nuisance.
+    """
+
+    unit = "m"
+
+    def answer(
+        self, interface: Interface, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate the closure of the interface, bodies and frame."""
+        p, moves = self._loaded(nuisances)
+        total, rates = interface.curve.closure(p)
+        flexibility = np.exp(-interface.curve.at(p)[0]) * moves
+        raised, later = p - p[0], 1.0 * (np.arange(p.size) > 0)
+        series = self.bodies + nuisances.get("frame", 0.0)
+        value = total - total[0] + series * raised + later * nuisances.get("zero", 0.0)
+        by_offset = flexibility - flexibility[0] + series * (moves - moves[0])
+        return value, self._columns(
+            rates - rates[:, :1], 0.0, 0.0, frame=raised, offset=by_offset, zero=later
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredLoop(Measured):
+    r"""Shear, Pa, over the tangential displacement of the joint, along loops at constant preloads.
+
+    The first loading :math:`B(\delta)` under the pressure p follows from
+
+    .. math::
+        t = \mu (p - q), \qquad
+        \delta = \frac\mu\kappa \int_q^p \frac{\mathrm{d}p'}{K(p')} + c\, t,    \tag{1}
+
+    see :class:`~multiscale.laws.Sliders`; after each reversal the path follows Masing's rule,
+    :math:`t = t_r \pm 2 B(|\delta - \delta_r| / 2)`, and ends where it meets an earlier branch.
+    """
+
+    displacement: np.ndarray = None  # type: ignore[assignment]  # (rows,), m
+
+    unit: ClassVar[str] = "Pa"
+    sheared: ClassVar[bool] = True
+
+    @cached_property
+    def _branches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Amplitudes and pressures of first loadings, and their sums in the rows (rows, first)."""
+        starts = [0, *(1 + np.flatnonzero(np.diff(self.pressure))), self.pressure.size]
+        amplitudes, pressures, sums = list[float](), list[float](), list[dict[int, float]]()
+        for first, last in pairwise(starts):
+            for terms in masing_terms(self.displacement[first:last]):
+                row = {}
+                for amplitude, factor in terms:
+                    row[len(amplitudes)] = factor
+                    amplitudes.append(amplitude)
+                    pressures.append(float(self.pressure[first]))
+                sums.append(row)
+        matrix = np.zeros((len(sums), len(amplitudes)))
+        for matrix_row, row in zip(matrix, sums, strict=True):
+            matrix_row[list(row)] = list(row.values())
+        return np.array(amplitudes), np.array(pressures), matrix
+
+    def answer(
+        self, interface: Interface, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate the shear along the loops."""
+        amplitude, pressure, sums = self._branches
+        p = pressure + nuisances.get("offset", 0.0)
+        least = LEAST_PRESSURE * pressure
+        p, moves = np.maximum(p, least), 1.0 * (p > least)
+        series = self.bodies + nuisances.get("frame", 0.0)
+        t, by_curve, by_ratio, by_friction, by_series, by_p = _first_loading(
+            amplitude, p, interface, series
+        )
+        return sums @ t, self._columns(
+            by_curve @ sums.T,
+            sums @ by_ratio,
+            sums @ by_friction,
+            frame=sums @ by_series,
+            offset=sums @ (by_p * moves),
+        )
+
+
+def _first_loading(
+    amplitude: np.ndarray, p: np.ndarray, interface: Interface, series: float
+) -> tuple[np.ndarray, ...]:
+    """Return (1) at displacements, and its derivatives by all parameters.
+
+    These are the rates (m, ...) of the curve, ln kappa, ln mu, the compliance and the pressure.
+    """
+    curve, kappa, mu = interface
+    total, rates = curve.closure(p)
+    low, high = np.full(p.size, curve.x[0]), np.log(p)
+
+    def displacement(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement less the given one at q = exp(y), and its derivative by y."""
+        q = np.exp(y)
+        delta = mu / kappa * (total - curve.closure(q)[0]) + series * mu * (p - q)
+        slope = -q * mu * (np.exp(-curve.at(q)[0]) / kappa + series)
+        return delta - amplitude, slope
+
+    # q by Newton's method between ends that are halved; full slip below the lowest pressure
+    y = high.copy()
+    full = displacement(low)[0] <= 0.0
+    for _ in range(100):
+        error, slope = displacement(y)
+        low, high = np.where(error >= 0.0, y, low), np.where(error <= 0.0, y, high)
+        step = y - error / slope
+        inside = (step >= low) & (step <= high)
+        step = np.where(inside, step, 0.5 * (low + high))
+        done = np.abs(step - y) <= SETTLED
+        y = step
+        if np.all(done | full):
+            break
+    q = np.where(full, 0.0, np.exp(y))
+    t = mu * (p - q)
+    # implicit derivatives: delta(q; parameters) is given
+    safe = np.exp(np.where(full, curve.x[0], y))
+    soft = np.exp(-curve.at(safe)[0]) / kappa  # 1 / (kappa K(q))
+    stick = np.where(full, 0.0, 1.0 / (soft + series))  # dt / d delta
+    slip = mu / kappa * (total - curve.closure(safe)[0])
+    by_curve = -stick * mu / kappa * (rates - curve.closure(safe)[1])
+    by_p = mu - stick * mu * (np.exp(-curve.at(p)[0]) / kappa + series)
+    by_friction = np.where(full, t, t - stick * (slip + series * t))
+    return t, by_curve, stick * slip, by_friction, -stick * t, by_p
+
+
+def masing_terms(displacement: np.ndarray) -> list[list[tuple[float, float]]]:
+    """Return amplitudes and factors of the first loadings that add up to the force at each row.
+
+    Where a path closes a loop it returns to the branch before (Madelung's rules).
+    """
+    rows: list[list[tuple[float, float]]] = []
+    turns: list[float] = []  # displacements of the open reversals
+    last, way = 0.0, 0.0
+    for at in map(float, displacement):
+        step = float(np.sign(at - last))
+        if step * way < 0.0:
+            turns.append(last)
+        way = step or way
+        # leave the loops that the path closes
+        while turns:
+            if len(turns) == 1 and at * turns[0] < 0.0 and abs(at) >= abs(turns[0]):
+                turns.clear()  # on the first loading of the other sign
+            elif len(turns) > 1 and (at - turns[-2]) * (turns[-2] - turns[-1]) >= 0.0:
+                del turns[-2:]
+            else:
+                break
+        start = turns[0] if turns else at
+        halves = [
+            (0.5 * abs(b - a), 2.0 * float(np.sign(b - a))) for a, b in pairwise([*turns, at])
+        ]
+        rows.append([(abs(start), float(np.sign(start))), *(halves if turns else ())])
+        last = at
+    return rows
+
+
+def read_measured(
+    path: str | PathLike[str],
+    kind: Kind,
+    *,
+    error: float | None = None,
+    bodies: float = 0.0,
+    frame: float | None = None,
+    offset: float | None = None,
+) -> Measured:
+    """Read measured values of a joint from a table with units in its head.
+
+    Parameters
+    ----------
+    path : path
+        A table as of :func:`multiscale.io.read_table`, with the columns ``preload`` and
+        ``stiffness`` (kinds ``"stiffness"`` and ``"tangential_stiffness"``); ``pressure`` and
+        ``closure``, rising; or ``preload``, ``displacement`` and ``shear`` along loops, in the
+        order of the path, which begins at zero or at an end of a symmetric loop. Preload and shear
+        are over the nominal area. A column ``error``, in the unit of the value or in %, has the
+        half-width of the 95 % interval of every value.
+    kind : str
+    error : float, optional
+        Half-width of the 95 % interval of all values, without the column: over the value, and in
+        loops over the largest shear at the preload.
+    bodies : float, compliance of the bodies between the sensors, m/Pa
+    frame, offset : float, optional
+        Half-widths of the 95 % intervals of the compliance of the frame in series, m/Pa, and of
+        the zero of the load, Pa. A fifth of the least measured compliance and a tenth of the least
+        preload if not given; 0 where they are known to be absent.
+
+    Raises
+    ------
+    CaseError
+        If the table is refused, has no error, is not in order, or leaves the range of its kind.
+    """
+    path = Path(path)
+    given = units_of_columns(path)
+    load = "pressure" if kind == "closure" else "preload"
+    wanted = {load: "Pa"} | COLUMNS[kind]
+    if "error" in given:
+        wanted["error"] = "1" if given["error"] in ("%", "1", None) else list(wanted.values())[-1]
+    elif error is None:
+        raise CaseError(
+            f'{path}: the values have no error; state error, such as "3 %", or give the table a '
+            f"column of this name"
+        )
+    columns, _, _ = read_columns(path, wanted, signed=("displacement", "shear", "closure"))
+    pressure, value = columns[load], columns[list(COLUMNS[kind])[-1]]
+    least = 2 if kind in ("closure", "loop") else 1
+    if pressure.size < least:
+        raise CaseError(f"{path}: {pressure.size} rows, and {kind} needs {least} or more")
+    scale = np.abs(value)
+    if kind == "closure":
+        _refuse_falling(path, pressure, value)
+        value = value - value[0]
+    if kind == "loop":
+        _refuse_loops(path, columns["displacement"], value, pressure)
+        scale = np.array([np.abs(value[pressure == p]).max() for p in pressure])
+    half = scale * (columns.get("error", np.full(value.size, error)))
+    if wanted.get("error", "1") != "1":
+        half = columns["error"]
+    deviation = half / NORMAL
+    nuisances = {}
+    if kind == "closure":
+        deviation = np.where(deviation > 0.0, deviation, deviation[deviation > 0.0].min())
+        nuisances["zero"] = float(deviation[0])
+    compliance = _least_compliance(kind, columns, value)
+    for name, stated, usual in (
+        ("frame", frame, FRAME * compliance),
+        ("offset", offset, OFFSET * float(pressure.min())),
+    ):
+        if width := usual if stated is None else stated:
+            nuisances[name] = width / NORMAL
+    table = (path.name, pressure, value, deviation, nuisances, bodies)
+    if kind == "loop":
+        return MeasuredLoop(*table, displacement=columns["displacement"])
+    return {
+        "stiffness": MeasuredStiffness,
+        "tangential_stiffness": MeasuredTangential,
+        "closure": MeasuredClosure,
+    }[kind](*table)
+
+
+def _least_compliance(kind: Kind, columns: Mapping[str, np.ndarray], value: np.ndarray) -> float:
+    """Return the least compliance that a table shows, m/Pa."""
+    if kind == "closure":
+        return float(np.min(np.diff(value) / np.diff(columns["pressure"])))
+    if kind == "loop":
+        return float(np.ptp(columns["displacement"]) / np.ptp(value))
+    return float(1.0 / value.max())
+
+
+def _refuse_falling(path: Path, pressure: np.ndarray, closure: np.ndarray) -> None:
+    """Refuse a closure that is not of one loading; rows count from 1."""
+    for name, values, unit in (("pressure", pressure, "Pa"), ("closure", closure, "m")):
+        falls = np.flatnonzero(np.diff(values) <= 0.0)
+        if falls.size:
+            k = int(falls[0])
+            raise CaseError(
+                f"{path}, row {k + 2}: the {name} of {values[k + 1]:.4g} {unit} does not rise "
+                f"above the {values[k]:.4g} {unit} of the row before; give the rows of one "
+                f"loading, in rising order"
+            )
+
+
+def _refuse_loops(
+    path: Path, displacement: np.ndarray, shear: np.ndarray, pressure: np.ndarray
+) -> None:
+    """Refuse loops that do not turn about zero, or slide away without turning back."""
+    for p in np.unique(pressure):
+        u, t = displacement[pressure == p], shear[pressure == p]
+        if not (np.ptp(u) > 0.0 and np.ptp(t) > 0.0):
+            raise CaseError(f"{path}: nothing moves under {list_pressures(np.array([p]))}")
+        middle = 0.5 * (u.max() + u.min()) / np.ptp(u)
+        turned = any(len(terms) > 1 for terms in masing_terms(u))
+        if turned and min(abs(middle), abs(u[0]) / np.ptp(u)) > AWAY:
+            raise CaseError(
+                f"{path}: the middle of the loop under {list_pressures(np.array([p]))} lies "
+                f"{abs(middle):.2g} times its range from zero displacement, where it does not "
+                f"begin: it slides away; give displacements from the middle of the loop"
+            )

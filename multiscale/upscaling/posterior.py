@@ -1,0 +1,151 @@
+r"""Posterior of whitened parameters: its mode, its covariance and weighted draws.
+
+The prior of the parameters :math:`\theta` is :math:`\mathcal{N}(0, 1)`, and the residuals
+:math:`r(\theta)` are over the standard deviations of the data, which have Student's distribution
+with :math:`\nu` degrees of freedom, so that single wrong data have little weight. The mode
+minimises
+
+.. math:: |\theta|^2 + (\nu + 1) \sum_i \ln (1 + r_i^2 / \nu).    \tag{1}
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+FREEDOM = 4.0
+"""Degrees of freedom of the data, nu in (1)."""
+
+PROPOSAL = 7.0  # degrees of freedom of the draws
+
+MOST_STEPS = 60
+
+SETTLED = 1e-6  # length of a step in posterior standard deviations
+
+Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Maps parameters to residuals (data,) and their derivatives (data, parameters)."""
+
+
+class Mode(NamedTuple):
+    """Mode of a posterior, and its normal approximation."""
+
+    theta: np.ndarray  # (parameters,)
+    covariance: np.ndarray  # (parameters, parameters)
+    residual: np.ndarray  # (data,)
+    weight: np.ndarray  # (data,), of the squares of the residuals; 1 or less but for small ones
+    solves: int
+    settled: bool  # whether the last step was small
+
+    @property
+    def learned(self) -> np.ndarray:
+        """Share of the prior variance of every parameter that the data remove."""
+        return np.asarray(1.0 - np.diag(self.covariance))
+
+    @property
+    def pull(self) -> np.ndarray:
+        """Standard deviations by which the data move every parameter.
+
+        It is N(0, 1) if prior and data agree, and zero for a parameter that nothing is learned of.
+        """
+        spread = np.sqrt(np.maximum(self.learned, 1e-12))
+        return np.where(self.learned > 1e-6, self.theta / spread, 0.0)
+
+
+def find_mode(residual: Residual, n: int) -> Mode:
+    """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student.
+
+    Squares lead to the data from any start, where Student's data far away would have no weight.
+    """
+    theta, solves, settled = np.zeros(n), 0, False
+    for robust in (False, True):
+        r, J = residual(theta)
+        value, damping = _objective(theta, r, robust), 0.0
+        for _ in range(MOST_STEPS):
+            weight = _weights(r) if robust else np.ones(r.size)
+            H = np.eye(n) + J.T @ (weight[:, None] * J)
+            step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), theta + J.T @ (weight * r))
+            r_new, J_new = residual(theta + step)
+            solves += 1
+            new = _objective(theta + step, r_new, robust)
+            if np.isfinite(new) and new <= value + 1e-9 * abs(value):
+                theta, r, J, value = theta + step, r_new, J_new, new
+                damping = 0.0 if damping < 1e-3 else 0.1 * damping
+            else:
+                damping = max(10.0 * damping, 1e-2)
+            settled = np.sqrt(step @ H @ step) < SETTLED * np.sqrt(n)
+            if settled:
+                break
+    weight = _weights(r)
+    covariance = np.linalg.inv(np.eye(n) + J.T @ (weight[:, None] * J))
+    return Mode(theta, covariance, r, weight, solves, bool(settled))
+
+
+def _weights(r: np.ndarray) -> np.ndarray:
+    """Return the weights of the squares that give the gradient of (1)."""
+    return np.asarray((FREEDOM + 1.0) / (FREEDOM + r**2))
+
+
+def _objective(theta: np.ndarray, r: np.ndarray, robust: bool) -> float:
+    """Evaluate (1), or the sum of the squares."""
+    data = (FREEDOM + 1.0) * np.log1p(r**2 / FREEDOM) if robust else r**2
+    return float(theta @ theta + np.sum(data))
+
+
+class Draws(NamedTuple):
+    """Draws of a posterior with equal weights."""
+
+    theta: np.ndarray  # (samples, parameters)
+    effective: float  # number of independent draws with the same variance
+    tail: float  # shape of the Pareto tail of the weights; above .7 the weights are unreliable
+
+
+def draw(
+    residual: Residual, mode: Mode, candidates: int, samples: int, random: np.random.Generator
+) -> Draws:
+    """Draw from Student's distribution about the mode, and resample by smoothed weights."""
+    n = mode.theta.size
+    factor = np.linalg.cholesky(mode.covariance)
+    y = random.normal(size=(candidates, n))
+    y /= np.sqrt(random.chisquare(PROPOSAL, candidates) / PROPOSAL)[:, None]
+    theta = mode.theta + y @ factor.T
+    log_weight = 0.5 * (PROPOSAL + n) * np.log1p(np.sum(y**2, axis=1) / PROPOSAL)
+    log_weight -= [0.5 * _objective(one, residual(one)[0], True) for one in theta]
+    log_weight, tail = smooth_weights(np.where(np.isfinite(log_weight), log_weight, -np.inf))
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    # systematic resampling: every draw occurs within one of its expected number
+    at = (np.arange(samples) + random.uniform()) / samples
+    chosen = np.searchsorted(np.cumsum(weight), at).clip(max=candidates - 1)
+    return Draws(theta[random.permutation(chosen)], float(1.0 / np.sum(weight**2)), tail)
+
+
+def smooth_weights(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """Replace the largest log weights by quantiles of a Pareto tail; return its shape, too.
+
+    A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72; the tail is fitted by J. Zhang and
+    M. A. Stephens, Technometrics 51 (2009) 316-325.
+    """
+    log_weight = log_weight - log_weight.max()
+    n = log_weight.size
+    m = int(min(0.2 * n, 3.0 * np.sqrt(n)))
+    order = np.argsort(log_weight)
+    tail, cut = order[-m:], np.exp(log_weight[order[-m - 1]])
+    excess = np.exp(log_weight[tail]) - cut
+    if m < 5 or not excess.min() > 0.0:
+        return log_weight, -np.inf
+    # profile likelihood of the scale on a grid, averaged
+    count = 30 + int(np.sqrt(m))
+    b = (1.0 - np.sqrt(count / (np.arange(count) + 0.5))) / (3.0 * excess[int(m / 4 + 0.5) - 1])
+    b += 1.0 / excess[-1]
+    shape = np.mean(np.log1p(-b[:, None] * excess), axis=1)
+    likelihood = m * (np.log(-b / shape) - shape - 1.0)
+    share = 1.0 / np.sum(np.exp(likelihood - likelihood[:, None]), axis=1)
+    b_mean = float(b @ share)
+    k = float(np.mean(np.log1p(-b_mean * excess)))
+    scale = -k / b_mean
+    k = (m * k + 5.0) / (m + 10.0)  # a weak prior of the shape
+    p = (np.arange(m) + 0.5) / m
+    quantile = scale * np.expm1(-k * np.log1p(-p)) / k
+    smooth = log_weight.copy()
+    smooth[tail] = np.minimum(np.log(quantile + cut), 0.0)
+    return smooth, k
