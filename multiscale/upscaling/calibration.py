@@ -60,7 +60,7 @@ OUTSIDE = 2.0  # factor of the pressures of a law up to which a preload is withi
 
 FAR, FEW = 3.0, 0.25  # standard deviations of a residual, and share of rows that may lie beyond
 
-DISAGREES, LEARNS = 2.0, 0.05  # standard deviations of a pull; share of a variance
+DISAGREES, LEARNS = 3.0, 0.05  # standard deviations of a pull; share of a variance
 
 RELIABLE = 0.7  # shape of the tail of the weights
 

@@ -81,6 +81,12 @@ print(budget.attrs["unknown"])  # cell size, small slopes, scale separation
 #
 # by fit_law(read_observations("stiffness.csv", "normal_stiffness"), family="power").
 #
+# Measured joints correct the law of cells: calibrate(law, [read_measured("loops.csv", "loop",
+# error=0.03)]) moves form, heights, friction and stiffness ratio as far as the data ask for, with
+# the frame of the machine as an unknown, and names a parameter that disagrees. Its law has the
+# posterior as samples; predict_measured(law, table) gives other loads with their bands, as in
+# workflows/measured_joint.py.
+#
 # propagate(name, law_sources(law), solve, value) carries the budget of a law through any solver of
 # structures; joints in scenes carry the budget by themselves if their law has one. The law can be
 # exported, here for CalculiX and Abaqus in mm and MPa; friction_for="calculix" or "abaqus" adds

@@ -31,6 +31,7 @@ from multiscale.io import make_folder, open_dataset, open_run, write_bytes
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.plotting.figure import save_figure
 from multiscale.schema import FIELDS
+from multiscale.upscaling import fitted_laws
 
 WORKFLOWS = Path(__file__).parents[1]
 SHOWN = {
@@ -75,6 +76,7 @@ SHOWN = {
     ),
     "surfaces_to_joint": plotting.plot_hysteresis,
     "measured_stiffness": plotting.plot_joint_stiffness,
+    "measured_joint": lambda law, ax: [one.plot(ax=ax) for one in fitted_laws(law, range(40))],
     "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),
     "three_ways": lambda runs, ax: plotting.plot_work_precision(
         runs, scene="rough wave", ax=ax
@@ -89,6 +91,7 @@ LEFT = {
     "ploughing": "sliding_response.nc",
     "surfaces_to_joint": "run/macro_result.nc",
     "measured_stiffness": "macro_result.nc",
+    "measured_joint": "interface_law.nc",
     "roughness_sweep": "sweep.nc",
     "three_ways": "work_precision.nc",
 }

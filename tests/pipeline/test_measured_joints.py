@@ -1,0 +1,76 @@
+"""Cases with measured joints: the law of the cells is calibrated, and structures take it."""
+
+import numpy as np
+import pytest
+
+from multiscale.cli import app
+from multiscale.errors import CaseError
+from multiscale.io import open_law
+from multiscale.pipeline import run
+from tests.pipeline.test_conducting_cases import TEXT
+from tests.support import case_of
+
+MEASURED = """
+[law]
+friction = 0.3
+stiffness_ratio = 0.8
+[[measured]]
+file = "stiffness.csv"
+kind = "stiffness"
+error = "5 %"
+frame = "0 um/MPa"
+area = "1 mm^2"
+[[measured]]
+file = "loop.csv"
+kind = "loop"
+error = "5 %"
+"""
+STIFFNESS = "preload (MPa), stiffness (MPa/um)\n2, 1.2\n5, 2.9\n10, 5.7\n"
+LOOP = "preload (MPa), displacement (um), shear (MPa)\n" + "".join(
+    f"5, {u}, {t}\n" for u, t in ((0.1, 0.2), (0.3, 0.6), (0.1, 0.15), (-0.1, -0.25), (-0.3, -0.6))
+)
+
+
+def measured_case(folder, *changes):
+    (folder / "stiffness.csv").write_text(STIFFNESS)
+    (folder / "loop.csv").write_text(LOOP)
+    return case_of(folder, TEXT + MEASURED, *changes)
+
+
+def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
+    results = run(measured_case(tmp_path), tmp_path / "out")
+    law, joint = results["interface_law"], results["macro_result"]
+    assert law.attrs["uncertainty"] == "posterior of measured joints"
+    bodies = 1.0 / joint["solid_stiffness"].values
+    np.testing.assert_allclose(
+        joint["joint_stiffness"], 1.0 / (1.0 / joint["interface_stiffness"].values + bodies)
+    )
+    np.testing.assert_allclose(joint["interface_stiffness"], [1.2e12, 5.7e12], rtol=0.15)
+    low, high = joint["interface_stiffness_mean_law"].values
+    assert np.all((high - low) / joint["interface_stiffness"].values < 0.25)
+    response, out = tmp_path / "out" / "micro_response.nc", tmp_path / "law.nc"
+    case = str(next(tmp_path.glob("*.toml")))
+    app(["fit", str(response), "--measured", case, "-o", str(out)], standalone_mode=False)
+    printed = capsys.readouterr().out
+    assert "Parameters of the law before and after calibration" in printed
+    assert "stiffness.csv     5 MPa  2.9 MPa/µm" in printed
+    again = open_law(out)
+    np.testing.assert_allclose(again["fit_mean_gap"], law["fit_mean_gap"])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('frame = "0 um/MPa"', 'frame = "1 um"'), "frame '1 um' cannot be converted to m/Pa"),
+        (('error = "5 %"\nframe', "frame"), "have no error; state error"),
+        (("friction = 0.3\n", ""), "need friction and stiffness ratio"),
+        (('"loop"', '"bolt"'), "kind"),
+        (
+            (MEASURED, '\n[law]\nroughness = "10 %"\n'),
+            "roughness in .law. belong to the calibration by measured joints",
+        ),
+    ],
+)
+def test_measured_tables_are_refused_with_a_sentence(tmp_path, change, said):
+    with pytest.raises(CaseError, match=said):
+        run(measured_case(tmp_path, change), tmp_path / "out")
