@@ -97,10 +97,14 @@ COMMAND = "from multiscale.cli import main; main()"
 SCENES = Path(__file__).parents[1] / "workflows" / "scenes"
 
 
+def text_of(file):
+    """Text of a file in the folder ``cases``."""
+    return (Path(__file__).parent / "cases" / file).read_text(encoding="utf-8")
+
+
 def case_text(name):
-    """Text of a case in the folder ``cases``, after an empty line."""
-    file = Path(__file__).parent / "cases" / f"{name}.toml"
-    return "\n" + file.read_text(encoding="utf-8")
+    """Text of a case, after an empty line."""
+    return "\n" + text_of(f"{name}.toml")
 
 
 TWO_BLOCKS = case_text("two_blocks")

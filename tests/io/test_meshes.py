@@ -11,58 +11,13 @@ from multiscale.errors import CaseError
 from multiscale.fe.faces import face_of, facet_normals
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.io import open_mesh
-from tests.support import keep_ignoring_broken_pipes
+from tests.support import keep_ignoring_broken_pipes, text_of
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
 )
 
-DECK = """** a cube below a tetrahedron
-*Heading
-*Node, nset=All
-{nodes}
-*Node
-30, 0.5, 0.5, 3.
-*Element, type=C3D8R, elset=Cube
-1, 1, 2, 3, 4, 5, 6,
-7, 8
-*Element, type=C3D4, elset=Tip
-2, 5, 6, 7, 30
-*Nset, nset=Feet, generate
-1, 4, 1
-*NSET, NSET=Edge
-1, 2
-*Nset, nset=Front and edge
-Edge, 5, 6
-*Elset, elset=_Roof_S2, internal
-1
-*Surface, type=ELEMENT, name=Roof
-_Roof_S2, S2
-*SURFACE, NAME=AllOfCube
-Cube, S1
-CUBE, S2
-1, S3
-1, S4
-1, S5
-1, S6
-*Surface, type=NODE, name=Floor
-feet,
-*Surface, name=Tip1
-Tip, S1
-*Surface, name=Tip2
-2, S2
-*Surface, name=Tip3
-2, S3
-*Surface, name=Tip4
-2, S4
-*Element, type=SPRINGA, elset=Springs
-9, 1, 30
-*Step
-*Static
-*Cload
-1, 1, 5.
-*End step
-"""
+DECK = text_of("deck.inp")
 
 
 def deck(nodes=CUBE, text=DECK):

@@ -9,51 +9,14 @@ import pytest
 from multiscale.upscaling import assume_shear, fit_law, law_from_dataset
 from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
 from tests.calculix import needs_calculix, run_calculix
+from tests.support import text_of
 from tests.upscaling.responses import exponential_gaps, response_of
 
 EDGE, HEIGHT, STIFF = 10.0, 1.0, 2e8  # mm and MPa: the interface gives way, not the blocks
 PRESSURE, FRICTION, RATIO = 20.0, 0.25, 0.8  # MPa
 SLIPS = 2e-5, 4e-5, 4e-4  # mm: two that stick, and full slip
 
-MODEL = """*NODE, NSET=ALL
-{nodes}
-*ELEMENT, TYPE=C3D8, ELSET=BLOCKS
-1, 1, 2, 3, 4, 5, 6, 7, 8
-2, 9, 10, 11, 12, 13, 14, 15, 16
-*ELSET, ELSET=LOWER
-1
-*ELSET, ELSET=UPPER
-2
-*NSET, NSET=BASE
-1, 2, 3, 4
-*NSET, NSET=FACE
-5, 6, 7, 8
-*NSET, NSET=OTHER
-9, 10, 11, 12
-*NSET, NSET=TOP
-13, 14, 15, 16
-*MATERIAL, NAME=HARD
-*ELASTIC
-{stiff}, 0.
-*SOLID SECTION, ELSET=BLOCKS, MATERIAL=HARD
-*SURFACE, NAME=FIRST, TYPE=ELEMENT
-LOWER, S2
-*SURFACE, NAME=SECOND, TYPE=ELEMENT
-UPPER, S1
-*INCLUDE, INPUT=rough.inp
-*CONTACT PAIR, INTERACTION=ROUGH, TYPE={pair}
-SECOND, FIRST
-*BOUNDARY
-BASE, 1, 3
-*STEP, NLGEOM=NO, INC=200
-*STATIC
-0.1, 1.
-*BOUNDARY
-TOP, 1, 2
-TOP, 3, 3, -{approach}
-{prints}
-*END STEP
-"""
+MODEL = text_of("two_blocks.inp")
 SHEAR = """*STEP, NLGEOM=NO, INC=200
 *STATIC
 0.2, 1.

@@ -12,41 +12,9 @@ from multiscale.pipeline.forecast import CostModel, Setting
 from multiscale.pipeline.planner import plan, resize, surface_at_large
 from multiscale.surfaces import rms_height
 from multiscale.upscaling import at_rms_height
+from tests.support import case_text
 
-CASE = """
-title = "Trial"
-[body_1]
-youngs_modulus = "3 GPa"
-poissons_ratio = 0.35
-[body_1.surface]
-rms_slope = 0.08
-hurst_exponent = 0.7
-long_cutoff = "0.5 mm"
-short_cutoff = "0.1 mm"
-[body_2]
-youngs_modulus = "200 GPa"
-poissons_ratio = 0.3
-[cell]
-size = ["1 mm", "1 mm"]
-points = [80, 80]
-layers = 8
-geometry = "flat"
-[micro]
-seed = {seed}
-realisations = 4
-pressures = ["3 MPa", "5 MPa", "9 MPa", "16 MPa", "28 MPa", "50 MPa"]
-[law]
-samples = 40
-[structure]
-kind = "blocks"
-height = "40 mm"
-width = "400 mm"
-[statics]
-preloads = ["5 MPa", "30 MPa"]
-[accuracy]
-target = "{target} %"
-quantity = "mean_gap"
-"""
+CASE = case_text("planner_trial")
 TARGETS, TRIALS = (10, 5, 2), 10
 POOL = {0: 60, 1: 60, 2: 40, 3: 10}  # cells of each size among which settings are searched
 MANY = 2000

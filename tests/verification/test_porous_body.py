@@ -5,28 +5,11 @@ import pytest
 
 from multiscale.micro.damage import Cavities, random_spheres
 from multiscale.pipeline import load_case, run
-from tests.support import write_scene
+from tests.support import case_text, write_scene
 
 EDGE, RADIUS, POROSITY = 2.0, 0.24, 0.08  # mm
 
-BODY = """
-[structure]
-kind = "bodies"
-[[structure.bodies]]
-name = "cube"
-mesh = "{mesh}"
-unit = "mm"
-element = "{element} mm"
-order = 2
-supports = {{ bottom = "z", left = "x", front = "y" }}
-{moduli}
-[[structure.loads]]
-name = "pull"
-face = "cube.top"
-force = [0, 0, "1 kN"]
-[statics]
-steps = [{{ pull = 1 }}]
-"""
+BODY = case_text("porous_cube")
 VOLUME = f"""
 [rve]
 youngs_modulus = "70 GPa"
