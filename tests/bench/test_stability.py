@@ -153,7 +153,11 @@ def _die_without_number(one):
                 {"law_over_block": 1e6, "friction": 0.2},  # a reversal that is brought up in parts
             )
         ),
-        case("rough_cell", slope=0.5, relative_pressure=1e-4, poissons_ratio=0.4999),
+        pytest.param(
+            case("rough_cell", slope=0.5, relative_pressure=1e-4, poissons_ratio=0.4999),
+            marks=pytest.mark.slow,
+            id="rough_cell",
+        ),
         pytest.param(
             case("rough_cell", slope=0.5, relative_pressure=0.1, poissons_ratio=0.4999),
             marks=pytest.mark.slow,

@@ -185,10 +185,9 @@ def test_no_step_of_a_random_path_wins_energy(name, slabs, plane):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plane", [False, True])
 @pytest.mark.parametrize("name", NORMALS)
-def test_no_step_of_ten_thousand_random_paths_wins_energy(name, plane):
-    least, closed = least_dissipation(bed(NORMALS[name], 24), 10_000, 40, 2, plane=plane)
+def test_no_step_of_ten_thousand_random_paths_wins_energy(name):
+    least, closed = least_dissipation(bed(NORMALS[name], 24), 10_000, 40, 2, plane=True)
     assert least >= -1e-12
     assert closed >= -1e-12
 

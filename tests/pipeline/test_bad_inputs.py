@@ -1,6 +1,8 @@
 """What users get wrong, from typing errors to surfaces without heights: a sentence and a status."""
 
 import re
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,83 +58,29 @@ def bumps():
     return 1e-6 * np.random.default_rng(3).standard_normal((24, 24))
 
 
+TOLD = 'size = ["1 mm", "1 mm"]\nunit = "m"'
 MAPS = {
-    "holes": (np.where(np.arange(24) == 3, np.nan, bumps()), "set fill_undefined to true"),
-    "line scan": (bumps().ravel(), "profile"),
-    "text": (np.array([["a", "b"]]), "holds an array of shape"),
+    "holes": (np.where(np.arange(24) == 3, np.nan, bumps()), TOLD, "set fill_undefined to true"),
+    "line scan": (bumps().ravel(), TOLD.replace(', "1 mm"', ""), "profile"),
+    "text": (np.array([["a", "b"]]), TOLD, "holds an array of shape"),
+    "untold": (bumps(), "", "no lateral size and no unit of length; give size and unit"),
+    "wrong channel": (bumps(), f"{TOLD}\nchannel = 7", "height channels: 0"),
+    "small map": (bumps(), TOLD.replace("1 mm", "9 um"), "window"),
 }
 
 
 @pytest.mark.parametrize("name", MAPS)
 def test_a_map_without_use_is_refused(command, tmp_path, name):
-    heights, sentence = MAPS[name]
+    heights, keys, sentence = MAPS[name]
     with (tmp_path / "map.txt").open("wb") as file:
         np.save(file, heights)
-    size = '"1 mm"' if heights.ndim == 1 else '"1 mm", "1 mm"'
-    text = measured(f'size = [{size}]\nunit = "m"')
-    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
-    refused(command("run", "case.toml", "--jobs", "1"), sentence)
-
-
-KEYS = {
-    "neither": ("", "no lateral size and no unit of length; give size and unit"),
-    "wrong channel": ('size = ["1 mm", "1 mm"]\nunit = "um"\nchannel = 7', "height channels: 0"),
-    "small map": ('size = ["9 um", "9 um"]\nunit = "um"', "window"),
-}
-
-
-@pytest.mark.parametrize("name", KEYS)
-def test_a_map_that_is_told_too_little_or_wrong_is_refused(command, tmp_path, name):
-    keys, sentence = KEYS[name]
-    np.savetxt(tmp_path / "map.txt", bumps())
     (tmp_path / "case.toml").write_text(measured(keys), encoding="utf-8")
     refused(command("run", "case.toml", "--jobs", "1"), sentence)
 
 
-@pytest.mark.parametrize(
-    ("content", "sentence"),
-    [
-        pytest.param(b"", "is empty", id="empty"),
-        pytest.param(b"\x89PNG\r\n\x1a\n" + bytes(99), "no known topography format", id="picture"),
-        pytest.param(b"a surface\n", "no known topography format", id="words"),
-    ],
+COMMANDS = tomllib.loads(
+    Path(__file__).with_name("refused_commands.toml").read_text(encoding="utf-8")
 )
-def test_a_file_that_is_no_map_is_refused(command, tmp_path, content, sentence):
-    (tmp_path / "map.txt").write_bytes(content)
-    (tmp_path / "case.toml").write_text(measured(), encoding="utf-8")
-    refused(command("run", "case.toml", "--jobs", "1"), sentence)
-
-
-COMMANDS = {
-    "missing file": ("run none.toml", "none.toml: no such file", 1),
-    "misspelt case": ("run ground_stel", "did you mean 'ground_steel'", 1),
-    "folder": ("run .", "is a folder; give the case file in it", 1),
-    "nothing to resume": ("run ground_steel --resume", "holds no run to resume", 1),
-    "resume and force": ("run case.toml -o full --resume --force", "give one of them", 1),
-    "quiet and verbose": ("run case.toml -q -v", "exclude each other", 2),
-    "no number of jobs": ("run case.toml --jobs many", "jobs", 2),
-    "negative jobs": ("run case.toml --jobs -1", "jobs", 2),
-    "no case": ("run", "Missing argument", 2),
-    "unknown command": ("solve case.toml", "No such command", 2),
-    "unknown option": ("run case.toml --fast", "No such option", 2),
-    "a file as folder": ("run case.toml -o case.toml", "cannot write case.toml", 1),
-    "dataset without name": ("micro case.toml -o response", "ends in .nc", 1),
-    "no structure": ("macro cells.toml", "has no [structure]", 1),
-    "no cells": ("micro grid.toml", "has no [micro]", 1),
-    "a huge structure": ("macro plate.toml", "GB of memory", 1),
-    "no response": ("fit none.nc", "none.nc", 1),
-    "law as response": (
-        "fit law.nc",
-        "schema 'interface_law', expected a 'micro_response' dataset",
-        1,
-    ),
-    "export to text": ("export law.nc law.txt", "ends in .inp or .csv", 1),
-    "no report": ("report full", "no results", 1),
-    "unknown family": ("bench speed", "there is no family 'speed'", 1),
-    "no table": ("stability bricks", "there is no family 'bricks'", 1),
-    "no map": ("inspect none.sur", "no such file", 1),
-    "size of no map": ("inspect case.toml --size wide", "write two lengths such as", 1),
-}
 
 
 @pytest.mark.parametrize("name", COMMANDS)

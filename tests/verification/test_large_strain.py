@@ -55,10 +55,9 @@ def test_rubber_on_a_fine_grid_takes_few_iterations():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", [100.0, 500.0])
-def test_plastic_increments_take_few_iterations(ratio):
+def test_plastic_increments_take_few_iterations():
     approaches = tuple(0.002 * np.arange(1, 16))
-    _, response = pressures(J2(1.0, 0.3, 1.0 / ratio, 0.01), approaches)
+    _, response = pressures(J2(1.0, 0.3, 1.0 / 500.0, 0.01), approaches)
     newton = response["active_set_iterations"].values[0]
     assert np.all(response["increments"] == 1.0)  # none was cut
     assert newton.max() <= 10
@@ -104,7 +103,7 @@ def test_tangential_over_normal_stiffness(layers, opposite):
 
 
 @pytest.mark.parametrize("bulk", [None, NeoHookean(1.0, 0.3)], ids=["small", "large strain"])
-@pytest.mark.parametrize("mu", [*slow(0.0, 0.1), 0.2, *slow(0.3)])
+@pytest.mark.parametrize("mu", [*slow(0.0), 0.2])
 def test_sliding_up_an_inclined_facet(bulk, mu):
     n, tangent, rise = 64, 0.1, 0.8
     x = np.arange(n) / n

@@ -215,7 +215,7 @@ def test_the_tangent_stiffness_is_the_derivative_of_the_approach(law, eccentrici
 @pytest.mark.parametrize("eccentricity", PLATENS)
 @pytest.mark.parametrize(
     "contrast",
-    [1e-6, *slow(1e-4, 1e-2), 1.0, *slow(1e2, 1e4), 1e6, *slow(1e8, 1e10), 1e12],
+    [1e-6, 1.0, 1e6, *slow(1e8), 1e12],
     ids="{:g}".format,
 )
 @pytest.mark.parametrize("kind", ["exponential", "cubic"])

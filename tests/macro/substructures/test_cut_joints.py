@@ -119,7 +119,7 @@ def test_every_method_tells_of_every_step_that_converged(method):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [1.001, 1.02, 1.2])
+@pytest.mark.parametrize("share", [1.001, 1.2])
 @pytest.mark.parametrize(
     "law", [Sliders(Exponential(1e9, 1e-6), 0.2, pressures=(1e6, 1e8)), RigidContact(0.2)]
 )
@@ -238,7 +238,7 @@ def test_a_piece_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart(
     np.testing.assert_allclose(result.jump, apart, atol=1e-8 * 20e6 * 0.02 / 210e9)
 
 
-@pytest.mark.parametrize("ratio", [1e-6, *slow(1e-4, 1e-2), 1.0, *slow(1e2, 1e4, 1e8), 1e12])
+@pytest.mark.parametrize("ratio", [1e-6, 1.0, *slow(1e8), 1e12])
 def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge(ratio):
     law = law_of_stiffness(ratio)
     problem = stacked_blocks(law, 2, (1.0, 2.0))
@@ -293,7 +293,7 @@ def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law):
 
 
 @pytest.mark.parametrize("contrast", [1e-4, 1e4])
-@pytest.mark.parametrize("ratio", [*slow(1e-6, 1.0, 1e4), 1e12])
+@pytest.mark.parametrize("ratio", [*slow(1e-6), 1e12])
 def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio):
     law = law_of_stiffness(ratio)
     for tilt in (0.2, 1.5):
