@@ -1,30 +1,23 @@
-"""The error budget of bodies with joints: sources of error of their laws, values, mesh and path."""
+"""The error budget of bodies with joints: their answers, and the sources of error."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 
+from multiscale import upscaling
 from multiscale.fe.faces import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
-from multiscale.pipeline.joint_answers import JointAnswers
 from multiscale.pipeline.real_contact import contact_source
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.joint_settings import SLABS
 from multiscale.pipeline.tables.settings import Case
-from multiscale.schema import Dataset, with_cautions
-from multiscale.upscaling import (
-    Bound,
-    Knob,
-    Source,
-    Uncertainty,
-    law_sources,
-    propagate,
-    with_scales,
-)
+from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
+from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
 from multiscale.upscaling.budget import (
     FEW_CELLS,
     MACRO,
@@ -36,6 +29,149 @@ from multiscale.upscaling.budget import (
 from multiscale.upscaling.propagation import STRETCH
 from multiscale.upscaling.scales import compare_scales, effective_cells, pressure_length_of_points
 from multiscale.upscaling.shear_budget import loss_term, shear_errors
+
+Reader = Callable[["Dataset"], np.ndarray]  # maps a result to the values of an answer
+
+STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
+"""Stiffnesses of the joint with its bodies, of the interface and of the bodies, with a budget."""
+
+AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
+IN_CYCLES = ("cycle_slip", "cycle_loss", "secant_stiffness")
+AT_END = {"cycle_slip": "slipping_load", "cycle_loss": "cycle_energy"}
+"""Answers that have an error budget: at the preloads, in the cycles of every preload and amplitude,
+and names of the answers of the last cycle at the end of the path."""
+
+
+@dataclass(frozen=True, eq=False)
+class CycleAnswers:
+    """Answers of closed cycles that have an error budget."""
+
+    read: Mapping[str, Reader]  # by the name of an answer, its values in every cycle
+    slip: str  # name of the share of the load that slips
+    loss: str  # name of the dissipated energy
+    steps: np.ndarray  # (cycles,), steps of the result with the pressure of each cycle
+    slope: np.ndarray  # (cycles,), logarithmic, of the slipping share over the amplitude
+    density: np.ndarray  # (cycles, points), dissipated energy, J/m²
+    finer: float  # load steps of a cycle over the steps of paths that are solved again
+
+
+@dataclass(frozen=True, eq=False)
+class JointAnswers:
+    """Answers of joints that have an error budget, and their steps."""
+
+    read: Mapping[str, Reader]  # by the name of an answer at rest, its values over the steps
+    real: Mapping[str, tuple[int, ...]]  # joints of which an answer is the real pressure
+    rests: np.ndarray  # steps of these answers
+    place: Callable[[Dataset, Dataset], Dataset]  # adds a budget of rests, then cycles, to a result
+    cycles: CycleAnswers | None = None
+
+
+def joint_answers(result: Dataset) -> JointAnswers:
+    """Return the answers of joints at their preloads, then in the cycles of every amplitude."""
+    known = result["known"].to_numpy() == 1
+    rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
+    names = [name for name in AT_PRELOADS if name in result]  # real pressure may be missing
+    read = {name: answer_at(name) for name in names}
+    joints = tuple(np.unique(result["point_joint"].to_numpy()).astype(int).tolist())
+    real = {"real_pressure": joints} if "real_pressure" in result else {}
+    level, amplitude = np.zeros((2, 0), dtype=int)
+    if "cycle_loss" in result and result["converged"].to_numpy().all():
+        level, amplitude = np.nonzero(result["cycle_loss"].to_numpy() > 0.0)  # others do not slip
+    cycles = None
+    if level.size:
+        cycles = CycleAnswers(
+            {name: answer_at(name, level, amplitude) for name in IN_CYCLES},
+            "cycle_slip",
+            "cycle_loss",
+            level,  # a preload is the step of its number
+            _slip_slope(result)[level, amplitude],
+            result["loss_density"].to_numpy()[level, amplitude],
+            substructures.FEW_STEPS,
+        )
+    ended = bool(level.size) and bool(known[-1])
+    ended = ended and bool(result["cycle_loss"].to_numpy()[-1, -1] > 0.0)
+
+    def place(result: Dataset, budget: Dataset) -> Dataset:
+        """Add the intervals of every cycle, and of the last cycle at the last step."""
+        values, errors = {}, interval_errors(budget)
+        for row, name in enumerate(map(str, budget["quantity"].values)):
+            for kind, error in errors.items() if name in IN_CYCLES else ():
+                half = np.full(result[name].shape, np.nan)
+                half[level, amplitude] = error[row, -level.size :]
+                values[f"{name}_{kind}"] = limits(result[name].to_numpy(), half)
+        result, at = MACRO_RESULT.assign(result, values), rests[known[rests]]
+        columns = [*range(at.size), *([-1] if ended else [])]
+        at = np.append(at, known.size - 1) if ended else at
+        names = [name for name in map(str, budget["quantity"].values) if name not in IN_CYCLES[2:]]
+        selected = budget.isel(step=columns).sel(quantity=names)
+        selected = selected.assign_coords(quantity=[AT_END.get(name, name) for name in names])
+        return with_intervals(with_budget(result, over_steps(selected, at, known.size)))
+
+    return JointAnswers(read, real, rests, place, cycles)
+
+
+def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
+    """Return the answers of bodies under named loads, then of the last cycle."""
+    name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
+    loads = {f"{name} {load}": (name, k) for k, load in enumerate(map(str, result["load"].values))}
+    real = {}
+    if "interface_real_pressure" in result:
+        known_area = np.isfinite(result["interface_real_pressure"].to_numpy()).any(axis=0)
+        real = {
+            f"real pressure of interface {k}": ("interface_real_pressure", int(k))
+            for k in np.flatnonzero(known_area)
+        }
+    rests = np.flatnonzero(np.isfinite(stiffness).all(axis=1))
+    known, last = result["known"].to_numpy() == 1, np.array([result.sizes["step"] - 1])
+    lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
+    cycles = None
+    if rise and known[-1] and lost[-1] > 0.0:
+        share = result["slipping_load"].to_numpy()[-2:]
+        slope = np.full(1, np.nan)
+        if rise > 1 and share.min() > 0.0:
+            slope[:] = np.log(share[1] / share[0]) / np.log(rise / (rise - 1))
+        density = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0, keepdims=True)
+        read = {name: answer_at(name, slice(-1, None)) for name in AT_END.values()}
+        cycles = CycleAnswers(
+            read, "slipping_load", "cycle_energy", last, slope, density, rise / few
+        )
+
+    def place(result: Dataset, budget: Dataset) -> Dataset:
+        """Add the budget at its steps."""
+        steps = np.append(rests[known[rests]], () if cycles is None else last).astype(int)
+        budget = over_steps(budget, steps, known.size)
+        return with_intervals(with_budget(result, budget), {**loads, **real})
+
+    read = {
+        **{key: answer_at(name, slice(None), k) for key, (name, k) in loads.items()},
+        **{key: answer_at("real_pressure") for key in real},
+    }
+    return JointAnswers(read, {key: (k,) for key, (_, k) in real.items()}, rests, place, cycles)
+
+
+def answer_at(name: str, *place: slice | int | np.ndarray) -> Reader:
+    """Return a reader of an answer at a place, or of all values, that workers can import."""
+    return partial(_read, name, place)
+
+
+def _read(name: str, place: tuple[Any, ...], result: Dataset) -> np.ndarray:
+    """Values of an answer; the real pressure stays as it is."""
+    if name == "real_pressure":
+        return np.ones(result.sizes["step"])
+    return np.asarray(result[name].to_numpy()[place])
+
+
+def _slip_slope(result: Dataset) -> np.ndarray:
+    """Logarithmic slope of the slipping share over the amplitude, shape (levels, amplitudes).
+
+    It is from the amplitudes, or from the last steps of the path if there is only one amplitude.
+    """
+    share, shear = result["cycle_slip"].to_numpy(), result["cycle_shear"].to_numpy()
+    with np.errstate(divide="ignore", invalid="ignore"):  # NaN where nothing slips
+        if shear.size > 1:
+            return np.asarray(np.gradient(np.log(share), np.log(shear), axis=1))
+        at = np.log([result[name].to_numpy()[-2:] for name in ("slipping_load", "shear")])
+        return np.full(share.shape, np.ptp(at[0]) / np.ptp(at[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +200,13 @@ class JointsOfLaw:
 
     def sources(
         self, pressure: np.ndarray | None, without: Mapping[str, np.ndarray] = {}
-    ) -> list[Source]:
-        """Return the errors of the normal law and of the friction.
-
-        ``pressure`` of the joints, Pa, is None where they carry no load, so that nothing slips. The
-        error terms in ``without`` do not count for the friction in answers where they are True.
-        """
+    ) -> list[upscaling.Source]:
+        """Return the errors of normal law and friction at a pressure of the joints, Pa, if any."""
 
         def change(normal: NormalLaw) -> Change:
             return Change(self.joints, normal)
 
-        listed = law_sources(self.law, pressure, of=self.name, change=change)
+        listed = upscaling.law_sources(self.law, pressure, of=self.name, change=change)
         friction = {} if pressure is None else shear_errors(self.law, pressure)
         known = known_terms(self.law)
         for parameter, widths in friction.items():
@@ -88,7 +220,9 @@ class JointsOfLaw:
             larger = Change(self.joints, factors={parameter: 1.0 + STRETCH})
             name = parameter.replace("_", " ")
             listed.append(
-                Uncertainty(name=name, of=self.name, half_width=half_width, changes=[larger])
+                upscaling.Uncertainty(
+                    name=name, of=self.name, half_width=half_width, changes=[larger]
+                )
             )
         return listed
 
@@ -124,7 +258,7 @@ class ErrorSources:
     """Error sources of bodies with interfaces."""
 
     laws: list[JointsOfLaw]  # laws with independent errors
-    stated: list[Uncertainty]  # of stated values and representative volumes
+    stated: list[upscaling.Uncertainty]  # of stated values and representative volumes
     unknown: list[str]  # laws without an error, a sentence each
     beds: tuple[int, ...]  # joints that have beds of sliders
     meshes: Mapping[float, Bodies]  # coarser structures, by the ratio of the spacings
@@ -217,7 +351,7 @@ def with_joint_budget(
         rows[rows == 0.0] = np.nan  # no error is relative to zero
         return rows
 
-    listed: list[Source] = []
+    listed: list[upscaling.Source] = []
     for joints in sources.laws:
         of_law, cautions = _measured(joints, result, steps, rests.size, asked, np.array(names))
         listed += of_law
@@ -225,21 +359,23 @@ def with_joint_budget(
     listed += sources.stated
     if sources.meshes:
         changes = [Change(structure=structure) for structure in sources.meshes.values()]
-        listed.append(Knob(name="mesh", ratios=[*sources.meshes], changes=changes))
+        listed.append(upscaling.Knob(name="mesh", ratios=[*sources.meshes], changes=changes))
     else:
-        listed.append(Bound(name="mesh", bounds={MACRO: Term(NO_MESH)}))
+        listed.append(upscaling.Bound(name="mesh", bounds={MACRO: Term(NO_MESH)}))
     value = answers(result)
     if cycles is not None:
         moving = 1.0 * (np.arange(steps.size) >= rests.size)
         if sources.beds:
             fewer = Change(sources.beds, slabs=SLABS // 2)
             how = f"beds of {SLABS} and {SLABS // 2} slabs"
-            listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=how))
+            listed.append(
+                upscaling.Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=how)
+            )
         if sources.meshes:
             richardson = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
             share = np.where(moving == 0.0, 0.0, richardson)
-            listed.append(Knob(name="load steps", answers=[value], share=share))
-    budget = propagate(
+            listed.append(upscaling.Knob(name="load steps", answers=[value], share=share))
+    budget = upscaling.propagate(
         names,
         listed,
         solve,
@@ -259,7 +395,7 @@ def _measured(
     n_rests: int,
     asked: JointAnswers,
     names: np.ndarray,
-) -> tuple[list[Source], list[str]]:
+) -> tuple[list[upscaling.Source], list[str]]:
     """Return the sources of error of a law at the pressures of its joints, and cautions.
 
     The pressures are taken at ``steps``, the first ``n_rests`` of which are at rest. The loss of a
@@ -281,7 +417,7 @@ def _measured(
         number = result["point_joint"].to_numpy()[inside]
         length, extent = _lengths(place, number, joint_area, pressure[n_rests - 1])
         scales = compare_scales(wavelength, cell, length, extent=extent)
-        law, cautions = with_scales(law, scales), list(scales.cautions)
+        law, cautions = upscaling.with_scales(law, scales), list(scales.cautions)
         cells[:] = effective_cells(pressure, joint_area, cell)
         if cycles is not None:
             cells[0, n_rests:] = effective_cells(cycles.density[:, inside], joint_area, cell)
@@ -290,7 +426,7 @@ def _measured(
         cells *= scales.cell_ratio**2
     # errors of the cycles of the cells
     lost = names[:, None] == ("" if cycles is None else cycles.loss)
-    listed: list[Source] = []
+    listed: list[upscaling.Source] = []
     bounds: dict[str, Term] = {}
     if cycles is not None:
         cautions += [] if "shear_loss_ratio" in law else [UNKNOWN_LOSS]
@@ -300,7 +436,7 @@ def _measured(
         if "shear_loss_grid_error" in law:
             grid = Term("the loss ratio on two grids", law["shear_loss_grid_error"].to_numpy())
             bounds["micro discretisation"] = _part_of(grid, lost * share)
-        listed.append(Bound(name="cycles of the cells", of=group.name, bounds=bounds))
+        listed.append(upscaling.Bound(name="cycles of the cells", of=group.name, bounds=bounds))
         slope = np.zeros((names.size, steps.size))
         slope[names == cycles.slip, -cycles.slope.size :] = cycles.slope
         listed.append(
@@ -315,7 +451,9 @@ def _measured(
     return [source.averaged(shared) for source in listed], cautions
 
 
-def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, name: str) -> Source:
+def _uneven_slip(
+    law: Dataset, pressure: np.ndarray, rate: np.ndarray, name: str
+) -> upscaling.Source:
     """Return the scatter of stiffness between the cells of one joint as a source of its slip.
 
     Where one cell is stiffer than others, it carries more of the shear and slips more; a law that
@@ -327,7 +465,7 @@ def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, name: str
         few = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
         data = np.log(law["fit_pressure"].to_numpy())
         half_width[FEW_CELLS] = np.interp(np.log(pressure), data, few.to_numpy())
-    return Uncertainty(name="uneven slip", of=name, half_width=half_width, rate=rate)
+    return upscaling.Uncertainty(name="uneven slip", of=name, half_width=half_width, rate=rate)
 
 
 def _part_of(term: Term, rows: np.ndarray) -> Term:
@@ -342,10 +480,7 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 def _lengths(
     place: np.ndarray, number: np.ndarray, area: np.ndarray, pressure: np.ndarray
 ) -> tuple[float, float]:
-    """Length over which the pressure of a joint varies, at most its edge, and this edge, m.
-
-    Both are the least values of all joints; ``number`` is the joint of each point.
-    """
+    """Least length over which the pressure of a joint varies, at most its edge, and edge, m."""
     lengths, extents = [], []
     for joint in np.unique(number):
         inside = number == joint

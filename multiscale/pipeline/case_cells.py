@@ -25,8 +25,7 @@ from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 from multiscale.upscaling.scales import ScaleSeparation, compare_scales
 
-ALIKE = 1e-3
-"""Relative error of the compliance of a mode below which a single body replaces both."""
+ALIKE = 1e-3  # relative error of the compliance of a mode below which a single body replaces both
 
 
 def composite_material(case: Case) -> tuple[float, float]:
@@ -84,10 +83,7 @@ def _composites(sides: list[RoughSide]) -> list[Surface]:
 
 
 def try_cells(case: Case) -> None:
-    """Refuse cells that cannot be built, by building the first, and maps with too few windows.
-
-    The cells of a planner are not checked, as the planner chooses them.
-    """
+    """Refuse cells that cannot be built, and small maps, unless a planner chooses."""
     if case.accuracy is None:
         measured_cells(case, made=1)
 
@@ -341,11 +337,7 @@ def two_bodies(
 
 
 def joint_scales(case: Case) -> ScaleSeparation | None:
-    """Compare the scales of the cells with the width of an interface under even pressure.
-
-    No pressure varies over less than the width. Returns None if the pressure on the interface is
-    not even, or the case has no structure.
-    """
+    """Compare the scales of cells and interface; None if the pressure is not even."""
     if case.interface_width is None:
         return None
     return compare_scales(longest_wave(case), max(case.cell.size), case.interface_width)
@@ -359,12 +351,7 @@ def case_budget(
     sheared: Mapping[float, Dataset] = {},
     control: Dataset | None = None,
 ) -> Dataset:
-    """Estimate the errors of the law of a case with cells of one size.
-
-    ``response`` belongs to the loading, ``control``, if any, to flat cells. ``pressed`` are
-    responses of the first cells on several grids and ``sheared`` laws with a tangential branch, by
-    the ratio of the spacings. The estimate follows ``ERROR_BUDGET``.
-    """
+    """Estimate the errors of the law, with cells and sheared laws by the ratio of spacings."""
     budget = error_budget(
         response,
         law,

@@ -178,8 +178,7 @@ def _answer(statistics: Dataset) -> Iterator[str]:
     yield from filter(None, [statistics.attrs["held"]])
 
 
-LAY = 1.5
-"""Ratio of slopes from which a surface has a lay."""
+LAY = 1.5  # ratio of slopes from which a surface has a lay
 
 
 def _reliable_range(statistics: Dataset) -> str:
@@ -189,10 +188,7 @@ def _reliable_range(statistics: Dataset) -> str:
 
 
 def tabulate_statistics(statistics: Dataset, *, measured: bool) -> list[tuple[str, str]]:
-    """Return names and values of ``SURFACE_STATISTICS`` as rows.
-
-    Only a measured surface has undefined points, reliable wavelengths and a fit to the spectrum.
-    """
+    """Return names and values of ``SURFACE_STATISTICS`` as rows."""
 
     def value_of(name: str, unit: str = "m", digits: int = 3) -> str:
         value = float(statistics[name])

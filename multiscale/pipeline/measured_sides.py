@@ -30,12 +30,9 @@ from multiscale.surfaces import (
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
 
-STAGES = ("map", "windows", "cells")
-"""Labels of the dimension ``stage`` of the roughness of a body."""
-
+STAGES = ("map", "windows", "cells")  # labels of the dimension ``stage`` of the roughness of a body
 FEWEST_PIXELS = 16  # measured points across a window
-HELD = 0.9
-"""Share of the rms height and slope of a map below which its cells need a caution."""
+HELD = 0.9  # share of the rms height and slope of a map below which its cells need a caution
 
 MINOR = 0.99
 """Share of the roughness of both bodies above which the loss of a single body needs no caution."""
@@ -100,7 +97,9 @@ def cut_windows(
     of_map = of_map or spectrum([whole], periodic=False)
     if len(corners) < needed:
         refusal = _too_few(whole, settings, size, len(corners), needed)
-        for repeats in _repeats(cell, of_map, share) if other_map else ():
+        # windows repeat along an edge on the grid, as long as they hold most modes
+        most = int(min(cell.size) / of_map.length_holding(HELD) * share) if other_map else 0
+        for repeats in (k for k in range(2, most + 1) if not any(n % k for n in cell.points)):
             size = (share * cell.size[0] / repeats, share * cell.size[1] / repeats)
             pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
             corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
@@ -151,13 +150,6 @@ def cut_windows(
         ),
         losses,
     )
-
-
-def _repeats(cell: CellSettings, of_map: Spectrum, window_share: float) -> list[int]:
-    """Return how often windows may repeat along an edge, on the grid and with most modes."""
-    least = of_map.length_holding(HELD) / window_share
-    most = int(min(cell.size) / least)
-    return [k for k in range(2, most + 1) if not any(n % k for n in cell.points)]
 
 
 def _cutoff(

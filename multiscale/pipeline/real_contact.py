@@ -13,11 +13,8 @@ from multiscale.upscaling import Uncertainty, area_from_dataset, cell_share
 from multiscale.upscaling.budget import has_budget, known_terms
 from multiscale.upscaling.reading import TABLE
 
-ELASTIC = 0.01
-"""Mean real pressure over the contact modulus above which most metals flow."""
-
-ABOVE = 1.1
-"""Mean real pressure over the hardness above which there is a caution."""
+ELASTIC = 0.01  # mean real pressure over the contact modulus above which most metals flow
+ABOVE = 1.1  # mean real pressure over the hardness above which there is a caution
 
 
 def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndarray:
@@ -29,10 +26,7 @@ def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndar
 def contact_source(
     law: Dataset, pressure: np.ndarray, answers: np.ndarray, of: str = ""
 ) -> Uncertainty:
-    """Return the contact fraction of a law as a source of error.
-
-    ``answers``, shape (answers,), is True for answers that are real pressures.
-    """
+    """Return the contact fraction of a law as a source of error of ``answers``, bool."""
     data, half_width = np.log(law["fit_pressure"].to_numpy()), {}
     for term in known_terms(law):
         errors = law.sel(quantity="contact_fraction", error_term=term)
@@ -43,10 +37,7 @@ def contact_source(
 
 
 def with_real_pressure(case: Case, response: Dataset) -> Dataset:
-    """Return a response with its mean real pressure, a sentence on the flow, and cautions.
-
-    The response has nominal pressures.
-    """
+    """Return a response with its mean real pressure, a sentence on the flow, and cautions."""
     p = response["nominal_pressure"].to_numpy()
     good, area = response["converged"].to_numpy() == 1, response["contact_fraction"].to_numpy()
     real = np.where(good, real_pressure(p, area), np.nan)
@@ -113,10 +104,7 @@ def unknown_cells(law: Dataset) -> list[str]:
 
 
 def with_contact(result: Dataset, law: Dataset) -> Dataset:
-    """Return the result of rough joints with their real contact, and facts about the cells.
-
-    Without a contact area in the law the result has no contact fraction and real pressure.
-    """
+    """Return the result of rough joints with real contact, if the law has it, and facts."""
     facts, area = behaviour(law), result["point_area"].to_numpy()
     if "cell_size" in law.attrs:
         number = result["point_joint"].to_numpy()
@@ -136,10 +124,7 @@ def with_contact(result: Dataset, law: Dataset) -> Dataset:
 
 
 def with_interface_contact(result: Dataset, laws: Sequence[Dataset | None]) -> Dataset:
-    """Return the result of bodies with the mean real pressure of every interface.
-
-    Interfaces with a stated law (None), or a law without contact area, have NaN.
-    """
+    """Return a result with the mean real pressure of interfaces, NaN where the law has no area."""
     real = real_pressure(*_carried(result, laws))
     if np.isnan(real).all():
         return result

@@ -14,8 +14,7 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.toml_model import read_toml
 from multiscale.schema import Dataset
 
-MOST_KEYS = 4
-"""Keys that a message names."""
+MOST_KEYS = 4  # keys that a message names
 
 
 def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:

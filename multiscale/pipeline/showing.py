@@ -24,8 +24,7 @@ from multiscale.upscaling.budget import (
     unknown_terms,
 )
 
-Rows: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
-"""Head and rows of text."""
+Rows: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]  # head and rows of text
 
 INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 """Both intervals of an answer; see :func:`multiscale.upscaling.with_intervals`."""
@@ -34,15 +33,12 @@ TWO_DIGITS = 3.55
 """Leading digits of an error up to which two digits are written, by the rule of the PDG."""
 
 REPORTED = 0.1  # share of the error of an answer above which a sensitivity is shown
-
-MOST_BUDGETS = 6
-"""Largest number of steps in the table of an error budget."""
+MOST_BUDGETS = 6  # largest number of steps in the table of an error budget
 
 NEGLIGIBLE = 1e-5
 """Relative error below which an error budget shows an upper bound instead of the number."""
 
-ROUNDING = 1e-9
-"""Relative error up to which an error is rounding only."""
+ROUNDING = 1e-9  # relative error up to which an error is rounding only
 
 FOUR_DIGITS = 5e-4
 """Relative error below which an answer has four digits if a term of its error is not known."""
@@ -240,10 +236,7 @@ def round_by(value: float, half_width: float) -> str:
 
 
 def format_interval(value: float, ends: np.ndarray, bound: str = "") -> str:
-    """Write an interval about a value, in per cent where its ends would have the same digits.
-
-    The text is empty if the error is rounding only, and ends with ``bound``.
-    """
+    """Write an interval, in per cent if its ends have the same digits; empty if rounding."""
     low, high = ends
     half, size = 0.5 * (high - low), abs(value)
     if not np.isfinite(half) or (bound and half <= ROUNDING * size):
@@ -276,11 +269,7 @@ def format_share(share: float) -> str:
 
 
 def format_total_error(step: Dataset, name: str) -> str:
-    """Error of a quantity of a budget, per cent, as its interval if it has one.
-
-    It ends with the mark of a lower bound if a term is not known, and is unknown if no term is
-    known.
-    """
+    """Error of a quantity of a budget, per cent, as its interval if it has one."""
     known = known_error(step.sel(quantity=[name])).item()
     bound = _bound(step, name)
     if not known > ROUNDING:
@@ -438,11 +427,7 @@ def tabulate_budget(result: Dataset, quantity: str | None = None) -> Rows:
 
 
 def tabulate_sensitivity(result: Dataset) -> Rows:
-    """Head and rows of relative changes of answers, per cent, if parameters increase.
-
-    Each parameter increases by its half-width; steps are as in :func:`tabulate_budget`. Changes of
-    less than a tenth of the error of the answer are left out.
-    """
+    """Head and rows of the changes of answers, per cent, if a parameter grows by its half-width."""
     known = np.flatnonzero(result["sensitivity"].notnull().any(("parameter", "quantity")))
     some = known[np.unique(np.linspace(0, known.size - 1, MOST_BUDGETS).round().astype(int))]
     shown = result.isel(step=some)

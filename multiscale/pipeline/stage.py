@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.tables.toml_model import Settings
 
-Datasets: TypeAlias = "Mapping[str, Dataset]"
-"""Dataset of every stage, by its name."""
+Datasets: TypeAlias = "Mapping[str, Dataset]"  # dataset of every stage, by its name
 
 ShowProgress: TypeAlias = Callable[[int, int, str], None]
 """Called with the number of finished items, their total, and their name, as ``"realisations"``."""
@@ -73,10 +72,7 @@ class Job:
     def ensemble(
         self, folder: str, identity: str, count: int, items: str, *, each: int = 1
     ) -> dict[str, Any]:
-        """Return the keywords of :func:`multiscale.micro.run_ensemble` for an ensemble.
-
-        The ensemble has ``count`` jobs of ``each`` items; the progress counts items.
-        """
+        """Return keywords of :func:`multiscale.micro.run_ensemble`, for jobs of ``each`` items."""
         return {
             "executor": self.executor,
             "folder": self.out / folder,
@@ -135,10 +131,7 @@ class Shown:
         return [draw(make_folder(folder) / f"{name}.png") for name, draw in figures]
 
     def lines(self, dataset: Dataset, sections: Iterable[Section] | None = None) -> list[str]:
-        """Return the lines of the command line: tables, the answer below the first, and remarks.
-
-        The sections default to the sections of this dataset.
-        """
+        """Return the lines of the command line: tables, the answer below the first, and remarks."""
         if sections is None:
             sections = self.sections({self.name: dataset}, Path())
         printed: list[str] = []
@@ -201,10 +194,7 @@ def with_sample_band(dataset: Dataset, name: str) -> Dataset:
 def format_table(
     title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, notes: bool = False
 ) -> list[str]:
-    """Return a title, a head and rows as lines with aligned columns; with notes the last is text.
-
-    Heads longer than their column are broken at a space into two lines.
-    """
+    """Return a title, a head and rows as lines with aligned columns; notes are left."""
     heads = []
     for name, *cells in zip(head, *rows, strict=True):
         words = name.split(" ")

@@ -1,6 +1,6 @@
 """Stages that solve a structure, and bodies that are built and condensed for their solver."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import count
@@ -56,10 +56,7 @@ def require_known(result: Dataset, answer: str) -> None:
 def choose_solver(
     case: Case, size: "substructures.JointSize", team: "ProcessGroup | None" = None
 ) -> "substructures.MethodChoice":
-    """Choose the solver of bodies, unless the case names it.
-
-    ``[substructures]`` and many processes ask for LATIN.
-    """
+    """Choose the solver of bodies, unless the case names it, or asks for substructures."""
     method, shared = case.statics.method, team is not None and team.size > 1
     if method == "newton":
         if shared:
@@ -72,43 +69,21 @@ def choose_solver(
     return substructures.choose_method(size, case.cut.method(team) if asks else None)
 
 
-def counting(method: "substructures.Method", job: Job, steps: int) -> "substructures.Method":
-    """Return the method that shows which of so many load steps are finished."""
-    done = count(1)
-    job.progress(0, steps, "load steps")  # the first step forecasts the time of all
-    return replace(method, after_step=lambda: job.progress(next(done), steps, "load steps"))
-
-
-def solver_needs(
-    chosen: "substructures.MethodChoice", size: "substructures.JointSize", slabs: int
-) -> Needs:
+def solver_needs(structure: Bodies | RoughBodies, case: Case) -> Needs:
     """Return the needs of the chosen solver of bodies, and the reason of the choice."""
+    size = structure.joint_size(case)
+    chosen = choose_solver(case, size)
     taken = chosen.taken
     needs = substructures.cut_needs(
         size.unknowns,
         joint_points=size.joint_points,
         substructures=taken.substructures,
         coarse=taken.method.coarse,
-        slabs=slabs,
+        slabs=structure.slabs(case) if size.joint_points else 0,
     )
     choice = Choice("method", chosen.explain())
     seconds = (1 + SOLVES) * taken.seconds
     return replace(needs, memory=taken.memory, seconds=seconds, choices=(choice, *needs.choices))
-
-
-def with_law_cautions(
-    result: Dataset, case: Case, datasets: Datasets, laws: Mapping[str, Dataset]
-) -> Dataset:
-    """Add the cautions of laws, by their names, once each.
-
-    Cautions of the law of the cells of the case are reported by the stage of the law.
-    """
-    reported = list_cautions(datasets[INTERFACE_LAW.name]) if case.has_cells else []
-    for name, law in laws.items():
-        further = [caution for caution in list_cautions(law) if caution not in reported]
-        reported += further
-        result = with_cautions(result, *(f"{name}: {caution}" for caution in further))
-    return result
 
 
 def structure_stage(
@@ -219,6 +194,17 @@ class ReadyBodies:
         """The solver."""
         return self.chosen.taken.method
 
+    def solve(self, follow: Follow, steps: int, datasets: Datasets, job: Job) -> Dataset:
+        """Follow the path, of so many load steps, with cautions of laws and volumes."""
+        done, areas = count(1), self.parts.assembly.areas
+        job.progress(0, steps, "load steps")  # the first step forecasts the time of all
+        method = replace(
+            self.method, after_step=lambda: job.progress(next(done), steps, "load steps")
+        )
+        followed = follow(self.structure.small, areas, method, extrapolate=self.case.extrapolate)
+        result = self.structure.restore(followed)
+        return with_cautions_of(result, self.bodies, self.case, datasets, self.laws)
+
     def again(self, follow: Follow, near: object) -> "SolveAgain":
         """Return the solve of the path with a change, started from the path without a change."""
         problem, areas = self.structure.small, self.parts.assembly.areas
@@ -265,14 +251,16 @@ class SolveAgain:
 def with_cautions_of(
     result: Dataset, bodies: Bodies, case: Case, datasets: Datasets, laws: Sequence[Dataset | None]
 ) -> Dataset:
-    """Add the cautions of laws, once each, and of representative volumes from other cases.
-
-    Cautions of the `[rve]` of the case are reported by its stage.
-    """
+    """Add the cautions of laws, once each, and of representative volumes from other cases."""
     named = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
     if len(named) == len(laws) > 0 and all(law is laws[0] for law in laws):
         named = {"its law": next(iter(named.values()))}
-    result = with_law_cautions(result, case, datasets, named)
+    # the stage of the law reports the cautions of the cells of the case
+    reported = list_cautions(datasets[INTERFACE_LAW.name]) if case.has_cells else []
+    for name, law in named.items():
+        further = [caution for caution in list_cautions(law) if caution not in reported]
+        reported += further
+        result = with_cautions(result, *(f"{name}: {caution}" for caution in further))
     result = with_cautions(result, *bodies.assumed(case))
     for body in bodies.bodies:
         result = with_cautions(result, *doubt_density(body.name, body.density))

@@ -36,8 +36,7 @@ from multiscale.upscaling.budget import has_budget, unknown_terms
 
 MOST_POINTS = 100_000
 
-MOST_KEPT = 100
-"""Largest number of points with run folders that stay without request."""
+MOST_KEPT = 100  # largest number of points with run folders that stay without request
 MOST_JOINED = 500  # points that are in memory before they are joined
 MOST_LETTERS = 60  # of the name of a folder, without its checksum
 
@@ -105,16 +104,16 @@ class Sweep:
 
     def folders(self, out: Path) -> list[Path]:
         """Run folder of each point, named after its values, so that a sweep may grow."""
-        names = (_readable_name(self.parameters, setting) for setting in self.settings)
+        names = []
+        for setting in self.settings:  # the last parts of the keys, and the values
+            pairs = (
+                f"{key.split('.')[-1]} {text}"
+                for key, text in zip(self.parameters, setting, strict=True)
+            )
+            words = re.split(r"[^\w.+]+", " ".join(pairs), flags=re.ASCII)
+            names.append("-".join(filter(None, words))[:MOST_LETTERS] or "point")
         sums = (case.checksum()[:8] for case in self.points)
         return [out / "points" / f"{name}-{sum_}" for name, sum_ in zip(names, sums, strict=True)]
-
-
-def _readable_name(parameters: Sequence[str], setting: Sequence[str]) -> str:
-    """Name a folder after the keys of a point and their values, up to :data:`MOST_LETTERS`."""
-    pairs = (f"{key.split('.')[-1]} {text}" for key, text in zip(parameters, setting, strict=True))
-    words = re.split(r"[^\w.+]+", " ".join(pairs), flags=re.ASCII)
-    return "-".join(filter(None, words))[:MOST_LETTERS] or "point"
 
 
 def load_sweep(case: str | Path) -> Sweep:

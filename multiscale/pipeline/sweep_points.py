@@ -7,31 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from multiscale.pipeline.showing import (
-    LOWER_BOUND,
-    Rows,
-    format_error_behind,
-    format_interval,
-    format_sides,
-    padded,
-    round_by,
-)
+from multiscale.pipeline import showing
 from multiscale.pipeline.stage import Datasets, Section, Shown
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.schema import SWEEP, Dataset
 
-MOST_NAMED = 3
-"""Points that are named for one caution."""
-
-MOST_SENTENCES = 10
-"""Sentences that are shown of cautions, and of points without a result."""
-
-NUMBER = re.compile(r"\b\d[\d.e+-]*( \S+)?")
-"""A number and its unit."""
-
-MOST_SHOWN = 200
-"""Points of a table or a figure."""
+MOST_NAMED = 3  # points that are named for one caution
+MOST_SENTENCES = 10  # sentences that are shown of cautions, and of points without a result
+NUMBER = re.compile(r"\b\d[\d.e+-]*( \S+)?")  # A number and its unit
+MOST_SHOWN = 200  # points of a table or a figure
 
 
 def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
@@ -116,7 +101,7 @@ def _answer(result: Dataset) -> Iterator[str]:
         finite = np.flatnonzero(np.isfinite(values))
         if finite.size:
             extremes = finite[[values[finite].argmin(), values[finite].argmax()]]
-            limits = dict.fromkeys(round_by(values[k], half_width[k]) for k in extremes)
+            limits = dict.fromkeys(showing.round_by(values[k], half_width[k]) for k in extremes)
             ranges.append(f"{label} {' to '.join(limits)}{'' if unit == '1' else f' {unit}'}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     points = f"{'all' if solved == count else f'the {solved} with a result of'} {count} points"
@@ -147,7 +132,7 @@ def _list_missing(result: Dataset) -> list[str]:
     missing = ", ".join(
         dict.fromkeys(name for terms in lists if terms for name in terms.split(", "))
     )
-    marked = f"Intervals that end with '{LOWER_BOUND.strip()}' do not count unknown terms"
+    marked = f"Intervals that end with '{showing.LOWER_BOUND.strip()}' do not count unknown terms"
     return [f"{marked}: {missing}."] if missing else []
 
 
@@ -184,7 +169,7 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
         yield Section("All steps", text, head, rows, printed=False)
 
 
-def tabulate_sweep(result: Dataset) -> Rows:
+def tabulate_sweep(result: Dataset) -> showing.Rows:
     """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
     names = list(map(str, result["answer"].values))
     head = tuple(_answer_head(result, name) for name in names)
@@ -194,16 +179,12 @@ def tabulate_sweep(result: Dataset) -> Rows:
         zip(result["setting"].values, result["failure"].values, strict=True)
     ):
         answers = ("no result",) if failure else tuple(column[k] for column in columns)
-        rows.append(padded((*map(str, setting), *answers), (*setting, *head)))
+        rows.append(showing.padded((*map(str, setting), *answers), (*setting, *head)))
     return (*map(str, result["parameter"].values), *head), rows
 
 
-def _tabulate_steps(result: Dataset) -> Rows:
-    """Return head and rows of a sweep at all steps of its points, with errors.
-
-    Only answers over the steps have columns; there are no rows if no answer has steps. The error is
-    half of the interval of one part, or else of the mean law.
-    """
+def _tabulate_steps(result: Dataset) -> showing.Rows:
+    """Return head and rows of a sweep at all steps of its points, with errors, if it has steps."""
     over = {str(entry.answer.item()): str(entry.item()) for entry in result["answer_over"]}
     along = next(filter(None, over.values()), "")
     if not along:
@@ -236,8 +217,8 @@ def _with_error(point: Dataset, name: str, step: int) -> str:
             half, size, bound = 0.5 * (high - low), abs(scale * value), _bounds(point).item()
             if half >= size:  # of an answer that may be zero, such as a leak rate
                 return f"{scale * value:.3g} ({low:.2g} ... {high:.2g}){bound}"
-            error = format_sides(scale * value, np.array([low, high]), bound)
-            return f"{round_by(scale * value, half)}{format_error_behind(error)}"
+            error = showing.format_sides(scale * value, np.array([low, high]), bound)
+            return f"{showing.round_by(scale * value, half)}{showing.format_error_behind(error)}"
     return f"{scale * value:.4g}"
 
 
@@ -252,8 +233,8 @@ def _column(result: Dataset, name: str) -> list[str]:
             texts.append("unknown")
             continue
         half = 0.5 * float(np.ptp(limits))
-        band = format_interval(value, limits, bound) if np.isfinite(half) else ""
-        texts.append(f"{round_by(value, half)}{f' ({band})' if band else ''}")
+        band = showing.format_interval(value, limits, bound) if np.isfinite(half) else ""
+        texts.append(f"{showing.round_by(value, half)}{f' ({band})' if band else ''}")
     return texts
 
 
@@ -261,7 +242,7 @@ def _bounds(result: Dataset) -> np.ndarray:
     """Return the mark of lower bounds at every point of a sweep with an unknown term."""
     if "missing_terms" not in result:
         return np.full(result["failure"].shape, "")
-    return np.where(result["missing_terms"].values != "", LOWER_BOUND, "")
+    return np.where(result["missing_terms"].values != "", showing.LOWER_BOUND, "")
 
 
 POINTS = Shown(

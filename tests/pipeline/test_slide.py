@@ -9,7 +9,7 @@ from multiscale.micro import Path, solve_cell
 from multiscale.micro.slide import slide_cell
 from multiscale.pipeline import make_cells, requirements, run
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.stages.sliding import make_pair
+from multiscale.pipeline.stages.ensembles import make_pair
 from multiscale.schema import SLIDING_RESPONSE
 from tests.support import case_of
 

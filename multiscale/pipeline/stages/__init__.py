@@ -3,24 +3,18 @@
 from collections.abc import Container
 
 from multiscale.pipeline.stage import Stage
-from multiscale.pipeline.stages.body_fatigue import BODY_FATIGUE
+from multiscale.pipeline.stages import ensembles
+from multiscale.pipeline.stages.body_life import BODY_FATIGUE, CRACKING_BODY
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.stages.cracked_body import CRACKED_BODY_STAGE
 from multiscale.pipeline.stages.cut_structures import CONDENSED_PARTS, LINKS, PLATE
-from multiscale.pipeline.stages.ensembles import (
-    COARSER_CELLS,
-    COARSER_SHEAR,
-    CONTROL_CELLS,
-    SHEARED_CELLS,
-)
+from multiscale.pipeline.stages.ensembles import SLIDING
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW, ROADS
-from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 from multiscale.pipeline.stages.volumes import GROWING_CRACKS, REPRESENTATIVE_VOLUME
 
@@ -31,10 +25,10 @@ STAGES: tuple[Stage, ...] = (
     GROWING_CRACKS,
     SLIDING,
     CELLS,
-    SHEARED_CELLS,
-    COARSER_CELLS,
-    COARSER_SHEAR,
-    CONTROL_CELLS,
+    ensembles.SHEARED_CELLS,
+    ensembles.COARSER_CELLS,
+    ensembles.COARSER_SHEAR,
+    ensembles.CONTROL_CELLS,
     FITTED_LAW,
     RING_SEAL,
     JOINT,
@@ -46,7 +40,7 @@ STAGES: tuple[Stage, ...] = (
     ROUGH_JOINTS,
     LOADED_BODIES,
     BODY_FATIGUE,
-    CRACKED_BODY_STAGE,
+    CRACKING_BODY,
     VIBRATING_BODIES,
     GRAINS,
     CONDENSED_PARTS,

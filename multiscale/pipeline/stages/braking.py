@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from multiscale import macro
+from multiscale import macro, upscaling
 from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
@@ -21,29 +21,15 @@ from multiscale.plotting.law_figures import plot_footprint
 from multiscale.plotting.lines import plot_lines
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
-from multiscale.upscaling import (
-    Bound,
-    Knob,
-    Source,
-    cell_share,
-    fit_law,
-    law_from_dataset,
-    observe,
-    propagate,
-    with_budget,
-)
 from multiscale.upscaling.budget import MACRO, NORMAL, Term
 from multiscale.upscaling.reading import frictions_at
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
 OTHERS = "not known: {} were solved; run the case with {} in [cell], and compare"
 
-REPORTED = 0.05
-"""Error of the law over the peak of the friction from which a caution is issued."""
-
+REPORTED = 0.05  # error of the law over the peak of the friction from which a caution is issued
 SLIDE_TIME = 1.2e-9  # s of a footprint, over the cube of its unknowns, about
-MOST_SAMPLES = 20
-"""Samples of the law for which braking forces are computed, at most."""
+MOST_SAMPLES = 20  # samples of the law for which braking forces are computed, at most
 
 
 def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
@@ -112,7 +98,7 @@ def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
     total = result["error_total"].where(result["known"] == 1)
     edge = min(case.tread.length, case.tread.width)
     return result.assign(error_total=total).assign_attrs(
-        facts=cell_share(max(case.cell.size), edge)
+        facts=upscaling.cell_share(max(case.cell.size), edge)
     )
 
 
@@ -150,8 +136,8 @@ def _normal_law(response: Dataset, temperature: float, speed: float) -> Exponent
     )
     steps = response.isel(step=np.flatnonzero(at))
     gaps = np.where(steps["converged"].values == 1, steps["mean_gap"].values, np.nan)
-    seen = observe("gap", steps["nominal_pressure"].values, gaps)
-    law = law_from_dataset(fit_law(seen, family="exponential", n_samples=0))
+    seen = upscaling.observe("gap", steps["nominal_pressure"].values, gaps)
+    law = upscaling.law_from_dataset(upscaling.fit_law(seen, family="exponential", n_samples=0))
     if not isinstance(law, Exponential):
         raise TypeError(f"expected an exponential law, got {type(law).__name__}")
     return law
@@ -235,14 +221,7 @@ TABLE = Table(
 
 
 def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarray]) -> Dataset:
-    """Return the result of a tread block with the error budget of its braking force.
-
-    Notes
-    -----
-    - *sampling*: from the standard deviation over samples of the law;
-    - *fit*: from the root mean square between the fitted curve and the cells;
-    - *macro discretisation*: :func:`multiscale.upscaling.estimate_grid_error`.
-    """
+    """Return the result of a tread block with the error budget of its braking force."""
     force = np.abs(result["braking_force"].to_numpy())
     nothing = np.zeros((1, force.size))
     missed = float(law.attrs["rms_error_over_peak"]) * float(law["peak_coefficient"])
@@ -269,16 +248,18 @@ def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarr
             "not known: elements of twice the size do not fit; give smaller ones in [tread]"
         ),
     }
-    sources: list[Source] = []
+    sources: list[upscaling.Source] = []
     if result.sizes.get("sample", 0) > 1:
         samples = result["braking_force_sample"].to_numpy()
         scatter = NORMAL * np.std(samples, axis=0, ddof=1) / force
         bounds["sampling"] = Term(f"{len(samples)} bootstrap samples of the law", scatter)
     if coarser:
         del bounds[MACRO]
-        sources.append(Knob(name="elements", ratios=[*coarser], answers=[*coarser.values()]))
-    sources.append(Bound(name="law of friction", bounds=bounds))
-    return with_budget(result, propagate("braking_force", sources, value=force))
+        sources.append(
+            upscaling.Knob(name="elements", ratios=[*coarser], answers=[*coarser.values()])
+        )
+    sources.append(upscaling.Bound(name="law of friction", bounds=bounds))
+    return upscaling.with_budget(result, upscaling.propagate("braking_force", sources, value=force))
 
 
 BRAKING = Stage(

@@ -13,17 +13,7 @@ from multiscale.io.fields import write_surface_fields
 from multiscale.micro import FlatCell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_cells import (
-    cell_of,
-    coating_caution,
-    composite_material,
-    flat_bodies,
-    flat_composite,
-    longest_wave,
-    measured_cells,
-    surface_modulus,
-    try_cells,
-)
+from multiscale.pipeline import case_cells
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.inspection import tabulate_statistics
 from multiscale.pipeline.measured_sides import STAGES, Measured
@@ -38,13 +28,8 @@ from multiscale.pipeline.stage import (
     unseen,
 )
 from multiscale.pipeline.tables.settings import Case
+from multiscale.plotting import surface_figures
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.surface_figures import (
-    plot_bearing_curve,
-    plot_contact_map,
-    plot_spectral_density,
-    plot_surface,
-)
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
@@ -57,9 +42,7 @@ MESH_CAUTION = (
 )
 
 STEEP = 0.3  # root mean square slope
-
-MAP = (4.7, 4.0)
-"""Width and height of a figure of a square map with its colour bar, inches."""
+MAP = (4.7, 4.0)  # width and height of a figure of a square map with its colour bar, inches
 
 SLOPE_OF_PAIR = 8.0
 """Error of the second order in the slope, over its change times the slope; 6 to 11 measured."""
@@ -115,7 +98,7 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
 
 def _press(case: Case, job: Job) -> Dataset:
     """Press all cells of a case in the folder of a job."""
-    (cells, measured), identity = measured_cells(case), case.identity()
+    (cells, measured), identity = case_cells.measured_cells(case), case.identity()
     response = run_ensemble(
         cells,
         LoadPath(pressure=case.micro.path),
@@ -134,24 +117,24 @@ def _press(case: Case, job: Job) -> Dataset:
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
     if case.cell.mesh is None:
-        pair, folder = flat_bodies(case), job.out / "micro-slope-order"
-        composite = None if isinstance(cells[0], FlatCell) else flat_composite(case)
+        pair, folder = case_cells.flat_bodies(case), job.out / "micro-slope-order"
+        composite = None if isinstance(cells[0], FlatCell) else case_cells.flat_composite(case)
         response = with_slope_errors(
             response, pair, folder, identity, composite, sparing=job.sparing
         )
     response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
-        contact_modulus=contact_modulus(composite_material(case)),
-        surface_modulus=surface_modulus(case),
+        contact_modulus=contact_modulus(case_cells.composite_material(case)),
+        surface_modulus=case_cells.surface_modulus(case),
         coatings=" and ".join(f"body_{k}" for k, body in enumerate(case.bodies, 1) if body.coating),
-        longest_wave=longest_wave(case),
+        longest_wave=case_cells.longest_wave(case),
         cell_size=max(case.cell.size),
         bodies=(COMPOSITE if case.cell.mesh is None else MESHED),
         identity=identity,
         cautions="\n".join(
             [
                 *case.cautions(),
-                *coating_caution(case),
+                *case_cells.coating_caution(case),
                 *(
                     [MESH_CAUTION]
                     if case.cell.mesh is not None
@@ -169,10 +152,7 @@ def _press(case: Case, job: Job) -> Dataset:
 
 
 def write_fields(case: Case, cells: Path, out: Path) -> None:
-    """Write the surface fields of realisation 0, as dataset and for ParaView.
-
-    They are read from the folder ``micro`` in ``cells`` and go to the folder ``fields`` in ``out``.
-    """
+    """Write the surface fields of realisation 0 in the folder ``cells`` into the folder ``out``."""
     file = cells / "micro" / "realisation-0000.nc"
     local = open_dataset(file, MICRO_RESPONSE).isel(realisation=0)
     fields = FIELDS.build(
@@ -288,7 +268,7 @@ def _with_roughness(response: Dataset, measured: Mapping[str, Measured]) -> Data
 
 
 def _needs(case: Case) -> Needs:
-    cell = cell_of(case, Surface(np.zeros(case.cell.points), case.cell.size))
+    cell = case_cells.cell_of(case, Surface(np.zeros(case.cell.points), case.cell.size))
     needs = cell.needs()
     reader = ("SurfaceTopography",) if case.from_maps else ()
     nx, ny = case.cell.points
@@ -370,8 +350,8 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     if not np.isclose(pressure[step], asked):
         caption += f", the pressure of the cells that is nearest to {1e-6 * asked:.4g} MPa"
     figures = {
-        "surface": on_axes(plot_surface, fields, size=MAP),
-        "contact_map": on_axes(plot_contact_map, fields, step=step, size=MAP),
+        "surface": on_axes(surface_figures.plot_surface, fields, size=MAP),
+        "contact_map": on_axes(surface_figures.plot_contact_map, fields, step=step, size=MAP),
     }
     yield Section("Contact", [f"{caption}."], figures=figures)
     yield from _roughness(fields)
@@ -392,8 +372,10 @@ def _roughness(fields: Dataset) -> Iterator[Section]:
         ["Statistics of the sum of the heights of both bodies, in the first realisation."],
         rows=tabulate_statistics(statistics, measured=False),
         figures={
-            "spectral_density": on_axes(plot_spectral_density, statistics, measured=False),
-            "bearing_curve": on_axes(plot_bearing_curve, statistics),
+            "spectral_density": on_axes(
+                surface_figures.plot_spectral_density, statistics, measured=False
+            ),
+            "bearing_curve": on_axes(surface_figures.plot_bearing_curve, statistics),
         },
     )
 
@@ -407,7 +389,7 @@ CELLS: Stage = Stage(
     },
     run=_run,
     needs=_needs,
-    prepare=try_cells,
+    prepare=case_cells.try_cells,
     sections=_sections,
     work=count_cells,
     folders=("micro", "micro-halved-increments", "micro-slope-order", "plan"),

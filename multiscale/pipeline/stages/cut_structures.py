@@ -34,11 +34,8 @@ FURTHEST = 0.05
 OF_MOTION = "How do the links move, which tensions do they carry, and where does the energy go?"
 """Question of a motion."""
 
-LEAST_SHARE = 1e-3
-"""Share of the energy below which a kind of energy is not reported."""
-
-STRAINED = 0.1
-"""Strain of a taut link above which its linear elastic law does not hold."""
+LEAST_SHARE = 1e-3  # share of the energy below which a kind of energy is not reported
+STRAINED = 0.1  # strain of a taut link above which its linear elastic law does not hold
 
 
 def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Dataset:

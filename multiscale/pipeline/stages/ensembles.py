@@ -1,30 +1,28 @@
-"""Stages: further cells of a case: sheared, coarser, and flat control cells."""
+"""Stages: further cells of a case: sheared, coarser, flat control cells, and cells that slide."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from multiscale.laws.bulk import Elastic
-from multiscale.micro import FiniteCell, Path, run_ensemble, shear_path
+from multiscale import schema
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.micro import FiniteCell, run_ensemble, shear_path, slide_cell
+from multiscale.micro import Path as LoadPath
 from multiscale.micro.averages import Keep
 from multiscale.micro.ensemble import record_realisation, run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells, smooth_pair, two_bodies, two_surfaces
-from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.tables.rough_bodies import RoughBody
 from multiscale.pipeline.tables.settings import CONDUCTIVITIES, Case
-from multiscale.schema import (
-    COARSER_RESPONSE,
-    COARSER_SHEAR_RESPONSE,
-    CONTROL_RESPONSE,
-    MICRO_RESPONSE,
-    SHEAR_RESPONSE,
-    Dataset,
-    PlainDataset,
-    with_cautions,
-)
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.lines import plot_lines
+from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import loading_branch
 from multiscale.upscaling.response_observations import normal_observations
@@ -37,9 +35,7 @@ POINT_FRICTION = "friction_coefficient"
 """Attribute of the response: friction coefficient of points of contact, from the case."""
 
 AMPLITUDE = 1.0  # of the closed cycle, relative to the slip at which a joint begins to slide
-
-BATCH = 16
-"""Cells of a job and its file; a job with windows of a map has a single cell."""
+BATCH = 16  # cells of a job and its file; a job with windows of a map has a single cell
 
 TOLERANCE = 3e-3
 """Tolerance of the flat cells: an error that both cells of a pair share cancels. At 128 x 128
@@ -63,16 +59,11 @@ CHANCE = (
 )
 BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 SHEAR_KEYS = {**BODIES, "micro": {"pressures", "seed", "shear"}}
-FLAT_KEYS = {"pressures", "unload", "seed"}
-"""Keys of the case on which these cells depend."""
+FLAT_KEYS = {"pressures", "unload", "seed"}  # keys of the case on which these cells depend
 
 
-def run_shear(case: Case, job: Job) -> Dataset:
-    """Press the cells over the pressures of the law, release them, and shear them.
-
-    They are pressed on the same grid, so that normal and tangential answers have the same error of
-    the grid.
-    """
+def run_shear(case: Case, job: Job) -> schema.Dataset:
+    """Press the cells over the pressures of the law, on the same grid, and shear them."""
     sheared = _as_sheared(case)
     cells = [_pair(sheared, pair) for pair in two_surfaces(sheared)]
     shear = sheared.micro.shear
@@ -126,10 +117,10 @@ def _shear_needs(case: Case) -> Needs:
     return Needs(unknowns_per_contact=3, choices=(cells,), memory=pair.memory, seconds=time)
 
 
-def _press_coarser(case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _press_coarser(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     cells = make_cells(case.coarser())
     options = job.ensemble(COARSER, case.identity(), len(cells), "coarser cells")
-    path = Path(pressure=case.micro.pressures)
+    path = LoadPath(pressure=case.micro.pressures)
     response = run_ensemble(cells, path, keep_flow=case.micro.leakage, **options)
     return response.assign_attrs(title=case.title)
 
@@ -148,7 +139,7 @@ def _coarser_shear_needs(case: Case) -> Needs:
     return replace(coarse, choices=(Choice("coarser sheared cells", cells.why),))
 
 
-def _press_flat(case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _press_flat(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Press the number of flat cells of the case, or the best number; see :func:`best_count`."""
     response, count = datasets[CELLS.name], case.micro.control_realisations
     pairs, number = response.sizes["realisation"], f"{count} as stated in the case"
@@ -158,10 +149,10 @@ def _press_flat(case: Case, datasets: Datasets, job: Job) -> Dataset:
         count, number = best_count(pairs, control)
     every = press_control(case, max(count, pairs), job)
     caution = "" if control else CHANCE.format(pairs)
-    return with_cautions(every.assign_attrs(title=case.title, number=number), caution)
+    return schema.with_cautions(every.assign_attrs(title=case.title, number=number), caution)
 
 
-def press_control(case: Case, count: int, job: Job) -> Dataset:
+def press_control(case: Case, count: int, job: Job) -> schema.Dataset:
     """Press flat cells, on the surfaces of the first realisations; finished cells are reused."""
     step = 1 if case.from_maps else BATCH
     jobs = -(-count // step)
@@ -173,26 +164,22 @@ def press_control(case: Case, count: int, job: Job) -> Dataset:
     return control.isel(realisation=range(count))
 
 
-def _press_batch(case: Case, start: int, stop: int) -> PlainDataset:
+def _press_batch(case: Case, start: int, stop: int) -> schema.PlainDataset:
     """Press the flat cells of some realisations under all pressures of the path, rising."""
     if case.from_maps:
         cells = make_cells(case.control(stop))[start:]
     else:
         micro = case.micro.model_copy(update={"seed": case.micro.seed + start})
         cells = make_cells(case.model_copy(update={"micro": micro}).control(stop - start))
-    path = Path(pressure=tuple(sorted({*case.micro.path})))
+    path = LoadPath(pressure=tuple(sorted({*case.micro.path})))
     records = [record_realisation(cell, path, Keep(), tolerance=TOLERANCE) for cell in cells]
     ended = [str(cell.attributes["ended"]) for cell in records if "ended" in cell.attributes]
-    values = MICRO_RESPONSE.join(records, "realisation").values
-    return PlainDataset(values, {"ended": "; ".join(ended)} if ended else {})
+    values = schema.MICRO_RESPONSE.join(records, "realisation").values
+    return schema.PlainDataset(values, {"ended": "; ".join(ended)} if ended else {})
 
 
 def best_count(pairs: int, control: Control | None) -> tuple[int, str]:
-    """Return the number of flat cells with the least variance for the time, and its reason.
-
-    The number is the ratio of :func:`best_ratio` for the median correlation of the gap, bounded by
-    the time of the cells and rounded to a power of two.
-    """
+    """Return the number of flat cells with the least variance for the time, and its reason."""
     if control is None:
         return pairs, "as many as the cells, since the correlation is not significant"
     correlation = float(np.median(control.correlation))
@@ -227,7 +214,7 @@ def _count(datasets: Datasets) -> list[tuple[str, str]]:
 
 
 SHEARED_CELLS = Stage(
-    schema=SHEAR_RESPONSE,
+    schema=schema.SHEAR_RESPONSE,
     tables=("micro.shear",),
     reads=SHEAR_KEYS,
     run=lambda case, datasets, job: run_shear(case, job),
@@ -235,7 +222,7 @@ SHEARED_CELLS = Stage(
     folders=(SHEARED,),
 )
 COARSER_CELLS = Stage(
-    schema=COARSER_RESPONSE,
+    schema=schema.COARSER_RESPONSE,
     tables=("micro.coarser",),
     reads={**BODIES, "micro": {"pressures", "seed", "coarser", "leakage"}},
     run=_press_coarser,
@@ -243,14 +230,14 @@ COARSER_CELLS = Stage(
     folders=(COARSER,),
 )
 COARSER_SHEAR = Stage(
-    schema=COARSER_SHEAR_RESPONSE,
+    schema=schema.COARSER_SHEAR_RESPONSE,
     tables=("micro.coarser", "micro.shear"),
     reads={**BODIES, "micro": {"pressures", "seed", "coarser", "shear"}},
     run=lambda case, datasets, job: run_shear(case.coarser(), job),
     needs=_coarser_shear_needs,
 )
 CONTROL_CELLS = Stage(
-    schema=CONTROL_RESPONSE,
+    schema=schema.CONTROL_RESPONSE,
     tables=("micro.control",),
     reads={**BODIES, "micro": {*FLAT_KEYS, "realisations", "control", "control_realisations"}},
     takes=(CELLS,),
@@ -258,4 +245,101 @@ CONTROL_CELLS = Stage(
     needs=_flat_needs,
     work=_count,
     folders=(FLAT,),
+)
+
+
+SLIDE_TOLERANCE = (
+    1e-6  # tolerance of the contact solver, relative to the norm of the contact forces
+)
+
+
+def make_pair(case: Case, surfaces: tuple[Surface, Surface] | None = None) -> FiniteCell:
+    """Build the cell of two deformable bodies, of the first realisation if no surfaces are given.
+
+    A body with a hardness is elastoplastic (J2), a body without is neo-Hookean.
+    """
+    if surfaces is None:
+        micro = case.micro.model_copy(update={"realisations": 1})
+        (surfaces,) = two_surfaces(case.model_copy(update={"micro": micro}))
+    lower, upper = map(_flowing_law, case.bodies)
+    return two_bodies(case.cell, surfaces, (lower, upper), case.slide.friction_coefficient)
+
+
+def _slide(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    slide = case.slide
+    response = slide_cell(
+        make_pair(case),
+        slide.pressures or case.micro.pressures,
+        slide.distance,
+        steps=slide.steps,
+        executor=job.executor,
+        tolerance=SLIDE_TOLERANCE,
+    )
+    ended = str(response.attrs.get("ended", ""))
+    caution = f"sliding stopped at {ended}" if ended else ""
+    return response.assign_attrs(title=case.title, cautions=caution)
+
+
+def _flowing_law(body: RoughBody) -> NeoHookean | J2:
+    if body.yield_stress is None:
+        return NeoHookean(body.youngs_modulus, body.poissons_ratio)
+    return J2(
+        body.youngs_modulus, body.poissons_ratio, body.yield_stress, body.hardening_modulus or 0.0
+    )
+
+
+def _slide_needs(case: Case) -> Needs:
+    pair = make_pair(case, smooth_pair(case.cell)).needs()
+    slide = Choice(
+        "slide", "both bodies, deformable and at large strain, one pressure after the other"
+    )
+    steps = (case.slide.steps + 1) * len(case.slide.pressures or case.micro.pressures)
+    return Needs(choices=(slide,), memory=pair.memory, seconds=pair.seconds * steps)
+
+
+def _slide_sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    response = datasets[SLIDING.name]
+    figures = {
+        "sliding": on_axes(plot_lines, response, "effective_friction", by="nominal_pressure"),
+        "steady_friction": on_axes(plot_lines, response, "steady_friction"),
+    }
+    yield Section("Sliding", remarks=describe_sliding(response), figures=figures)
+
+
+def describe_sliding(response: Dataset) -> list[str]:
+    """Report the largest and the steady friction at each pressure."""
+    distance = float(response["sliding_distance"][-1])
+    lines = []
+    for load in range(response.sizes["load"]):
+        loaded = response.isel(load=load)
+        friction = loaded["effective_friction"].values[1:]
+        pressure = 1e-6 * float(loaded["nominal_pressure"])
+        if not np.isfinite(friction).any():
+            lines.append(f"Under {pressure:.4g} MPa nothing slid.")
+            continue
+        steady = float(loaded["steady_friction"])
+        last = friction[np.isfinite(friction)][-1]
+        end = (
+            f"{steady:.3g} over the last length of the cell"
+            if np.isfinite(steady)
+            else f"{last:.3g} at the end"
+        )
+        lines.append(
+            f"Under {pressure:.4g} MPa the friction of the cell over {1e6 * distance:.4g} µm is at "
+            f"most {np.nanmax(friction):.3g}, and {end}."
+        )
+    return lines
+
+
+SLIDING = Stage(
+    schema=SLIDING_RESPONSE,
+    tables=("slide",),
+    reads={
+        **dict.fromkeys(("body_1", "body_2", "cell", "slide"), True),
+        "micro": {"pressures", "seed"},
+    },
+    run=_slide,
+    needs=_slide_needs,
+    sections=_slide_sections,
+    answers={"nominal_pressure": "", "steady_friction": ""},
 )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from multiscale import upscaling
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
@@ -21,33 +22,13 @@ from multiscale.pipeline.stages.ensembles import (
     CONTROL_CELLS,
     POINT_FRICTION,
     SHEARED_CELLS,
+    SLIDING,
 )
-from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.pipeline.tables.settings import CONDUCTIVITIES, Case
+from multiscale.plotting import law_figures
 from multiscale.plotting.figure import Axes, on_axes
-from multiscale.plotting.law_figures import (
-    plot_area_law,
-    plot_conductance,
-    plot_gap_law,
-    plot_leakage,
-    plot_shear_law,
-    plot_unloading,
-)
 from multiscale.plotting.surface_figures import plot_flow_channels
 from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, Dataset
-from multiscale.upscaling import (
-    CONDUCTANCES,
-    area_from_dataset,
-    conductances,
-    fit_branches,
-    law_from_dataset,
-    loading_branch,
-    require_law,
-    say_sealing,
-    with_budget,
-    write_law_table,
-    write_pressure_overclosure,
-)
 from multiscale.upscaling.budget import known_error
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.sampling import half_range
@@ -66,15 +47,14 @@ FLAT = (
 )
 """Answers at a pressure, with an open and with a closed gap."""
 
-EXPORTED = 0.01
-"""Relative error of the pressure between the points of the exported tables."""
+EXPORTED = 0.01  # relative error of the pressure between the points of the exported tables
 
 
 def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     response, sliding = datasets[MICRO_RESPONSE.name], datasets.get(SLIDING.name)
     steady = sliding is not None and bool(np.isfinite(sliding["steady_friction"]).any())
     control = datasets.get(CONTROL_CELLS.name)
-    law = fit_branches(
+    law = upscaling.fit_branches(
         response,
         control=control,
         shear=datasets.get(SHEARED_CELLS.name),
@@ -90,8 +70,8 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     )
     if case.micro.leakage:
         law = with_leakage(law, response, datasets.get(COARSER_CELLS.name))
-    budget = case_budget(case, loading_branch(response), law, pressed, sheared, control)
-    law = with_budget(law, budget)
+    budget = case_budget(case, upscaling.loading_branch(response), law, pressed, sheared, control)
+    law = upscaling.with_budget(law, budget)
     return law if case.measured is None else calibrate_case(case, law).law
 
 
@@ -103,7 +83,7 @@ def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dic
     if not case.micro.coarser:
         return {}, {}
     pressed = {
-        1.0: loading_branch(datasets[MICRO_RESPONSE.name]),
+        1.0: upscaling.loading_branch(datasets[MICRO_RESPONSE.name]),
         2.0: datasets[COARSER_CELLS.name],
     }
     pressed = {
@@ -114,7 +94,7 @@ def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dic
     sheared = {1.0: datasets[SHEARED_CELLS.name], 2.0: datasets[COARSER_SHEAR.name]}
     n = sheared[2.0].sizes["realisation"]
     laws = {
-        ratio: fit_branches(
+        ratio: upscaling.fit_branches(
             pressed[ratio], shear=cells.isel(realisation=range(n)), apart=False, n_samples=0
         )
         for ratio, cells in sheared.items()
@@ -124,7 +104,7 @@ def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dic
 
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     response, law = datasets[MICRO_RESPONSE.name], datasets[FITTED_LAW.name]
-    require_law(
+    upscaling.require_law(
         law,
         "n_realisations",
         "pressure_min",
@@ -139,9 +119,8 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     count = int(attributes["n_realisations"])
     sources = ", ".join(f"{branch} is {how}" for branch, how in branches)
     lines = [
-        f"The law describes: {response.attrs['bodies']}. It is fitted to "
-        f"{count} realisation{'s' * (count > 1)} between "
-        f"{1e-6 * attributes['pressure_min']:.4g} and "
+        f"The law describes: {response.attrs['bodies']}. It is fitted to {count} "
+        f"realisation{'s' * (count > 1)} between {1e-6 * attributes['pressure_min']:.4g} and "
         f"{1e-6 * attributes['pressure_max']:.4g} MPa, with "
         f"{attributes['pressures_per_decade']:.2g} pressures per decade.",
         f"{sources[0].upper()}{sources[1:]}.",
@@ -158,21 +137,20 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
         f"Admissibility: {attributes['admissibility']}.",
     ]
     figures = {
-        "gap_law": on_axes(plot_gap_law, response, law),
-        "area_law": on_axes(plot_area_law, response, law),
+        "gap_law": on_axes(law_figures.plot_gap_law, response, law),
+        "area_law": on_axes(law_figures.plot_area_law, response, law),
     }
     if "unloading_stiffness_ratio" in law:
-        figures["unloading"] = on_axes(plot_unloading, response, law)
+        figures["unloading"] = on_axes(law_figures.plot_unloading, response, law)
         error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
         lines.append(
-            f"At the start of unloading the interface is "
+            "At the start of unloading the interface is "
             f"{float(law['unloading_stiffness_ratio']):.3g} times as stiff as under loading, and "
-            f"its gap recovers with the exponent "
-            f"{float(law['unloading_exponent']):.3g}; at pressures left out "
-            f"of the fit the error of the recovery is {100.0 * error:.2g} %."
+            f"its gap recovers with the exponent {float(law['unloading_exponent']):.3g}; at "
+            f"pressures left out of the fit the error of the recovery is {100.0 * error:.2g} %."
         )
-    if conducts := conductances(law, law["fit_pressure"].to_numpy()):
-        figures["conductance"] = on_axes(plot_conductance, law)
+    if conducts := upscaling.conductances(law, law["fit_pressure"].to_numpy()):
+        figures["conductance"] = on_axes(law_figures.plot_conductance, law)
         lines.append(
             f"The conductance follows from the stiffness at the start of "
             f"{attributes['conductance_branch']}, by the analogy of conduction and incremental "
@@ -180,22 +158,24 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
             f"neither conduction through the gap nor films on the contact spots."
         )
     if "hydraulic_aperture" in law:
-        figures["leakage"] = on_axes(plot_leakage, law)
+        figures["leakage"] = on_axes(law_figures.plot_leakage, law)
         fields = out / "fields" / "fields.nc"
         figures |= {f"flow_along_{axis}": on_axes(_flow, fields, axis) for axis in "xy"}
         lines.append(
             f"The hydraulic aperture is the distance of parallel walls with the same flow rate, by "
             f"Reynolds' equation on the open area of the gap; the interface is a patchwork of the "
-            f"cells. {say_sealing(law)} {attributes.get('leakage_intervals', '')} The pressure of "
-            f"the liquid does not deform the bodies."
+            f"cells. {upscaling.say_sealing(law)} {attributes.get('leakage_intervals', '')} The "
+            f"pressure of the liquid does not deform the bodies."
         )
     if sheared := SHEARED_CELLS.name in datasets:
-        figures["shear_law"] = on_axes(plot_shear_law, law)
+        figures["shear_law"] = on_axes(law_figures.plot_shear_law, law)
         lines += _shear(law, datasets[SHEARED_CELLS.name].attrs[POINT_FRICTION])
-    files: dict[str, Callable[[Path], object]] = {"law.csv": partial(write_law_table, law)}
+    files: dict[str, Callable[[Path], object]] = {
+        "law.csv": partial(upscaling.write_law_table, law)
+    }
     for code in ("abaqus", "calculix"):
         files[f"{code}.inp"] = partial(
-            write_pressure_overclosure,
+            upscaling.write_pressure_overclosure,
             law,
             tolerance=EXPORTED,
             friction_for=code if sheared else None,
@@ -252,7 +232,7 @@ def _answer(law: Dataset) -> Iterator[str]:
     yield from behaviour(law)
     yield from negative_gap(law["fit_mean_gap"].to_numpy(), law)
     if "hydraulic_aperture" in law:
-        yield say_sealing(law)
+        yield upscaling.say_sealing(law)
 
 
 def _compared(law: Dataset) -> Dataset:
@@ -260,16 +240,16 @@ def _compared(law: Dataset) -> Dataset:
     pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
     answers = {
         "mean_gap": (gap, "m"),
-        "stiffness": (law_from_dataset(law).stiffness(gap), "Pa m-1"),
-        "contact_fraction": (area_from_dataset(law).contact_fraction(pressure), "1"),
+        "stiffness": (upscaling.law_from_dataset(law).stiffness(gap), "Pa m-1"),
+        "contact_fraction": (upscaling.area_from_dataset(law).contact_fraction(pressure), "1"),
     }
     values: dict[str, Any] = {}
     for name, (value, unit) in answers.items():
         half = value * known_error(law.sel(quantity=[name]))[0]
         values[name] = ("step", value, {"units": unit})
         values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
-    for name, value in conductances(law, pressure).items():
-        values[name] = ("step", value, {"units": CONDUCTANCES[name]})
+    for name, value in upscaling.conductances(law, pressure).items():
+        values[name] = ("step", value, {"units": upscaling.CONDUCTANCES[name]})
     return law.assign(values)
 
 
@@ -293,7 +273,7 @@ FITTED_LAW = Stage(
         (
             "fit_pressure",
             *("stiffness", "mean_gap", "contact_fraction", "shear_friction"),
-            *CONDUCTANCES,
+            *upscaling.CONDUCTANCES,
         ),
         "",
     ),

@@ -7,29 +7,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from multiscale import macro
+from multiscale import macro, upscaling
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import UNKNOWN_LAW
+from multiscale.pipeline import real_contact, showing
+from multiscale.pipeline.body_budget import STIFFNESSES, UNKNOWN_LAW
 from multiscale.pipeline.case_cells import joint_scales
-from multiscale.pipeline.joint_answers import STIFFNESSES
-from multiscale.pipeline.real_contact import (
-    behaviour,
-    contact_source,
-    negative_gap,
-    real_pressure,
-    unknown_cells,
-)
-from multiscale.pipeline.showing import (
-    Table,
-    View,
-    list_facts,
-    list_missing,
-    tabulate_budget,
-    tabulate_sensitivity,
-)
 from multiscale.pipeline.stage import Datasets, Section, Stage, list_cautions, with_sample_band
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.tables.made_bodies import Blocks
@@ -38,26 +23,6 @@ from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
-from multiscale.upscaling import (
-    CONDUCTANCES,
-    Bound,
-    Source,
-    Uncertainty,
-    area_from_dataset,
-    cell_share,
-    conductance_ratios,
-    elastic_source,
-    fitted_laws,
-    law_from_dataset,
-    law_sources,
-    over_steps,
-    propagate,
-    require_law,
-    tangential_values,
-    with_budget,
-    with_intervals,
-    with_scales,
-)
 from multiscale.upscaling.budget import MACRO, Term, has_budget, known_terms
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
@@ -85,17 +50,17 @@ ANSWERS = (
     "contact_fraction",
     "real_pressure",
     "unloading_stiffness",
-    *CONDUCTANCES,
+    *upscaling.CONDUCTANCES,
 )
 
-JOINT_TABLE = Table(
+JOINT_TABLE = showing.Table(
     (
         "preload",
         *STIFFNESS,
         "mean_gap",
         "contact_fraction",
         *(f"{name}:±" for name in ("real_pressure", "unloading_stiffness", TANGENTIAL)),
-        *(f"{name}:±" for name in CONDUCTANCES),
+        *(f"{name}:±" for name in upscaling.CONDUCTANCES),
     ),
     HEADS | {"unloading_stiffness": "unloading", TANGENTIAL: "tangential, no slip"},
     answer="joint_stiffness",
@@ -117,34 +82,32 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     )
     joint = macro.RoughJoint((blocks.width, blocks.width), lower, upper)
     preload, extrapolate = np.array(case.statics.preloads), case.extrapolate
-    samples = range(law.sizes.get("sample", 0))
-    result = macro.press_joint(
-        joint,
-        law_from_dataset(law),
-        preload,
-        samples=fitted_laws(law, samples),
-        extrapolate=extrapolate,
-    )
+    samples = upscaling.fitted_laws(law, range(law.sizes.get("sample", 0)))
+    mean = upscaling.law_from_dataset(law)
+    result = macro.press_joint(joint, mean, preload, samples=samples, extrapolate=extrapolate)
     fraction = np.full(preload.shape, np.nan)
     if "area_pressure" in law:
-        fraction = area_from_dataset(law).contact_fraction(preload)
-    areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
+        fraction = upscaling.area_from_dataset(law).contact_fraction(preload)
+    areas = {
+        "contact_fraction": fraction,
+        "real_pressure": real_contact.real_pressure(preload, fraction),
+    }
     solved = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
-    shears = tangential_values(law)
+    shears = upscaling.tangential_values(law)
     # without friction there are no tangential springs
     ratio = None if shears.get("friction") == 0.0 else shears.get("stiffness_ratio")
     sheared = lower.shear_compliance + upper.shear_compliance  # m/Pa
 
-    def tangential(K: np.ndarray) -> dict[str, np.ndarray]:
-        """Interface, kappa K, in series with blocks in even shear; empty without kappa; no slip."""
-        return {} if ratio is None else {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + sheared)}
-
-    conducts = conductance_ratios(law)
+    conducts = upscaling.conductance_ratios(law)
 
     def from_stiffness(K: np.ndarray) -> dict[str, np.ndarray]:
         """Answers that follow from the stiffness of the interface."""
-        return tangential(K) | {name: share * K for name, share in conducts.items()}
+        values = {name: share * K for name, share in conducts.items()}
+        if ratio is None:
+            return values
+        # kappa K in series with blocks in even shear, without slip
+        return {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + sheared)} | values
 
     areas |= from_stiffness(result["interface_stiffness"].to_numpy())
     areas = {name: np.where(solved, value, np.nan) for name, value in areas.items()}
@@ -152,8 +115,8 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     if not has_budget(law) and law.attrs.get("family") != TABLE:  # a table has this caution already
         cautions = [*cautions, UNKNOWN_LAW.format(number=0)]
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
-    below = negative_gap(result["mean_gap"].to_numpy(), law)
-    facts = [*behaviour(law), *share, *below, *_tangential_facts(law, ratio)]
+    below = real_contact.negative_gap(result["mean_gap"].to_numpy(), law)
+    facts = [*real_contact.behaviour(law), *share, *below, *_tangential_facts(law, ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(solved & (result["known"].values == 1))
     if not steps.size or not has_budget(law):
@@ -170,40 +133,30 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
         return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
 
     known = result.isel(step=steps)
-    drawn = None
-    if samples:
-        whole, interface = (
-            known[f"{name}_sample"].to_numpy()
-            for name in ("joint_stiffness", "interface_stiffness")
-        )
-        solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), whole.shape)
-        rows = [
-            whole,
-            interface,
-            solid,
-            *from_stiffness(interface).values(),
-            *(1.0 + 0.0 * solid for _ in real),
-        ]
-        drawn = list(np.stack(rows, axis=1))
+    drawn = [answers(sample) for sample in samples] or None
     answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
     at = preload[steps]
     exact = "none: blocks and law in series have a closed form under uniform pressure"
-    sources: list[Source] = [
-        *law_sources(law, at, drawn=drawn),
-        contact_source(law, at, np.array(names) == "real_pressure"),
-        Bound(name="closed form", bounds={MACRO: Term(exact, np.zeros(answer.shape))}),
+    sources: list[upscaling.Source] = [
+        *upscaling.law_sources(law, at, drawn=drawn),
+        real_contact.contact_source(law, at, np.array(names) == "real_pressure"),
+        upscaling.Bound(name="closed form", bounds={MACRO: Term(exact, np.zeros(answer.shape))}),
     ]
     if conducts:
-        conducting = np.isin(names, list(CONDUCTANCES))[:, None] * np.ones(steps.size)
-        sources.append(elastic_source(law, conducting))
+        conducting = np.isin(names, list(upscaling.CONDUCTANCES))[:, None] * np.ones(steps.size)
+        sources.append(upscaling.elastic_source(law, conducting))
     if shear and branch_origins(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         rate = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
         errors = shear_errors(law, at)["stiffness_ratio"]
         half_width = {term: errors[term] for term in known_terms(law) if term in errors}
-        sources.append(Uncertainty(name="stiffness ratio", half_width=half_width, rate=rate))
-    budget = propagate(names, sources, answers, answer)
-    return with_intervals(with_budget(result, over_steps(budget, steps, preload.size)))
+        sources.append(
+            upscaling.Uncertainty(name="stiffness ratio", half_width=half_width, rate=rate)
+        )
+    budget = upscaling.propagate(names, sources, answers, answer)
+    return upscaling.with_intervals(
+        upscaling.with_budget(result, upscaling.over_steps(budget, steps, preload.size))
+    )
 
 
 def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
@@ -219,20 +172,21 @@ def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
 
 
 def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[str], list[str]]:
-    """Compare the cells of a law with the width of the joint, m: law, cautions, and facts.
-
-    The budget of a law from a file belongs to another joint, and is adapted to this joint.
-    """
+    """Compare cells and width of the joint, m: adapted law, cautions, and facts."""
     if case.has_cells:
         scales = joint_scales(case)
-        return law, scales.cautions if scales else (), [cell_share(max(case.cell.size), width)]
+        return (
+            law,
+            scales.cautions if scales else (),
+            [upscaling.cell_share(max(case.cell.size), width)],
+        )
     of_file = [f"its law: {caution}" for caution in list_cautions(law)]
     if not {"longest_wave", "cell_size"} <= set(law.attrs):
-        return law, of_file, unknown_cells(law)
+        return law, of_file, real_contact.unknown_cells(law)
     wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
     scales = compare_scales(wave, cell, width)
-    known = with_scales(law, scales) if "cell_scatter" in law else law
-    return known, [*of_file, *scales.cautions], [cell_share(cell, width)]
+    known = upscaling.with_scales(law, scales) if "cell_scatter" in law else law
+    return known, [*of_file, *scales.cautions], [upscaling.cell_share(cell, width)]
 
 
 def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]:
@@ -246,7 +200,7 @@ def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]
     K, solid = (result[name].to_numpy() for name in ("interface_stiffness", "solid_stiffness"))
     ratio: dict[str, Any] = {"unloading_stiffness": float(law["unloading_stiffness_ratio"])}
     if law.sizes.get("unloading_sample"):
-        require_law(law, "unloading_stiffness_ratio_sample")
+        upscaling.require_law(law, "unloading_stiffness_ratio_sample")
         drawn = law["unloading_stiffness_ratio_sample"].to_numpy()[:, None]
         ratio["unloading_stiffness_sample"] = drawn
     return {name: 1.0 / (1.0 / (beta * K) + 1.0 / solid) for name, beta in ratio.items()}
@@ -283,24 +237,20 @@ def _answer(result: Dataset) -> Iterator[str]:
     if not done.size:
         yield "No preload has an answer."
         return
-    yield from View(result).sentences(result.isel(step=done[done.size // 2]), *SENTENCES)
+    yield from showing.View(result).sentences(result.isel(step=done[done.size // 2]), *SENTENCES)
 
 
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     result = datasets[JOINT.name]
     planned = str(result.attrs.get("plan", "")).splitlines()
-    remarks = [*list_missing(result), *list_facts(result)]
+    remarks = [*showing.list_missing(result), *showing.list_facts(result)]
     stiffness = {"joint_stiffness": on_axes(plot_joint_stiffness, result, size=WIDE)}
     yield Section("Joint", planned, *JOINT_TABLE.rows(result), stiffness, remarks=remarks)
     yield from (replace(section, printed=False) for section in budget_sections(result))
 
 
 def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
-    """Tabulate the terms of the error budget with their sources, then the sensitivities.
-
-    The budgets are those of the first quantity and of the ``further`` quantities; sensitivities are
-    to parameters with a given half-width.
-    """
+    """Tabulate the budgets of the first and of ``further`` quantities, then the sensitivities."""
     if "error_total" not in result:
         yield Section("Error budget", ["No error was estimated."])
         return
@@ -310,11 +260,11 @@ def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
         yield Section(
             f"Error budget of the {name}" if further else "Error budget",
             [f"Half-widths of 95 % intervals of the {name}, in per cent."],
-            *tabulate_budget(result, quantity),
+            *showing.tabulate_budget(result, quantity),
             figures={} if quantity in further else {"error_budget": drawn},
             notes=True,
         )
-    head, rows = tabulate_sensitivity(result) if "sensitivity" in result else ((), [])
+    head, rows = showing.tabulate_sensitivity(result) if "sensitivity" in result else ((), [])
     if rows:
         caption = (
             "Relative changes of the answers, to first order, if a parameter increases by the "

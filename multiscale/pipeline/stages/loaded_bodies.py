@@ -10,34 +10,20 @@ import numpy as np
 from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import ErrorSources, few_steps, with_joint_budget
-from multiscale.pipeline.joint_answers import joint_answers, load_answers
-from multiscale.pipeline.real_contact import with_contact, with_interface_contact
-from multiscale.pipeline.showing import (
-    SLIP,
-    Rows,
-    Table,
-    View,
-    list_bolts,
-    list_facts,
-    list_missing,
-    padded,
+from multiscale.pipeline import showing, structure_stage
+from multiscale.pipeline.body_budget import (
+    ErrorSources,
+    few_steps,
+    joint_answers,
+    load_answers,
+    with_joint_budget,
 )
+from multiscale.pipeline.real_contact import with_contact, with_interface_contact
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
-from multiscale.pipeline.structure_stage import (
-    ReadyBodies,
-    choose_solver,
-    counting,
-    require_known,
-    solver_needs,
-    structure_stage,
-    with_cautions_of,
-)
 from multiscale.pipeline.tables.assembly_settings import Bodies
-from multiscale.pipeline.tables.joint_settings import SLABS
 from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import joint_pictures, load_pictures
@@ -52,7 +38,7 @@ NO_LARGER = (
 
 IN_CYCLES = ("secant_stiffness", "cycle_loss", "cycle_slip")
 
-TABLE = Table(
+TABLE = showing.Table(
     (
         "preload",
         *STIFFNESS,
@@ -67,7 +53,7 @@ TABLE = Table(
 )
 """Answers of the joints at their preloads."""
 
-CYCLES = Table(
+CYCLES = showing.Table(
     (
         "cycle_preload",
         "cycle_shear",
@@ -86,24 +72,21 @@ STIFF = (
 )
 LOSES = (
     "A cycle of shear between {most} and -{most} MPa dissipates {cycle_energy:±}; at its ends, "
-    f"{SLIP}."
+    f"{showing.SLIP}."
 )
 """Sentences of the answer: at a preload, and in the last cycle."""
 
 
 def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
-    ready = ReadyBodies.of(structure, case, datasets, job)
-    assembly, small = ready.parts.assembly, ready.structure.small
+    ready = structure_stage.ReadyBodies.of(structure, case, datasets, job)
     loading = cast(substructures.JointLoading, ready.parts.loading)  # joints have a joint loading
     law = cast(Dataset, ready.laws[0])  # all joints share this law
-    watched = counting(ready.method, job, structure.joint_size(case).steps)
-    followed = substructures.follow_joint(small, loading, method=watched)
-    result = substructures.measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
-    result = with_contact(ready.structure.restore(result), law)
-    result = with_cautions_of(result, ready.bodies, case, datasets, ready.laws)
-    bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
-    facts = [*list_facts(result), *bolts]
+    steps = structure.joint_size(case).steps
+    result = with_contact(ready.solve(partial(_follow_joints, loading), steps, datasets, job), law)
+    bolted = bool(ready.parts.assembly.bolts)
+    bolts = showing.list_bolts(result, result["preload"].to_numpy()) if bolted else []
+    facts = [*showing.list_facts(result), *bolts]
     sources = ErrorSources.of(ready.bodies, case, ready.laws)
     result = with_cautions(result, "" if sources.meshes else NO_LARGER)
     if sources:
@@ -114,7 +97,7 @@ def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> 
             short = substructures.JointLoading(
                 preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1
             )
-        near = substructures.follow_joint(small, short, method=ready.method)
+        near = substructures.follow_joint(ready.structure.small, short, method=ready.method)
         solve = ready.again(partial(_follow_joints, short), near)
         asked = joint_answers(result)
         result = with_joint_budget(result, sources, solve, asked, job)
@@ -127,15 +110,15 @@ def _follow_joints(
     areas: Sequence[float],
     method: "substructures.Method",
     near: "substructures.FollowedJoint | None" = None,
+    extrapolate: bool = True,
 ) -> Dataset:
-    """Load the joints, from the path of near joints if given, and extrapolate the laws."""
+    """Load the joints, from the path of near joints if given."""
     followed = substructures.follow_joint(problem, loading, method=method, near=near)
-    return substructures.measure_joint(followed, areas, extrapolate=True)
+    return substructures.measure_joint(followed, areas, extrapolate=extrapolate)
 
 
 def _needs_of_joints(bodies: RoughBodies, case: Case) -> Needs:
-    size = bodies.joint_size(case)
-    needs = solver_needs(choose_solver(case, size), size, bodies.slabs(case))
+    needs, size = structure_stage.solver_needs(bodies, case), bodies.joint_size(case)
     count, path, pressed = len(case.statics.preloads), "only", "the preloads"
     if case.cycles:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
@@ -160,12 +143,12 @@ def _answer_of_joints(result: Dataset) -> Iterator[str]:
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
         return
-    view = View(result)
+    view = showing.View(result)
     yield from view.sentences(result.isel(step=known[-1]), STIFF)
     if "cycle_energy" in result:
         most = f"{1e-6 * float(np.abs(result['shear']).max()):.3g}"
         yield from view.sentences(result.isel(step=-1, cycle=-1), LOSES, most=most)
-    yield from list_missing(result)
+    yield from showing.list_missing(result)
 
 
 def _sections_of_joints(result: Dataset) -> Iterator[Section]:
@@ -180,9 +163,8 @@ def _sections_of_joints(result: Dataset) -> Iterator[Section]:
     if "cycle_loss" in result:
         cycles = [
             "At each preload the shear makes a closed cycle of each amplitude, in rising order. "
-            "The secant stiffness is the shear over the displacement of the sheared face "
-            "between both ends of a cycle. Bands are the 95 % intervals of the mean law and of one "
-            "part."
+            "The secant stiffness is the shear over the displacement of the sheared face between "
+            "both ends of a cycle. Bands are the 95 % intervals of the mean law and of one part."
         ]
         yield Section("Cycles of shear", cycles, *CYCLES.rows(result))
     yield from budget_sections(result)
@@ -202,7 +184,7 @@ def _compare_joints(result: Dataset) -> Dataset:
     return _pressed(result).assign({name: result[name].isel(step=-1) for name in slip})
 
 
-ROUGH_JOINTS = structure_stage(
+ROUGH_JOINTS = structure_stage.structure_stage(
     "rough_joints",
     _press,
     _needs_of_joints,
@@ -211,7 +193,7 @@ ROUGH_JOINTS = structure_stage(
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
     question="How stiff are the joints, where do they slip, and what does a cycle dissipate?",
-    check=partial(require_known, answer="approach"),
+    check=partial(structure_stage.require_known, answer="approach"),
     more=_sections_of_joints,
     answer=_answer_of_joints,
     answers=dict.fromkeys(
@@ -243,34 +225,27 @@ OF_LOADS = ("factor", "load_displacement", "load_secant")
 SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
 """Columns of the table for each load, and for each interface after its pressure."""
 
-SLIPS = 1e-3
-"""Change of a stiffness by slip, relative to it, from which both are reported."""
+SLIPS = 1e-3  # change of a stiffness by slip, relative to it, from which both are reported
 
 
 def _load(bodies: Bodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Follow the path over the named loads."""
-    ready = ReadyBodies.of(bodies, case, datasets, job)
-    laws, path, structure = ready.laws, ready.parts.path, ready.structure
-    watched = counting(ready.method, job, len(path.factors()))
-    result = structure.restore(
-        substructures.follow_cut_loads(
-            structure.small, path, method=watched, extrapolate=case.extrapolate
-        )
-    )
-    result = with_cautions_of(result, ready.bodies, case, datasets, laws)
+    ready = structure_stage.ReadyBodies.of(bodies, case, datasets, job)
+    laws, path = ready.laws, ready.parts.path
+    result = ready.solve(partial(_follow, path), len(path.factors()), datasets, job)
     if laws:
         result = with_interface_contact(result, laws)
     result = _with_budget(result, ready, path, job)
     result = result.assign_attrs(bodies=" ".join(body.name for body in bodies.bodies))
     tightening = result["factor"].to_numpy()[:, 0]
-    bolts = list_bolts(result, tightening) if ready.parts.assembly.bolts else []
+    bolts = showing.list_bolts(result, tightening) if ready.parts.assembly.bolts else []
     counted = ["Displacements are relative to step 0."] if laws else []
     facts = [*counted, *ready.parts.facts, *_interfaces(result), *bolts]
     return ready.finish(result, facts)
 
 
 def _with_budget(
-    result: Dataset, ready: ReadyBodies, path: "substructures.LoadPath", job: Job
+    result: Dataset, ready: structure_stage.ReadyBodies, path: "substructures.LoadPath", job: Job
 ) -> Dataset:
     """Propagate the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
@@ -302,9 +277,12 @@ def _follow(
     areas: Sequence[float],
     method: "substructures.Method",
     near: "substructures.FollowedPath | None" = None,
+    extrapolate: bool = True,
 ) -> Dataset:
-    """Follow a path, from a near path if given, and extrapolate the laws."""
-    return substructures.follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
+    """Follow a path, from a near path if given."""
+    return substructures.follow_cut_loads(
+        problem, path, method=method, extrapolate=extrapolate, near=near
+    )
 
 
 def _answer(result: Dataset) -> Iterator[str]:
@@ -336,7 +314,7 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 def _secants(result: Dataset) -> Iterator[str]:
     """Report the tangent stiffness of the structure under each load at the end of the path."""
-    view = View(result)
+    view = showing.View(result)
     for load in result["load"].values:
         loaded = result.sel(load=load)
         for step in np.flatnonzero(np.isfinite(loaded["load_stiffness"].to_numpy()))[-1:]:
@@ -356,7 +334,7 @@ def _secants(result: Dataset) -> Iterator[str]:
 
 def _interfaces(result: Dataset) -> Iterator[str]:
     """Report the real pressure of interfaces at the end of the path, and the loss of a cycle."""
-    view = View(result)
+    view = showing.View(result)
     for number in range(result.sizes.get("interface", 0)):
         interface = result.isel(interface=number)
         pressure = interface.get("interface_real_pressure", interface["path_step"] * np.nan)
@@ -373,10 +351,7 @@ def _interfaces(result: Dataset) -> Iterator[str]:
 
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
-    size = bodies.joint_size(case)
-    chosen = choose_solver(case, size)
-    points = size.joint_points
-    needs = solver_needs(chosen, size, SLABS if points else 0)
+    needs, points = structure_stage.solver_needs(bodies, case), len(bodies.interfaces)
     path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "only"
     solves = Choice(
         "intervals",
@@ -391,8 +366,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
     """Show loads, bolts and interfaces."""
     caption = [
         "Zones, pressure and outlines of the bodies are seen along the normal of each interface, "
-        "at "
-        "the last step that has an answer."
+        "at the last step that has an answer."
     ]
     known = np.flatnonzero(np.isfinite(result["equivalent_stress"].to_numpy()).all(axis=1))
     figures = {"body_stress": in_space(plot_body_stress, result, step=int(known[-1]))}
@@ -416,13 +390,8 @@ def _compared(result: Dataset) -> Dataset:
     return result.drop_dims("step").assign(values)
 
 
-def _tabulate(result: Dataset) -> Rows:
-    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
-
-    A load has its factor, displacement (with interfaces, since step 0) and secant stiffness; an
-    interface has its mean pressure, the share of its contact force at sliding, and the shares of
-    its nominal area that slide and are open.
-    """
+def _tabulate(result: Dataset) -> showing.Rows:
+    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts."""
     loads, count = list(map(str, result["load"].values)), result.sizes.get("interface", 0)
     if count:  # displacements are relative to step 0, as the gap without load is not known
         moved = result["load_displacement"]
@@ -434,13 +403,13 @@ def _tabulate(result: Dataset) -> Rows:
         *(f"interface {k}: MPa, sliding force, area, open area" for k in range(count)),
         *(("bolts (kN)",) if result.sizes.get("bolt") else ()),
     )
-    view, rows = View(result), []
+    view, rows = showing.View(result), []
     for k in np.flatnonzero(result["path_step"].values >= 0):
         step = result.isel(step=k)
         row = [f"{int(step['path_step'])}"]
         if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
             row.append("unknown" if int(step["converged"]) else "not converged")
-            rows.append(padded(tuple(row), head))
+            rows.append(showing.padded(tuple(row), head))
             continue
         for load in (step.isel(load=at) for at in range(len(loads))):
             texts = (view.text(load, name) for name in OF_LOADS)
@@ -454,7 +423,7 @@ def _tabulate(result: Dataset) -> Rows:
     return head, rows
 
 
-LOADED_BODIES = structure_stage(
+LOADED_BODIES = structure_stage.structure_stage(
     "loaded_bodies",
     _load,
     _needs,
@@ -464,7 +433,7 @@ LOADED_BODIES = structure_stage(
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),
-    check=partial(require_known, answer="load_displacement"),
+    check=partial(structure_stage.require_known, answer="load_displacement"),
     quick_note=QUICK_NOTE,
     more=_sections,
     answer=lambda result: [*_answer(result), *_secants(result)],

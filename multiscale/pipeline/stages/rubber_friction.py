@@ -168,8 +168,8 @@ LAW = (
 """Attributes of a law of friction on the page."""
 
 
-FAINT = 0.01
-"""Friction over its peak below which the law is not fitted."""
+BELL = Choice("friction law", "a bell over speed and temperature, with samples for its intervals")
+FAINT = 0.01  # friction over its peak below which the law is not fitted
 
 
 def fit_friction(case: Case, response: Dataset) -> Dataset:
@@ -216,11 +216,6 @@ def fit_friction(case: Case, response: Dataset) -> Dataset:
     )
 
 
-def _fit_needs(case: Case) -> Needs:
-    curve = "a bell over speed and temperature, with samples for its intervals"
-    return Needs(choices=(Choice("friction law", curve),), seconds=1.0)
-
-
 def _law_sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     response, law = datasets[MICRO_RESPONSE.name], datasets[FRICTION_LAW.name]
     require_law(law, *LAW)
@@ -231,19 +226,17 @@ def _law_sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     yield Section(
         "Friction law",
         [
-            f"The law describes: {response.attrs['bodies']}. It is fitted to "
-            f"{count} realisation{'s' * (count > 1)} between "
-            f"{1e-3 * values['pressure_min']:.4g} and "
+            f"The law describes: {response.attrs['bodies']}. It is fitted to {count} "
+            f"realisation{'s' * (count > 1)} between {1e-3 * values['pressure_min']:.4g} and "
             f"{1e-3 * values['pressure_max']:.4g} kPa.",
             f"At {values['reference_temperature'] - ZERO_CELSIUS:.4g} °C friction peaks at "
             f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s "
             f"under {1e-3 * float(law['reference_pressure']):.3g} kPa; the speed of the "
             f"peak varies with the power {float(law['speed_exponent']):.2g} of the pressure, and "
             f"shifts with the temperature.",
-            f"The fitted curve differs from the cells by "
-            f"{100.0 * values['rms_error_over_peak']:.2g} % "
-            f"of the peak (root mean square), and by at most "
-            f"{100.0 * values['largest_error_over_peak']:.2g} %, at "
+            "The fitted curve differs from the cells by "
+            f"{100.0 * values['rms_error_over_peak']:.2g} % of the peak (root mean square), and by "
+            f"at most {100.0 * values['largest_error_over_peak']:.2g} %, at "
             f"{values['largest_error_speed']:.3g} m/s and "
             f"{values['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C.",
             "The friction is hysteresis on the wavelengths of the road in the case, without "
@@ -260,6 +253,6 @@ FRICTION_LAW = Stage(
     reads={"law"},
     takes=(ROADS,),
     run=lambda case, datasets, job: fit_friction(case, datasets[MICRO_RESPONSE.name]),
-    needs=_fit_needs,
+    needs=lambda case: Needs(choices=(BELL,), seconds=1.0),
     sections=_law_sections,
 )

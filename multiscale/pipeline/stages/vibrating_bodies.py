@@ -13,8 +13,15 @@ from multiscale.io.fields import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
-from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
+from multiscale.pipeline.body_budget import (
+    Change,
+    CycleAnswers,
+    ErrorSources,
+    JointAnswers,
+    answer_at,
+    changed_sliders,
+    with_joint_budget,
+)
 from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -57,8 +64,7 @@ TABLE = Table(
 
 BUDGETED = ("frequency", "fall", "damping")
 
-STATED_BED = 2
-"""Ratio of the slabs of two beds from which the error of the finer bed is estimated."""
+STATED_BED = 2  # ratio of the slabs of two beds from which the error of the finer bed is estimated
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +83,7 @@ def _press(
     laws: Sequence[InterfaceLaw],
     near: "macro.vibration.Preloaded | None" = None,
 ) -> tuple[_Vibrating, list[str]]:
-    """Preload bodies with given laws and compute their modes; also return facts of the bodies.
-
-    ``near`` is the preloaded state of the same bodies under other laws or preloads.
-    """
+    """Preload bodies, from a state ``near``, and compute their modes; also return facts."""
     asked = case.vibration
     parts = bodies.build(case, laws)
     smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]  # all have a friction

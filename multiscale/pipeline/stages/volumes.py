@@ -17,15 +17,8 @@ from multiscale.pipeline.showing import Rows, Table, View, format_mean
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tables.rve_settings import RveSettings
 from multiscale.pipeline.tables.settings import Case
+from multiscale.plotting import rve_figures
 from multiscale.plotting.figure import in_space, new_figure, on_axes, save_figure
-from multiscale.plotting.rve_figures import (
-    plot_crack_damage,
-    plot_modulus_surface,
-    plot_rve,
-    plot_rve_damage,
-    plot_size_study,
-    plot_softening,
-)
 from multiscale.schema import RVE, RVE_VOLUMES, VOLUME_GROWTH, Dataset, PlainDataset
 from multiscale.units import readable
 
@@ -34,8 +27,7 @@ FOLDER = "volumes"
 FEWEST_ACROSS = 6.0
 """Voxels across a pore below which the stiffness depends on the voxels by some per cent."""
 
-FLATTEST = 3.0
-"""Ratio of the edges of a voxel above which a mistake in its size is likely."""
+FLATTEST = 3.0  # ratio of the edges of a voxel above which a mistake in its size is likely
 
 BYTES, SECONDS = 650.0, 6e-5
 """Memory and time of a voxel, with all sides, and seconds of a section of closed forms."""
@@ -131,8 +123,7 @@ def _cautions(
     if across < FEWEST_ACROSS:
         yield (
             f"pores are {across:.2g} voxels across, and the stiffness needs {FEWEST_ACROSS:g} or "
-            f"more; "
-            f"give more voxels"
+            "more; give more voxels"
         )
     if edges.max() > FLATTEST * edges.min():
         size = " x ".join(readable(f"{edge:.3g} m") for edge in edges)
@@ -247,8 +238,7 @@ def _facts(rve: Dataset) -> list[str]:
         is_representative(rve),
         _causes(rve) + (f" The scatter comes from {source}." if source else ""),
         "Damage is geometric, eq (1): the stiffness is E (1 - D) only for pores that extend "
-        "through "
-        "the volume along the direction.",
+        "through the volume along the direction.",
     ]
 
 
@@ -273,9 +263,9 @@ def _answer(rve: Dataset) -> Iterator[str]:
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     rve = datasets[RVE.name]
     figures: dict[str, Callable[[Path], Path]] = {
-        "rve": in_space(plot_rve, rve),
-        "stiffness_surface": in_space(plot_modulus_surface, rve),
-        "damage_sphere": in_space(plot_rve_damage, rve),
+        "rve": in_space(rve_figures.plot_rve, rve),
+        "stiffness_surface": in_space(rve_figures.plot_modulus_surface, rve),
+        "damage_sphere": in_space(rve_figures.plot_rve_damage, rve),
         "size_study": partial(_draw_study, rve),
     }
 
@@ -288,7 +278,7 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 def _draw_study(rve: Dataset, file: Path) -> Path:
     figure = new_figure(5.2, 5.6)
-    plot_size_study(rve, figure)
+    rve_figures.plot_size_study(rve, figure)
     return save_figure(figure, file)
 
 
@@ -387,8 +377,8 @@ def _tabulate_growth(growth: Dataset) -> Rows:
 def _growth_sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     growth = datasets[VOLUME_GROWTH.name]
     figures = {
-        "crack_damage": on_axes(plot_crack_damage, growth),
-        "softening": on_axes(plot_softening, growth),
+        "crack_damage": on_axes(rve_figures.plot_crack_damage, growth),
+        "softening": on_axes(rve_figures.plot_softening, growth),
     }
     caption = ["Means over volumes, ± the standard deviation."]
     yield Section("Growth of cracks", caption, *_tabulate_growth(growth), figures=figures)

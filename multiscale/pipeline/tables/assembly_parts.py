@@ -11,17 +11,24 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.fe.faces import face_of
 from multiscale.fe.mesh_file import load_geometry
 from multiscale.io.csv_tables import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.pipeline.tables.joint_settings import Damage, JointLaw, LawError, StatedAsperities
+from multiscale.pipeline.tables.joint_settings import (
+    RUN_QUICK,
+    Damage,
+    JointLaw,
+    LawError,
+    StatedAsperities,
+)
 from multiscale.pipeline.tables.rve_settings import Direction
+from multiscale.pipeline.tables.structure_kind import Face
 from multiscale.pipeline.tables.toml_model import (
     Density,
     Length,
     Pressure,
+    Quick,
     Ratio,
     Settings,
     UncertainFactor,
@@ -38,23 +45,19 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
 
-COARSER = 1.2
-"""Ratio of the sizes of elements below which two meshes have no error to compare."""
+COARSER = 1.2  # ratio of the sizes of elements below which two meshes have no error to compare
+SOLID_DENSITIES = (10.0, 23e3)  # densities of solids, from foams to osmium, kg/m3
+GROUNDED = "ground"  # first side of an interface with the rigid ground
+QUICK_ELEMENT = 1.5  # element size of quick geometries over the size stated
 
-SOLID_DENSITIES = (10.0, 23e3)
-"""Densities of solids, from foams to osmium, kg/m3."""
+RUN_QUICK_RVE = Quick(lambda body, _: body.rve is not None)
+FIRST = Quick(lambda body, order: order if body.element else 1)
+"""Keys of quick bodies: whether the case of a volume is run quick, and the order of the elements of
+meshes that are read, which cannot be made coarser."""
 
-GROUNDED = "ground"
-"""First side of an interface with the rigid ground."""
-
-LARGE, SMALL = 10.0, 1e-3
-"""Lengths of a body, m, beyond which the unit of its mesh must be given."""
-
-ANY_MODULUS = 1e9
-"""Young's modulus of a body that is built only for its mesh and faces, Pa."""
-
-PLANE = 1e-6
-"""Spread of the unit normals of a plane face."""
+LARGE, SMALL = 10.0, 1e-3  # lengths of a body, m, beyond which the unit of its mesh must be given
+ANY_MODULUS = 1e9  # Young's modulus of a body that is built only for its mesh and faces, Pa
+PLANE = 1e-6  # spread of the unit normals of a plane face
 
 CLAMPED = "xyz"
 
@@ -174,7 +177,7 @@ class MeshedBody(Material):
     gmsh with physical surfaces, a file `.geo`, which is meshed. Groups and surfaces name faces, and
     a set of nodes names the outer faces with all corners in it. Nodes between the corners are
     dropped; `order` puts them in again, on straight edges."""
-    element: Length | None = None
+    element: Annotated[Length | None, Quick(lambda _, h: h and QUICK_ELEMENT * h)] = None
     """Largest edge of the elements of a geometry, m; the error of the mesh comes from elements
     twice as large."""
     coarser: Path | None = None
@@ -186,14 +189,15 @@ class MeshedBody(Material):
     whole mesh if not given."""
     unit: Unit | None = None
     """Length of the unit of the mesh, such as `"mm"`; m if not given."""
-    order: Literal[1, 2] | None = None
+    order: Annotated[Literal[1, 2] | None, FIRST] = None
     """Order of the elements: 2 puts nodes between the corners of the mesh, without which tetrahedra
     bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by incompatible modes, if not
     given."""
     youngs_modulus: UncertainPressure | None = None
     """Young's modulus, Pa; the stiffness of a representative volume if not given."""
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
-    quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
+    quick: Annotated[bool, RUN_QUICK_RVE] = False
+    """Whether a case that `rve` names is run `--quick`."""
     supports: dict[str, Axes] = Field({})
     """Faces that are fixed: `"clamped"`, or the axes along which they do not move, such as `"z"` or
     `"xy"`."""
@@ -385,7 +389,8 @@ class BodyInterface(Settings):
     order of their heights."""
     gap: StatedGap | None = None
     """Initial gap over the interface; even if not given."""
-    quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
+    quick: Annotated[bool, RUN_QUICK] = False
+    """Whether a case that `law` names is run `--quick`."""
     friction: UncertainFactor | None = None
     """Coefficient of friction, if not the value of `[interface]` or the law."""
     stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = None
@@ -408,6 +413,11 @@ class BodyInterface(Settings):
     def is_stated(self) -> bool:
         """Whether the case itself states the normal law."""
         return any((self.exponential, self.linear, self.asperities))
+
+    @property
+    def faces(self) -> tuple[str, ...]:
+        """Faces of bodies, without the ground."""
+        return self.sides[self.sides[0] == GROUNDED :]
 
     @property
     def name(self) -> str:
@@ -501,20 +511,17 @@ class NamedLoad(Settings):
 
     def traction_on(self, mesh: "Mesh", boundary: str) -> tuple[np.ndarray, float]:
         """Return the traction at the factor 1, Pa, and the area of the face, m²."""
-        face = face_of(mesh, boundary)
-        normals = face.normals
-        area = float(np.linalg.norm(normals, axis=1).sum())
+        face = Face.at(mesh, boundary)
         if self.force is not None:
-            return np.array(self.force) / area, area
+            return np.array(self.force) / face.area, face.area
         if self.traction is not None:
-            return np.array(self.traction), area
-        mean = normals.sum(axis=0) / area
-        if np.linalg.norm(mean) < 1.0 - PLANE:
+            return np.array(self.traction), face.area
+        if np.linalg.norm(face.normal) < 1.0 - PLANE:
             raise CaseError(
                 f"the load {self.name} is a pressure on {self.face}, which is not plane; give its "
                 f"traction or force"
             )
-        return -float(self.pressure or 0.0) * mean, area
+        return -float(self.pressure or 0.0) * face.normal, face.area
 
 
 def n_tetrahedra(mesh: "Mesh") -> int:

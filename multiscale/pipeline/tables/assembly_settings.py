@@ -26,7 +26,7 @@ from multiscale.pipeline.tables.assembly_parts import (
 from multiscale.pipeline.tables.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import Face, Pressed, StructureKind, highest_pressure
-from multiscale.pipeline.tables.toml_model import Number, Positive, Settings
+from multiscale.pipeline.tables.toml_model import Number, Positive, Settings, at_most
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
 from multiscale.upscaling.budget import FEW_CELLS, STATED
@@ -39,17 +39,9 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
     from multiscale.pipeline.tables.settings import Case
 
-PRELOAD = "preload"
-"""Name of the tightening of the bolts among the loads."""
-
-KINDS = {4: "tetrahedra", 8: "hexahedra"}
-"""Kinds of elements by the number of their corners."""
-
-QUICK_ELEMENT = 1.5
-"""Element size of quick geometries over the size stated."""
-
-STATED_HOW = "half-widths stated with +-"
-"""Source of the errors of stated values."""
+PRELOAD = "preload"  # name of the tightening of the bolts among the loads
+KINDS = {4: "tetrahedra", 8: "hexahedra"}  # kinds of elements by the number of their corners
+STATED_HOW = "half-widths stated with +-"  # source of the errors of stated values
 
 
 class LoadSteps(SolverChoice):
@@ -67,12 +59,10 @@ class LoadCycles(Settings):
     load: str = Field(description="Name of the load.")
     amplitude: Annotated[Number, Field(gt=0.0)] = 1.0
     """Amplitude of its factor."""
-    cycles: Positive = Field(description="Closed cycles after the first loading.")
-    steps: Positive = Field(10, description="Load steps from the middle to the amplitude.")
-
-    def quick(self) -> Self:
-        """Return one cycle of few steps."""
-        return self.model_copy(update={"cycles": 1, "steps": min(2, self.steps)})
+    cycles: Annotated[Positive, at_most(1)]
+    """Closed cycles after the first loading."""
+    steps: Annotated[Positive, at_most(2)] = 10
+    """Load steps from the middle to the amplitude."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +131,7 @@ class Bodies(StructureKind):
         named = [
             (f"interface {i}", face)
             for i, interface in enumerate(self.interfaces)
-            for face in interface.sides[interface.sides[0] == GROUNDED :]
+            for face in interface.faces
         ]
         named += [(f"bolt {i}", face) for i, bolt in enumerate(self.bolts) for face in bolt.sides]
         return [*named, *((f"the load {load.name}", load.face) for load in self.loads)]
@@ -182,15 +172,15 @@ class Bodies(StructureKind):
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened only by steps")
         check_bodies(self.bodies, case)
-        if case.growth is not None and (case.cycles or case.vibration or not self.is_one):
+        several = len(self.bodies) > 1 or self.interfaces or self.bolts
+        if case.growth is not None and (case.cycles or case.vibration or several):
             raise ValueError(
                 "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
                 "[growth], or the others"
             )
         for number, interface in enumerate(self.interfaces):
-            faces = interface.sides[interface.sides[0] == GROUNDED :]
             if interface.surface_damage and not any(
-                self.bodies[self._find("interface", face)[0]].porous for face in faces
+                self.bodies[self._find("interface", face)[0]].porous for face in interface.faces
             ):
                 raise ValueError(
                     f"surface_damage of interface {number} is of representative volumes, and "
@@ -230,11 +220,6 @@ class Bodies(StructureKind):
             3 * nodes, points, len(meshes), len(self.path(case, ()).factors())
         )
 
-    @property
-    def is_one(self) -> bool:
-        """Whether there is one body, without interfaces and bolts."""
-        return len(self.bodies) == 1 and not self.interfaces and not self.bolts
-
     def path(self, case: "Case", forces: Sequence[float]) -> "substructures.LoadPath":
         """Return the path over the loads, from their resultants at the factor 1, N."""
         now, steps = dict.fromkeys(self.load_names, 0.0), []
@@ -270,7 +255,7 @@ class Bodies(StructureKind):
     def carried(self, number: int) -> tuple[float, float]:
         """Share of an interface that sections of its bodies leave, and half-width over it."""
         interface, share, error = self.interfaces[number], 1.0, 0.0
-        for face in interface.sides[interface.sides[0] == GROUNDED :] * interface.surface_damage:
+        for face in interface.faces * interface.surface_damage:
             at, boundary = self._find(f"interface {number}", face)
             body = self.bodies[at]
             if isinstance(body, PorousBody):
@@ -320,10 +305,7 @@ class Bodies(StructureKind):
     def read_laws(
         self, case: "Case", datasets: "Datasets", open_law: OpenLaw
     ) -> list[Dataset | None]:
-        """Read the law of every interface, with its tangential branch; None for a stated law.
-
-        Interfaces of the same law and friction share a dataset.
-        """
+        """Read the law of every interface, shared where it is the same; None for a stated law."""
         read: dict[Any, Dataset | None] = {}
         laws = []
         for number, interface in enumerate(self.interfaces):
@@ -354,8 +336,7 @@ class Bodies(StructureKind):
 
     def poissons_ratio(self, interface: BodyInterface) -> float:
         """Mean of the bodies that an interface joins."""
-        faces = interface.sides[interface.sides[0] == GROUNDED :]
-        bodies = [self.bodies[self._find("interface", face)[0]] for face in faces]
+        bodies = [self.bodies[self._find("interface", face)[0]] for face in interface.faces]
         return float(np.mean([body.poissons_ratio or 0.0 for body in bodies]))
 
     def sliders(
@@ -380,9 +361,13 @@ class Bodies(StructureKind):
             made.append(replace(bed, **interface.over(case.interface).given))
         return made
 
+    def slabs(self, case: "Case") -> int:
+        """Slabs of the beds of sliders."""
+        return SLABS
+
     def beds(self, case: "Case") -> dict[str, Any]:
         """Options of :class:`Sliders` of every interface: the bed is fine over the data."""
-        return {"slabs": SLABS}
+        return {"slabs": self.slabs(case)}
 
     def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
         """Law of an interface that is stated, with a friction that is given."""
@@ -516,24 +501,20 @@ class Bodies(StructureKind):
         # resultants at the factor 1, bolts first, and the faces on which they act
         acting: list[list[tuple[np.ndarray, Face]]] = [[]] * bool(self.bolts)
         for bolt in self.bolts:
-            ends = [Face.at(meshes, self.place(meshes, "a bolt", side)) for side in bolt.sides]
+            placed = [self.place(meshes, "a bolt", side) for side in bolt.sides]
+            ends = [Face.at(meshes[body], boundary) for body, boundary in placed]
             acting[0] = [*acting[0], *((-0.5 * bolt.preload * end.normal, end) for end in ends)]
         for load, place in zip(self.loads, places, strict=True):
             traction, area = load.traction_on(meshes[place[0]], place[1])
-            acting.append([(area * traction, Face.at(meshes, place))])
+            acting.append([(area * traction, Face.at(meshes[place[0]], place[1]))])
         factors = self.path(case, ()).factors()
         faces_of = [
-            [
-                (place[0], Face.at(meshes, place))
-                for side in interface.sides
-                if side != GROUNDED
-                for place in [self.place(meshes, interface.name, side)]
-            ]
+            [(body, Face.at(meshes[body], boundary)) for body, boundary in placed]
             for interface in self.interfaces
+            for placed in [[self.place(meshes, interface.name, side) for side in interface.faces]]
         ]
-        shared = np.zeros(
-            len(factors)
-        )  # certain pressure by bolts, if no supports carry their force
+        # certain pressure by bolts, if no supports carry their force
+        shared = np.zeros(len(factors))
         laws = [
             (interface.law, interface.exponential, interface.is_stated, interface.gap)
             for interface in self.interfaces
@@ -587,11 +568,7 @@ class Bodies(StructureKind):
         return only and not self.bolts
 
     def coarser(self) -> dict[float, Self]:
-        """Return the same bodies on coarser meshes, by the ratio of the element sizes.
-
-        Empty if a body has no coarser mesh, or it is hardly coarser: gmsh makes no elements larger
-        than about a tenth of a geometry.
-        """
+        """Return the same bodies on coarser meshes, if any, by the ratio of the element sizes."""
         coarse = [body.coarsened() for body in self.bodies]
         bodies = tuple(body for body in coarse if body is not None)
         if len(bodies) < len(coarse):
@@ -607,34 +584,9 @@ class Bodies(StructureKind):
         lower = any(body.element is None and body.order_on(body.load()) > 1 for body in self.bodies)
         return "quick, elements of first order" if lower else "quick"
 
-    def quick(self, case: "Case") -> Self:
-        """Return the same bodies of coarser geometries, and quick runs of the cases they name.
-
-        Meshes that are read cannot be made coarser: their elements are of first order.
-        """
-        interfaces = tuple(
-            interface.model_copy(update={"quick": interface.law is not None})
-            for interface in self.interfaces
-        )
-        bodies = tuple(
-            body.model_copy(
-                update={
-                    "quick": body.rve is not None,
-                    "element": body.element and QUICK_ELEMENT * body.element,
-                    "order": body.order if body.element else 1,
-                }
-            )
-            for body in self.bodies
-        )
-        return self.model_copy(update={"bodies": bodies, "interfaces": interfaces})
-
 
 def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
-    """Refuse bodies without the data that the other tables of their case need.
-
-    These are stiffness, the mass for vibration, a cycle and a body for fatigue. A volume that no
-    body takes is refused, too.
-    """
+    """Refuse bodies without the data that the other tables of their case need."""
     takers = [body.name for body in bodies if body.porous and body.rve is None]
     if takers and case.rve is None:
         raise ValueError(

@@ -18,8 +18,10 @@ from multiscale.pipeline.tables.toml_model import (
     Number,
     Positive,
     Pressure,
+    Quick,
     Ratio,
     Settings,
+    at_most,
     must_rise,
     quantity,
     with_unit,
@@ -28,8 +30,7 @@ from multiscale.units import readable
 from multiscale.upscaling.sampling import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
-ABSENT: Any = None
-"""Default of optional tables, which are read only where they are given."""
+ABSENT: Any = None  # default of optional tables, which are read only where they are given
 
 POINTS_PER_WAVE = 8
 """Grid points per shortest wavelength of a measured surface, if the case gives no cut-off."""
@@ -37,12 +38,18 @@ POINTS_PER_WAVE = 8
 Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
+HALVED = Quick(lambda _, points: tuple(max(4, 2 * ((n + 2) // 4)) for n in points))
+MIDDLE = Quick(lambda _, pressures: pressures[len(pressures) // 2 :][:1])
+"""Half of the points of a grid, and a single pressure, in quick cases."""
+
 
 class GridSettings(Settings):
     """A rectangle of a surface, and its grid."""
 
     size: tuple[Length, Length] = Field(description="Edge lengths along x and y, m.")
-    points: tuple[Points, Points] = Field(description="Grid points along x and y.")
+    points: Annotated[tuple[Points, Points], HALVED] = Field(
+        description="Grid points along x and y."
+    )
 
     @property
     def spacing(self) -> float:
@@ -53,11 +60,6 @@ class GridSettings(Settings):
     def scope(self) -> str:
         """Short description of the cases of the same run folder."""
         return f"{self.points[0]} x {self.points[1]} points"
-
-    def quick(self) -> Self:
-        """Return the same rectangle on a coarser grid."""
-        points = tuple(max(4, 2 * ((n + 2) // 4)) for n in self.points)
-        return self.model_copy(update={"points": points})
 
 
 class VolumeSettings(Settings):
@@ -179,9 +181,9 @@ class CellSettings(GridSettings):
         """Whether the elements of a mesh have nodes between their corners."""
         return self.element in ("hex27", "tet10")
 
-    def quick(self) -> Self:
+    def smaller(self) -> Self:
         """Return the same cell on a coarser grid; a mesh from a file stays as it is."""
-        small = super().quick()
+        small = super().smaller()
         if self.geometry != "mesh" or self.mesh is not None or not self.second_order:
             return small
         points = tuple(max(4, 4 * round(n / 8)) for n in self.points)
@@ -196,15 +198,16 @@ class ShearSettings(Settings):
 
     friction_coefficient: Number = Field(gt=0.0, le=10.0)
     """Friction coefficient of points of contact."""
-    pressures: tuple[Pressure, ...] = Field(min_length=1)
+    pressures: Annotated[tuple[Pressure, ...], MIDDLE] = Field(min_length=1)
     """Mean pressures under which they are sheared, Pa, rising, from three times the lowest to the
     highest of the cells."""
-    realisations: Positive = Field(3, description="Number of these cells, at most all.")
+    realisations: Annotated[Positive, at_most(3)] = 3
+    """Number of these cells, at most all."""
     points: tuple[Points, Points] | None = None
     """Their grid points along x and y, as in [cell] if not given."""
     layers: Annotated[Count, Field(ge=2, le=1000)] | None = None
     """Layers of elements of each body, as in [cell] if not given."""
-    steps: Count = Field(10, ge=3, le=1000)
+    steps: Annotated[Count, at_most(6)] = Field(10, ge=3, le=1000)
     """Steps from rest to full slip, at each pressure."""
     cycle: bool = True
     """Whether they also go through a closed cycle of partial slip, in four more steps at each
@@ -212,28 +215,18 @@ class ShearSettings(Settings):
 
     _rise = field_validator("pressures")(must_rise)
 
-    def quick(self) -> Self:
-        """Return three of these cells at most, sheared under one pressure."""
-        return self.model_copy(
-            update={
-                "realisations": min(3, self.realisations),
-                "pressures": self.pressures[len(self.pressures) // 2 :][:1],
-                "steps": min(6, self.steps),
-            }
-        )
-
 
 class MicroSettings(Settings):
     """The ensemble of cells."""
 
-    realisations: Positive = Field(description="Number of cells.")
+    realisations: Annotated[Positive, at_most(4)] = Field(description="Number of cells.")
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
     seed: Natural = Field(
         0, description="Seed of the first realisation; realisation k has seed + k."
     )
     unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
     """Whether to unload through the same pressures, or falling pressures for unloading, Pa."""
-    coarser: Natural = 0
+    coarser: Annotated[Natural, at_most(0)] = 0
     """Number of the first cells that are also solved on half of their points, pressed and, with
     [micro.shear], sheared, for the error of the grid; each costs an eighth of a cell."""
     control: Literal["flat", False] | None = None
@@ -241,7 +234,7 @@ class MicroSettings(Settings):
     which takes most of the sampling error out of the law. By default cells that are not flat have
     them, on synthetic surfaces and from 4 realisations on, and so does a planner; `false` turns
     them off."""
-    control_realisations: Positive | None = None
+    control_realisations: Annotated[Positive | None, Quick(lambda *_: None)] = None
     """Number of these flat cells. By default the best number for the time, by the correlation of
     both kinds of cells, with at most about the time of the cells, and at most 256."""
     spots: bool = False
@@ -326,18 +319,13 @@ class MicroSettings(Settings):
         """All pressures in their order, Pa."""
         return self.pressures + self.unloading
 
-    def quick(self) -> Self:
-        """Return four realisations at most, on one grid."""
-        shear = self.shear and self.shear.quick()
-        fewer = {"realisations": min(4, self.realisations), "control_realisations": None}
-        return self.model_copy(update={**fewer, "coarser": 0, "shear": shear})
-
 
 class LawSettings(Settings):
     """The fit of the interface law."""
 
     terms: Count = Field(40, ge=6, description="Terms of the normal law.")
-    samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
+    samples: Annotated[Count, at_most(40)] = Field(200, ge=0)
+    """Bootstrap samples behind the bands."""
     apart: bool | None = None
     """Whether the tangential stiffness along x and y are two numbers; if not given, where they
     differ by more than chance."""
@@ -362,10 +350,6 @@ class LawSettings(Settings):
         """Keys that are given for the calibration by measured joints."""
         names = ("roughness", "discrepancy", "friction", "stiffness_ratio")
         return [name for name in names if getattr(self, name) is not None]
-
-    def quick(self) -> Self:
-        """Return the same fit with few samples."""
-        return self.model_copy(update={"samples": min(40, self.samples)})
 
 
 class SealSettings(Settings):
@@ -414,20 +398,16 @@ class SlideSettings(Settings):
     """Friction coefficient of points of contact."""
     pressures: tuple[Pressure, ...] = ()
     """Mean pressures, Pa, rising; all pressures of the cells if not given."""
-    steps: Count = Field(16, ge=1, le=10_000, description="Steps of the result over the distance.")
+    steps: Annotated[Count, at_most(4)] = Field(16, ge=1, le=10_000)
+    """Steps of the result over the distance."""
 
     _rise = field_validator("pressures")(must_rise)
 
-    def quick(self, cell: CellSettings, micro: MicroSettings) -> Self:
-        """Return a quarter of a length of the cell, under one pressure."""
-        pressures = self.pressures or micro.pressures
-        return self.model_copy(
-            update={
-                "distance": min(self.distance, 0.25 * cell.size[0]),
-                "pressures": pressures[len(pressures) // 2 :][:1],
-                "steps": min(4, self.steps),
-            }
-        )
+    def within(self, cell: CellSettings, micro: MicroSettings) -> Self:
+        """Return a quarter of a length of the cell at most, under one pressure."""
+        distance = min(self.distance, 0.25 * cell.size[0])
+        pressures = MIDDLE.of(self, self.pressures or micro.pressures)
+        return self.model_copy(update={"distance": distance, "pressures": pressures})
 
 
 class AccuracySettings(Settings):

@@ -22,6 +22,7 @@ from multiscale.pipeline.tables.toml_model import (
     Share,
     TimeSteps,
     Tolerance,
+    at_most,
     quantity,
     with_unit,
 )
@@ -30,10 +31,8 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
-QUICK_GRAINS, QUICK_STEPS = 60, 40
-
-COARSEST = 2.5
-"""Longest step of pressed grains, over the step that resolves how they rearrange."""
+QUICK_STEPS = 40  # of a motion
+COARSEST = 2.5  # longest step of pressed grains, over the step that resolves how they rearrange
 
 Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
 StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")]
@@ -42,7 +41,7 @@ StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")
 class GrainSettings(Settings):
     """The grains and their contacts."""
 
-    number: Positive = Field(description="Number of grains.")
+    number: Annotated[Positive, at_most(60)] = Field(description="Number of grains.")
     radius: tuple[Length, Length]
     """Smallest and largest radius, m; every interval has its share of volume."""
     density: Density = Field(2600.0, description="Density of the material, kg/m3.")
@@ -73,10 +72,6 @@ class GrainSettings(Settings):
         """Radius of every grain, m."""
         return granulate.draw_radii(self.number, *self.radius, seed=self.seed)
 
-    def quick(self) -> Self:
-        """Return few such grains."""
-        return self.model_copy(update={"number": min(QUICK_GRAINS, self.number)})
-
 
 class Motion(TimeSteps):
     """Steps and solver of the motion; see :func:`multiscale.macro.granulate.simulate_grains`."""
@@ -92,7 +87,7 @@ class Motion(TimeSteps):
         """Solver of the contacts."""
         return granulate.Solver(self.tolerance, self.max_iterations)
 
-    def quick(self) -> Self:
+    def smaller(self) -> Self:
         """Return few steps of the motion."""
         duration = min(self.duration, QUICK_STEPS * self.step)
         return self.model_copy(update={"duration": duration})
@@ -183,7 +178,7 @@ class ColumnCollapse(Granulate):
         """Add the distance of the farthest grain beyond the gate."""
         return granulate.with_run_out(result, self.width)
 
-    def quick(self, case: "Case") -> Self:
+    def within(self, case: "Case") -> Self:
         """Return a column that settles no longer than the motion is followed."""
         return self.model_copy(update={"settling": min(self.settling, case.motion.duration)})
 

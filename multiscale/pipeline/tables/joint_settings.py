@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from multiscale import macro
+from multiscale import macro, upscaling
 from multiscale.errors import CaseError
 from multiscale.laws import Asperities, AsperityLaw, class_densities, gaussian_asperities
 from multiscale.laws.bulk.moduli import mindlin_ratio
@@ -18,18 +18,19 @@ from multiscale.pipeline.tables.toml_model import (
     Number,
     Positive,
     Pressure,
+    Quick,
     Ratio,
     Settings,
     Tolerance,
     UncertainFactor,
     UncertainLength,
     UncertainPressure,
+    at_most,
     must_rise,
     quantity,
     with_unit,
 )
 from multiscale.schema import Dataset, with_cautions
-from multiscale.upscaling import assume_shear, tangential_values
 from multiscale.upscaling.branches import state_shear, take_sliding_friction
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.reading import TABLE
@@ -99,9 +100,6 @@ class StatedAsperities(Settings):
         return AsperityLaw(asperities, friction, stiffness_ratio)
 
 
-QUICK_STEPS = 2
-"""Load steps to the amplitude, at most."""
-
 LEAST, MOST = 0.1, 3.0
 """Pressures of a joint that count, relative to the least and the largest preload."""
 
@@ -124,10 +122,15 @@ UNKNOWN_ERROR = (
 LawError = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
 
+FEW_PARTS = Quick(lambda _, parts: tuple(min(2, number) for number in parts))
+RUN_QUICK = Quick(lambda table, _: table.law is not None)
+"""Keys of quick cases: substructures along an axis, and whether the case of a law is run quick."""
+
+
 class Substructures(Settings):
     """The cut, and the solver of the substructures; see :func:`multiscale.macro.solve_latin`."""
 
-    parts: tuple[Positive, Positive] = (1, 1)
+    parts: Annotated[tuple[Positive, Positive], FEW_PARTS] = (1, 1)
     """Substructures along x and y, of every body."""
     coarse: bool = True
     """Whether a coarse problem balances interface resultants."""
@@ -150,10 +153,6 @@ class Substructures(Settings):
         """Return the solver of elastic bodies."""
         return macro.LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
 
-    def quick(self) -> Self:
-        """Return a cut into at most two substructures along each axis."""
-        return self.model_copy(update={"parts": tuple(min(2, number) for number in self.parts)})
-
 
 class SolverChoice(Settings):
     """The solver of the bodies of a case."""
@@ -173,7 +172,8 @@ class LawSource(Settings):
     law_error: LawError | None = None
     """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
     `"10 %"`; its error is unknown if not given."""
-    quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
+    quick: Annotated[bool, RUN_QUICK] = False
+    """Whether a case that `law` names is run `--quick`."""
     extrapolate: bool = False
     """Whether answers stand where more than 5 % of the load of an interface lies beyond a factor of
     2 outside the pressures of the law; they are unknown otherwise."""
@@ -189,11 +189,8 @@ class LawSource(Settings):
         return self.law
 
     def read(self, open_law: OpenLaw) -> Dataset:
-        """Read the normal law, which is refused if it is missing or damaged."""
-        return self.with_error(open_law(self.source, self.quick))
-
-    def with_error(self, law: Dataset) -> Dataset:
-        """Return the law with the error that the case states, or with a caution for a table."""
+        """Read the normal law, with the error that the case states, or a caution for a table."""
+        law = open_law(self.source, self.quick)
         if self.law_error is not None:
             return with_stated_error(law, self.law_error)
         return with_cautions(law, UNKNOWN_ERROR) if law.attrs.get("family") == TABLE else law
@@ -241,12 +238,12 @@ class JointLaw(LawSource):
         where: str = "[interface]",
     ) -> Dataset:
         """Return the law with a tangential branch: stated, else measured, else by theory."""
-        measured = tangential_values(law)
+        measured = upscaling.tangential_values(law)
         if strict and branch_origins(law).get("shear", "").startswith("assumed"):
             measured = {}
         if self.friction is None and "friction" not in measured and "sliding_friction" in law:
             law = take_sliding_friction(law, pressure)
-            measured = tangential_values(law)
+            measured = upscaling.tangential_values(law)
         if missing := self.report_missing(measured, strict, where):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in measured:
@@ -256,7 +253,7 @@ class JointLaw(LawSource):
                     f"the coatings of {coated}; shear the cells by [micro.shear], or give "
                     f"stiffness_ratio in {where}"
                 )
-            law = assume_shear(law, stiffness_ratio=mindlin_ratio(poissons_ratio))
+            law = upscaling.assume_shear(law, stiffness_ratio=mindlin_ratio(poissons_ratio))
         law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
         return with_cautions(law, *_lay_caution(law))
 
@@ -316,11 +313,13 @@ class Cycles(Settings):
     """Cycles of shear after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
 
     shear: Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
-    amplitudes: tuple[Pressure, ...] = ()
+    amplitudes: Annotated[tuple[Pressure, ...], Quick(lambda _, smaller: smaller[:1])] = ()
     """Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle are solved at
     these and at `shear`, at every preload."""
-    cycles: Positive = Field(description="Closed cycles after the first loading.")
-    steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
+    cycles: Annotated[Positive, at_most(1)]
+    """Closed cycles after the first loading."""
+    steps: Annotated[Positive, at_most(2)] = 10
+    """Load steps from zero to the amplitude."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -342,8 +341,3 @@ class Cycles(Settings):
         return substructures.JointLoading(
             preloads, self.shear, self.cycles, self.steps, self.all_amplitudes
         )
-
-    def quick(self) -> Self:
-        """Return a single cycle of few steps, and at most one smaller amplitude."""
-        few = {"cycles": 1, "steps": min(QUICK_STEPS, self.steps)}
-        return self.model_copy(update=few | {"amplitudes": self.amplitudes[:1]})

@@ -21,9 +21,11 @@ from multiscale.pipeline.tables.toml_model import (
     Count,
     Length,
     Number,
+    Quick,
     Settings,
     Share,
     TimeSteps,
+    at_most,
     quantity,
     with_unit,
 )
@@ -58,6 +60,9 @@ Rigidity = Annotated[
     Field(gt=0.0),
     PlainSerializer(lambda value: f"{value!r} N" if isfinite(value) else "inextensible"),
 ]
+OF_SPAN = Quick(lambda grid, tension: tension * (min(QUICK, grid.n) / grid.n) ** 2)
+"""Prestress of quick grids: with the square of the span, as the tensions under the load, so that as
+many of a hundred cables go slack."""
 Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
 Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
 
@@ -112,9 +117,10 @@ class TensegrityGrid(LinkStructure):
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["tensegrity_grid"]
-    n: Modules = Field(description="Modules along x.")
-    m: Modules | None = Field(None, description="Modules along y; n if not given.")
-    prestress: Prestress = 2550.0
+    n: Annotated[Modules, at_most(QUICK)] = Field(description="Modules along x.")
+    m: Annotated[Modules | None, at_most(QUICK)] = None
+    """Modules along y; n if not given."""
+    prestress: Annotated[Prestress, OF_SPAN] = 2550.0
     """Tension of the upper cables at load factor 0, N."""
     size: Length = Field(1.0, description="Edge of a module, m.")
     height: Length = Field(0.5, description="Height of a module, m.")
@@ -129,23 +135,14 @@ class TensegrityGrid(LinkStructure):
             cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same
         )
 
-    def quick(self, case: "Case") -> Self:
-        """Return a grid of at most 4 x 4 modules.
-
-        The prestress falls with the square of the span, as the tensions do under the load, so that
-        as many of a hundred cables go slack.
-        """
-        n, m = _few(self.n, self.m)
-        prestress = self.prestress * (n / self.n) ** 2
-        return self.model_copy(update={"n": n, "m": m, "prestress": prestress})
-
 
 class CableNet(LinkStructure):
     """A prestressed saddle; see :func:`multiscale.macro.cable_net`."""
 
     kind: Literal["cable_net"]
-    n: Several = Field(description="Meshes along x.")
-    m: Several | None = Field(None, description="Meshes along y; n if not given.")
+    n: Annotated[Several, at_most(QUICK)] = Field(description="Meshes along x.")
+    m: Annotated[Several | None, at_most(QUICK)] = None
+    """Meshes along y; n if not given."""
     mesh: Length = Field(1.0, description="Distance of the cables in plan, m.")
     rise: Length = Field(1.0, description="Height of the saddle, m.")
     prestress: Size = 10e3
@@ -158,11 +155,6 @@ class CableNet(LinkStructure):
         """Build the net."""
         same = self.model_dump(include={"n", "m", "mesh", "rise", "prestress", "nodal_load"})
         return macro.cable_net(cable=Cable(self.cable_rigidity), **same)
-
-    def quick(self, case: "Case") -> Self:
-        """Return a net of at most 4 x 4 meshes."""
-        n, m = _few(self.n, self.m)
-        return self.model_copy(update={"n": n, "m": m})
 
 
 class LinkLawSettings(Settings):
@@ -258,7 +250,3 @@ class Dynamics(TimeSteps):
         if any(late <= early for early, late in pairwise(times)):
             raise ValueError("must have times that rise from one pair to the next")
         return history
-
-
-def _few(n: int, m: int | None) -> tuple[int, int | None]:
-    return min(QUICK, n), None if m is None else min(QUICK, m)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from math import ceil, pi, sqrt
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -16,19 +16,15 @@ from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
-from multiscale.pipeline.tables.assembly_parts import COARSER, BodyInterface, Material, MeshedBody
-from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts, check_bodies
-from multiscale.pipeline.tables.joint_settings import (
-    FEW_SLABS,
-    SLABS,
-    Cycles,
-    Damage,
-    JointPreloads,
-    LawSource,
-    OpenLaw,
-    RisingPreloads,
-    RoughInterface,
+from multiscale.pipeline.tables import joint_settings
+from multiscale.pipeline.tables.assembly_parts import (
+    COARSER,
+    RUN_QUICK_RVE,
+    BodyInterface,
+    Material,
+    MeshedBody,
 )
+from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts, check_bodies
 from multiscale.pipeline.tables.link_settings import Statics
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import (
@@ -42,6 +38,7 @@ from multiscale.pipeline.tables.toml_model import (
     Length,
     Positive,
     Pressure,
+    Quick,
     Ratio,
     Settings,
 )
@@ -54,11 +51,13 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
-QUICK_ELEMENTS = 4
-"""Elements along an edge, at most."""
+QUICK_ELEMENTS = 4  # elements along an edge, at most
 
 Edges = tuple[Length, Length, Length]
-Elements = tuple[Positive, Positive, Positive]
+Elements = Annotated[
+    tuple[Positive, Positive, Positive],
+    Quick(lambda _, elements: tuple(min(QUICK_ELEMENTS, number) for number in elements)),
+]
 
 
 class Blocks(StructureKind):
@@ -67,8 +66,8 @@ class Blocks(StructureKind):
     stage: ClassVar[str] = "joint"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("interface", "statics"))
     models: ClassVar[Mapping[str, type[Settings]]] = {
-        "interface": LawSource,
-        "statics": RisingPreloads,
+        "interface": joint_settings.LawSource,
+        "statics": joint_settings.RisingPreloads,
     }
     of_bodies: ClassVar[bool] = True
 
@@ -91,10 +90,9 @@ class Blocks(StructureKind):
         if far := [preload for preload in case.statics.preloads if not low <= preload <= high]:
             listed = ", ".join(f"{1e-6 * preload:g}" for preload in far)
             raise ValueError(
-                f"preloads in [statics] of {listed} MPa lie more than a factor of "
-                f"{FAR_FACTOR:g} outside the pressures in [micro], {1e-6 * p[0]:g} to "
-                f"{1e-6 * p[-1]:g} MPa: the joint would be unknown there; press the cells at such "
-                f"pressures"
+                f"preloads in [statics] of {listed} MPa lie more than a factor of {FAR_FACTOR:g} "
+                f"outside the pressures in [micro], {1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: the "
+                "joint would be unknown there; press the cells at such pressures"
             )
 
     def pressed(self, case: "Case") -> list[Pressed]:
@@ -142,16 +140,6 @@ class Plate(StructureKind):
         """Refuse large displacements."""
         case.statics.refuse_large()
 
-    def quick(self, case: "Case") -> Self:
-        """Return the same plate with four elements along an edge."""
-        return self.model_copy(update={"elements": fewer(self.elements)})
-
-
-def fewer(elements: Elements) -> Elements:
-    """Return at most four elements along each edge."""
-    x, y, z = (min(QUICK_ELEMENTS, number) for number in elements)
-    return x, y, z
-
 
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
 """Nodes of the plan of a lap joint over the nodes of a grid, and nodes added by hole and washer, as
@@ -170,18 +158,19 @@ class RoughBodies(StructureKind, Material):
         ("interface", "statics", "vibration"),
     )
     models: ClassVar[Mapping[str, type[Settings]]] = {
-        "interface": RoughInterface,
-        "statics": JointPreloads,
-        "cycles": Cycles,
+        "interface": joint_settings.RoughInterface,
+        "statics": joint_settings.JointPreloads,
+        "cycles": joint_settings.Cycles,
     }
     may_be_cut: ClassVar[bool] = True
     may_tire: ClassVar[bool] = True
     mesher: ClassVar[tuple[str, ...]] = ()
     """Library that meshes the bodies."""
 
-    damage: tuple[Damage, ...] = ()
+    damage: tuple[joint_settings.Damage, ...] = ()
     """Damage of bodies from below: each is 1 - D as stiff; sound if not given."""
-    quick_rve: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
+    quick_rve: Annotated[bool, RUN_QUICK_RVE] = False
+    """Whether a case that `rve` names is run `--quick`."""
 
     @property
     @abstractmethod
@@ -232,7 +221,9 @@ class RoughBodies(StructureKind, Material):
         """Return the representative volume that it names, and whether a case is run quick."""
         return set() if self.rve is None else {(self.rve, self.quick_rve)}
 
-    def with_volumes(self, case: "Case", datasets: "Datasets", open_rve: OpenLaw) -> Bodies:
+    def with_volumes(
+        self, case: "Case", datasets: "Datasets", open_rve: joint_settings.OpenLaw
+    ) -> Bodies:
         """Return bodies and interfaces of a case with their representative volumes."""
         return self.as_bodies(case).with_volumes(case, datasets, open_rve)
 
@@ -251,7 +242,7 @@ class RoughBodies(StructureKind, Material):
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
-        return SLABS if case.cycles else FEW_SLABS
+        return joint_settings.SLABS if case.cycles else joint_settings.FEW_SLABS
 
     def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut every body into boxes."""
@@ -310,10 +301,10 @@ class JointedBodies(Bodies):
     source: Any
 
     def read_laws(
-        self, case: "Case", datasets: "Datasets", open_law: OpenLaw
+        self, case: "Case", datasets: "Datasets", open_law: joint_settings.OpenLaw
     ) -> list[Dataset | None]:
         """Read the law of all joints, with friction, and with the damage near the surface."""
-        interface: RoughInterface = case.interface
+        interface: joint_settings.RoughInterface = case.interface
         ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]
         law = interface.complete(
             case.interface_law(datasets, open_law), ratio, pressure, case.strict
@@ -396,11 +387,6 @@ class StackedBlocks(RoughBodies):
         x, y, z = self.elements
         return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
 
-    def quick(self, case: "Case") -> Self:
-        """Return the same blocks with four elements along an edge."""
-        update = {"elements": fewer(self.elements), "quick_rve": self.rve is not None}
-        return self.model_copy(update=update)
-
 
 class LapJoint(RoughBodies):
     """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`."""
@@ -417,7 +403,8 @@ class LapJoint(RoughBodies):
     bolt: Length | None = None
     """Diameter of the shank of a bolt of the modulus of the plates, m: its force changes with the
     load; the force is constant if not given."""
-    element: Length = Field(description="Edge of an element in plan, m.")
+    element: Annotated[Length, Quick(lambda joint, h: max(h, joint.overlap / QUICK_ELEMENTS))]
+    """Edge of an element in plan, m."""
     layers: Positive = Field(2, description="Elements through each thickness.")
 
     @property
@@ -485,8 +472,3 @@ class LapJoint(RoughBodies):
             for side in (self.length, self.overlap)
         )
         return ceil(plan) * (self.layers + 1), ceil(overlap)
-
-    def quick(self, case: "Case") -> Self:
-        """Return the same joint with elements no finer than a quarter of the overlap."""
-        element = max(self.element, self.overlap / QUICK_ELEMENTS)
-        return self.model_copy(update={"element": element, "quick_rve": self.rve is not None})

@@ -8,6 +8,7 @@ import numpy as np
 from multiscale.fe.faces import face_of
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.pipeline.tables.assembly_parts import MeshedBody
+from multiscale.pipeline.tables.structure_kind import Face
 from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling import Uncertainty
@@ -16,8 +17,7 @@ from multiscale.upscaling.budget import FEW_CELLS
 if TYPE_CHECKING:
     from skfem import Mesh
 
-FEWEST_ACROSS = 3.0
-"""Representative volumes across a body that a continuum needs."""
+FEWEST_ACROSS = 3.0  # representative volumes across a body that a continuum needs
 
 
 @dataclass(frozen=True)
@@ -102,19 +102,15 @@ class PorousBody(MeshedBody):
 
     def surface_damage(self, mesh: "Mesh", boundary: str) -> SurfaceDamage:
         """Return the damage of sections along a face: the mean, as a face is any section."""
-        face = face_of(mesh, boundary)
-        normals = face.normals
-        area = float(np.linalg.norm(normals, axis=1).sum())
-        normal = self.axes.T @ normals.sum(axis=0)
-        rve = self.volume_data
-        at = int(np.argmax(np.abs(rve["normal"].to_numpy() @ normal)))
+        face, rve = Face.at(mesh, boundary), self.volume_data
+        at = int(np.argmax(np.abs(rve["normal"].to_numpy() @ (self.axes.T @ face.normal))))
         whole = rve["share"].to_numpy() == 1.0
         mean, low, high = (
             float(rve[f"{name}_damage"].to_numpy()[whole, at].mean())
             for name in ("mean", "low", "high")
         )
         section = float(np.prod(self.box)) ** (2.0 / 3.0)
-        return SurfaceDamage(mean, 0.5 * (high - low) * np.sqrt(section / area))
+        return SurfaceDamage(mean, 0.5 * (high - low) * np.sqrt(section / face.area))
 
 
 def _volume(mesh: "Mesh") -> float:

@@ -23,14 +23,14 @@ from multiscale.pipeline.tables.toml_model import (
     Pressure,
     Ratio,
     Settings,
+    at_most,
     must_rise,
     quantity,
     with_unit,
 )
 from multiscale.units import readable
 
-MOST = 20_000
-"""Pores and cracks of a volume, at most; thousands are representative already."""
+MOST = 20_000  # pores and cracks of a volume, at most; thousands are representative already
 
 Coordinate = Annotated[float, quantity("m"), with_unit("m")]
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -39,14 +39,9 @@ Voxels = Annotated[Count, Field(ge=4, le=512)]
 Part = Annotated[Number, Field(ge=0.2, lt=1.0)]
 
 
-FEWEST = 10
-"""Pores, or cracks, below which a volume does not represent its material."""
-
-OFF = 0.1
-"""Error of the porosity of volumes, over the porosity that is asked."""
-
-WIDEST = 1.0 / 3.0
-"""Largest diameter of pores and cracks over the shortest edge of such a volume."""
+FEWEST = 10  # pores, or cracks, below which a volume does not represent its material
+OFF = 0.1  # error of the porosity of volumes, over the porosity that is asked
+WIDEST = 1.0 / 3.0  # largest diameter of pores and cracks over the shortest edge of such a volume
 
 
 def edge_for(number: float, count: float, size: tuple[float, float, float]) -> float:
@@ -100,7 +95,8 @@ class RecipeSettings(Settings):
     """Standard deviation of the logarithm of their radii."""
     crack_normal: Direction | None = None
     """Normal of all cracks; evenly distributed directions if not given."""
-    realisations: Positive = Field(6, description="Number of volumes of every size.")
+    realisations: Annotated[Positive, at_most(3)] = 6
+    """Number of volumes of every size."""
     seed: Natural = Field(0, description="Seed of the first volume; volume k has seed + k.")
 
     @field_validator("crack_normal")
@@ -159,10 +155,6 @@ class RecipeSettings(Settings):
         options = self.model_dump(exclude={"realisations", "seed"}, exclude_none=True)
         return Recipe(**options)
 
-    def quick(self) -> Self:
-        """Return three volumes at most."""
-        return self.model_copy(update={"realisations": min(3, self.realisations)})
-
 
 class ImageStack(Settings):
     """A binary image of a volume, by a tomograph."""
@@ -192,13 +184,14 @@ class RveSettings(Settings):
     pores: tuple[Pore, ...] = ()
     cracks: tuple[Crack, ...] = ()
     image: ImageStack | None = None
-    voxels: Voxels = 48
+    voxels: Annotated[Voxels, at_most(24)] = 48
     """Voxels along the longest edge, for the stiffness; a crack is a voxel thick."""
     parts: tuple[Part, ...] = (0.5,)
     """Sizes of smaller volumes over `size`, rising, of the size study."""
-    level: Annotated[Natural, Field(le=4)] = 2
+    level: Annotated[Natural, Field(le=4), at_most(1)] = 2
     """Refinement of the sphere of normals: 1, 2, 3 give about 30, 90, 330."""
-    sections: Positive = Field(33, description="Plane sections for each normal.")
+    sections: Annotated[Positive, at_most(17)] = 33
+    """Plane sections for each normal."""
     slab: Annotated[Coordinate, Field(ge=0.0)] = 0.0
     """Thickness about a section in which cracks count, m; with 0 only cracks cut by the section
     count."""
@@ -257,11 +250,6 @@ class RveSettings(Settings):
         x, y, z = (max(1, round(self.voxels * edge / longest)) for edge in self.size)
         return x, y, z
 
-    def read_volume(self) -> VoxelImage:
-        """Read the image, without solid that floats in its voids."""
-        assert self.image is not None
-        return self.image.read().without_floating()
-
     def first(self) -> Volume:
         """Return the first representative volume."""
         return self.volumes(1.0)[0]
@@ -272,23 +260,21 @@ class RveSettings(Settings):
             assert self.size is not None
             # smaller and larger volumes have different seeds
             seed = self.recipe.seed + round(1e6 * (1.0 - share))
-            box = self._box(share)
+            x, y, z = (
+                max(1, round(share * n)) / n * edge  # of whole voxels
+                for n, edge in zip(self.grid, self.size, strict=True)
+            )
             recipe = self.recipe.build()
             try:
-                return [recipe.draw(box, seed + k) for k in range(self.recipe.realisations)]
+                return [recipe.draw((x, y, z), seed + k) for k in range(self.recipe.realisations)]
             except CaseError as error:
                 raise CaseError(f"[rve.recipe] {error}") from error
-        whole: Volume = self.read_volume() if self.image is not None else self._listed()
+        # an image without solid that floats in its voids
+        image = self.image and self.image.read().without_floating()
+        whole: Volume = image or self._listed()
         if share == 1.0:
             return [whole]
         return [whole.window(share, corner) for corner in product((0, 1), repeat=3)]
-
-    def _box(self, share: float) -> tuple[float, float, float]:
-        """Lengths of a smaller volume of whole voxels, m."""
-        assert self.size is not None
-        n = [max(1, round(share * k)) / k for k in self.grid]
-        x, y, z = (fraction * edge for fraction, edge in zip(n, self.size, strict=True))
-        return x, y, z
 
     def _listed(self) -> Cavities:
         """Return the volume of the lists."""
@@ -360,14 +346,3 @@ class RveSettings(Settings):
         """Edge of a voxel, m."""
         assert self.size is not None
         return max(self.size) / self.voxels
-
-    def quick(self) -> Self:
-        """Return fewer and coarser volumes; an image stays as it is."""
-        return self.model_copy(
-            update={
-                "recipe": self.recipe and self.recipe.quick(),
-                "voxels": min(24, self.voxels),
-                "level": min(1, self.level),
-                "sections": min(17, self.sections),
-            }
-        )

@@ -9,27 +9,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from multiscale.errors import CaseError
 from multiscale.micro.layer import depth_caution
 from multiscale.micro.slide import LONGEST_SLIDE
+from multiscale.pipeline.tables import case_tables, grain_settings, link_settings, tyre_settings
 from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
-from multiscale.pipeline.tables.case_tables import (
-    ABSENT,
-    POINTS_PER_WAVE,
-    AccuracySettings,
-    CellSettings,
-    LawSettings,
-    MicroSettings,
-    SealSettings,
-    SlideSettings,
-)
+from multiscale.pipeline.tables.case_tables import ABSENT
 from multiscale.pipeline.tables.fatigue_settings import FatigueSettings, GrowthSettings
-from multiscale.pipeline.tables.grain_settings import (
-    Biaxial,
-    ColumnCollapse,
-    Deposit,
-    GrainSettings,
-    Motion,
-    ShearCell,
-    Silo,
-)
 from multiscale.pipeline.tables.joint_settings import (
     Cycles,
     JointLaw,
@@ -39,14 +22,6 @@ from multiscale.pipeline.tables.joint_settings import (
     RisingPreloads,
     RoughInterface,
     Substructures,
-)
-from multiscale.pipeline.tables.link_settings import (
-    CableNet,
-    Dynamics,
-    LinkMesh,
-    LinkTable,
-    Statics,
-    TensegrityGrid,
 )
 from multiscale.pipeline.tables.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.tables.measured_settings import MeasuredTable
@@ -58,14 +33,6 @@ from multiscale.pipeline.tables.rough_bodies import (
 )
 from multiscale.pipeline.tables.rve_settings import RveSettings
 from multiscale.pipeline.tables.toml_model import OneOf, Settings, list_tables
-from multiscale.pipeline.tables.tyre_settings import (
-    QUICK_SAMPLES,
-    Rubber,
-    Slides,
-    Tread,
-    caution_road,
-    check_rubber,
-)
 from multiscale.pipeline.tables.vibration_settings import VibrationSettings
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
@@ -74,26 +41,24 @@ from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
 
-HARDEST = 0.1
-"""Largest hardness over Young's modulus; the hardness of diamond is about as large."""
-
+HARDEST = 0.1  # largest hardness over Young's modulus; the hardness of diamond is about as large
 FEWEST_LAYERS = 4  # of cells on half of their points
 
 Structure = (
     Blocks
-    | TensegrityGrid
-    | CableNet
-    | LinkTable
-    | LinkMesh
+    | link_settings.TensegrityGrid
+    | link_settings.CableNet
+    | link_settings.LinkTable
+    | link_settings.LinkMesh
     | Plate
     | StackedBlocks
     | LapJoint
     | Bodies
-    | Deposit
-    | Silo
-    | ColumnCollapse
-    | ShearCell
-    | Biaxial
+    | grain_settings.Deposit
+    | grain_settings.Silo
+    | grain_settings.ColumnCollapse
+    | grain_settings.ShearCell
+    | grain_settings.Biaxial
 )
 """All kinds of structures."""
 
@@ -113,21 +78,6 @@ OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal", "accuracy")
 
 OF_RUBBER = ("rubber", "road", "sliding", "tread")
 """Tables that only a case of rubber on a road has."""
-
-WITH_QUICK = (
-    "rve",
-    "cell",
-    "micro",
-    "law",
-    "cycles",
-    "vibration",
-    "substructures",
-    "grains",
-    "motion",
-    "sliding",
-    "tread",
-)
-"""Tables that a quick case makes coarser or smaller."""
 
 WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "vibration", "grains", "motion")
 """Tables that a kind of structure may ask for."""
@@ -149,31 +99,35 @@ class Case(Settings):
     """Refuses joints with an assumed friction or stiffness ratio."""
     body_1: RoughBody = ABSENT
     body_2: RoughBody = ABSENT
-    cell: CellSettings = ABSENT
-    micro: MicroSettings = ABSENT
-    law: LawSettings = ABSENT
+    cell: case_tables.CellSettings = ABSENT
+    micro: case_tables.MicroSettings = ABSENT
+    law: case_tables.LawSettings = ABSENT
     measured: tuple[MeasuredTable, ...] = Field(ABSENT, min_length=1)
     """Measured joints, by which the law of the cells is calibrated."""
-    slide: SlideSettings = Field(ABSENT, description="Slide of the bodies over each other.")
-    seal: SealSettings = ABSENT
-    accuracy: AccuracySettings = ABSENT
+    slide: case_tables.SlideSettings = Field(
+        ABSENT, description="Slide of the bodies over each other."
+    )
+    seal: case_tables.SealSettings = ABSENT
+    accuracy: case_tables.AccuracySettings = ABSENT
     """Target of a planner, which then chooses the cells."""
     rve: RveSettings = ABSENT
     growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
     interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
-    statics: Annotated[Any, OneOf((RisingPreloads, JointPreloads, LoadSteps, Statics))] = None
+    statics: Annotated[
+        Any, OneOf((RisingPreloads, JointPreloads, LoadSteps, link_settings.Statics))
+    ] = None
     cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
-    dynamics: Dynamics | None = None
+    dynamics: link_settings.Dynamics | None = None
     vibration: VibrationSettings = ABSENT
     substructures: Substructures | None = None
     fatigue: FatigueSettings = ABSENT
-    grains: GrainSettings = ABSENT
-    motion: Motion = ABSENT
-    rubber: Rubber = ABSENT
+    grains: grain_settings.GrainSettings = ABSENT
+    motion: grain_settings.Motion = ABSENT
+    rubber: tyre_settings.Rubber = ABSENT
     road: SyntheticSurface = Field(ABSENT, description="Surface of the road.")
-    sliding: Slides = ABSENT
-    tread: Tread = ABSENT
+    sliding: tyre_settings.Slides = ABSENT
+    tread: tyre_settings.Tread = ABSENT
 
     @model_validator(mode="before")
     @classmethod
@@ -199,7 +153,7 @@ class Case(Settings):
                 f"give their tables by [[measured]], or leave them out"
             )
         if any(self._has(name) for name in OF_RUBBER):
-            check_rubber(self)
+            tyre_settings.check_rubber(self)
             return self
         if self.growth is not None and self.rve is None:
             raise ValueError(
@@ -601,25 +555,13 @@ class Case(Settings):
         return self.substructures or Substructures()
 
     def interface_law(self, datasets: "Datasets", open_law: OpenLaw) -> Dataset:
-        """Law of the interfaces of the structure, from the cells of the case or from another case.
-
-        Raises
-        ------
-        MultiscaleError
-            If there is no law, or the law is refused.
-        """
+        """Law of the interfaces of the structure, from the cells or from another case."""
         if self.has_cells:
             return datasets[INTERFACE_LAW.name]
         return (self.interface or LawSource()).read(open_law)
 
     def from_structure(self, law: Path | None) -> Self:
-        """Return the part of the case that begins at the structure, with the law of a file.
-
-        Raises
-        ------
-        CaseError
-            If there is no structure, or a law is given and the structure has no interface.
-        """
+        """Return the part of the case that begins at the structure, with the law of a file."""
         if self.structure is None:
             raise CaseError(f"{self.title}: the case has no [structure]; use multiscale run")
         if self.rve is not None:
@@ -662,13 +604,7 @@ class Case(Settings):
         return self.model_copy(update={"cell": cell, "micro": micro})
 
     def only_rve(self) -> Self:
-        """Return the part of the case that is its representative volume.
-
-        Raises
-        ------
-        CaseError
-            If there is none.
-        """
+        """Return the part of the case that is its representative volume."""
         if self.rve is None:
             raise CaseError(f"{self.title}: the case has no [rve], and so no representative volume")
         return self._only("rve", "growth")
@@ -683,40 +619,34 @@ class Case(Settings):
         return self.model_copy(update=dict.fromkeys(others))
 
     def quick(self) -> Self:
-        """Return the same case with coarser and fewer cells, elements, grains and steps.
-
-        There is no target. Meshes and links from files stay as they are.
-        """
-        changes = {name: getattr(self, name).quick() for name in WITH_QUICK if self._has(name)}
-        if self.rubber is not None:
-            samples = min(QUICK_SAMPLES, self.law.samples)
-            changes["law"] = self.law.model_copy(update={"samples": samples})
-        changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)
-        if self.has_cells and (shear := changes["micro"].shear) is not None and shear.points:
-            grid = zip(shear.points, changes["cell"].points, strict=True)
-            shear = shear.model_copy(update={"points": tuple(map(min, grid))})
-            changes["micro"] = changes["micro"].model_copy(update={"shear": shear})
+        """Return the same case with coarser and fewer cells, elements, grains and steps."""
         remark = self.structure.quick_title() if self.structure else "quick"
-        small = self.model_copy(
-            update={"title": f"{self.title} ({remark})", "accuracy": None} | changes
-        )
-        if self.interface is not None:
-            quick = {"quick": self.interface.law is not None}
-            small = small.model_copy(update={"interface": self.interface.model_copy(update=quick)})
-        structure = self.structure and self.structure.quick(small)
-        return small.model_copy(update={"structure": structure})
+        changes: dict[str, Any] = {"title": f"{self.title} ({remark})", "accuracy": None}
+        small = self.smaller()
+        if self.rubber is not None:
+            samples = min(tyre_settings.QUICK_SAMPLES, self.law.samples)
+            changes["law"] = self.law.model_copy(update={"samples": samples})
+        if self.slide is not None:
+            changes["slide"] = small.slide.within(self.cell, self.micro)
+        if self.has_cells and (shear := small.micro.shear) is not None and shear.points:
+            grid = zip(shear.points, small.cell.points, strict=True)
+            shear = shear.model_copy(update={"points": tuple(map(min, grid))})
+            changes["micro"] = small.micro.model_copy(update={"shear": shear})
+        if small.structure is not None:
+            changes["structure"] = small.structure.within(small)
+        return small.model_copy(update=changes)
 
     def cautions(self) -> list[str]:
         """Return cautions about the cells, a sentence each."""
         if self.rubber is not None:
-            return caution_road(self)
+            return tyre_settings.caution_road(self)
         cautions, spacing = [], self.cell.spacing
         for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
-            if cutoff is not None and cutoff < 0.99 * POINTS_PER_WAVE * spacing:
+            if cutoff is not None and cutoff < 0.99 * case_tables.POINTS_PER_WAVE * spacing:
                 cautions.append(
                     f"the shortest wavelength of body_{number} has {cutoff / spacing:.1f} points; "
-                    f"gap and contact area need {POINTS_PER_WAVE} or more"
+                    f"gap and contact area need {case_tables.POINTS_PER_WAVE} or more"
                 )
             if body.hardness is not None and (self.hardness or 0.0) > body.hardness:
                 thick = readable(f"{sum(layer.thickness for layer in body.coating):.3g} m")

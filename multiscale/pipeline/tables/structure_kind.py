@@ -35,10 +35,9 @@ class Face(NamedTuple):
     normal: np.ndarray
 
     @classmethod
-    def at(cls, meshes: "Sequence[Mesh]", place: tuple[int, str]) -> "Face":
-        """Measure a boundary, given by the number of its mesh and its name."""
-        mesh = meshes[place[0]]
-        surface = face_of(mesh, place[1])
+    def at(cls, mesh: "Mesh", boundary: str) -> "Face":
+        """Measure a boundary of a mesh."""
+        surface = face_of(mesh, boundary)
         x, normals = surface.position[surface.facets], surface.normals
         areas = np.linalg.norm(normals, axis=1)
         mean = normals.sum(axis=0) / areas.sum()
@@ -153,6 +152,6 @@ class StructureKind(Settings):
         """Return the remark behind the title of a quick case."""
         return "quick"
 
-    def quick(self, case: "Case") -> Self:
-        """Return the same structure, smaller; the other tables of the case are quick already."""
+    def within(self, case: "Case") -> Self:
+        """Return the structure of a quick case as the other tables of the case allow it."""
         return self

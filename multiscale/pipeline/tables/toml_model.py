@@ -95,6 +95,18 @@ Positive = Annotated[Count, Field(ge=1)]
 Natural = Annotated[Count, Field(ge=0)]
 
 
+@dataclass(frozen=True)
+class Quick:
+    """Change of a key in quick cases, of its table and its value, as metadata of its field."""
+
+    of: Callable[[Any, Any], Any]
+
+
+def at_most(limit: int) -> Quick:
+    """Return the limit of a number, if it is given, in quick cases."""
+    return Quick(lambda _, value: value and min(limit, value))
+
+
 def list_tables(names: Iterable[str]) -> str:
     """Name tables as files do."""
     return " and ".join(f"[{name}]" for name in names) or "none of them"
@@ -133,10 +145,7 @@ class Settings(BaseModel):
         return sha256(text.encode()).hexdigest()
 
     def uncertain(self, factor: float) -> Iterator[tuple[str, float, Self]]:
-        """Yield key and half-width of every uncertain value, and the settings with it changed.
-
-        The half-width is relative to the value, which is multiplied by the factor.
-        """
+        """Yield key and half-width of every uncertain value, and settings with it multiplied."""
         for name, value in self:
             if isinstance(value, Typed) and value.half_width:
                 yield name, value.half_width, self.model_copy(update={name: factor * value})
@@ -149,11 +158,28 @@ class Settings(BaseModel):
                     new = (*value[:k], changed, *value[k + 1 :]) if listed else changed
                     yield f"{at}.{key}", half, self.model_copy(update={name: new})
 
+    def smaller(self) -> Self:
+        """Return the table of a quick case, changed by :class:`Quick` here and in inner tables."""
+        changes = {}
+        for name, key in type(self).model_fields.items():
+            value = getattr(self, name)
+            for quick in key.metadata:
+                value = quick.of(self, value) if isinstance(quick, Quick) else value
+            changes[name] = _smaller(value)
+        return self.model_copy(update=changes)
+
     def to_toml(self) -> str:
         """Return these settings as TOML, with quantities as they were given."""
         import tomli_w
 
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
+
+
+def _smaller(value: Any) -> Any:
+    """Return the value of a quick case: of a table, or of each entry of a list."""
+    if isinstance(value, Settings):
+        return value.smaller()
+    return tuple(map(_smaller, value)) if isinstance(value, tuple) else value
 
 
 class TimeSteps(Settings):
@@ -215,11 +241,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
-    """Return the content of a file as settings; messages name its path.
-
-    ``kinds`` are the models behind the tags of tables that come in several kinds, and behind the
-    names of tables with a model that another table chooses.
-    """
+    """Return the content of a file as settings, with the models of ``kinds`` by their tags."""
     try:
         return model.model_validate(content)
     except ValidationError as error:

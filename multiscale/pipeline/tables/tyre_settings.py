@@ -17,8 +17,10 @@ from multiscale.pipeline.tables.toml_model import (
     Number,
     Positive,
     Pressure,
+    Quick,
     Ratio,
     Settings,
+    at_most,
     list_tables,
     must_rise,
     quantity,
@@ -32,14 +34,15 @@ if TYPE_CHECKING:
 FASTEST = 100.0
 """Speed, m/s, beyond which rubber heats more than a steady, even temperature describes."""
 
-QUICK_SAMPLES = 80
-"""Bootstrap samples of a quick friction law, at most."""
+QUICK_SAMPLES = 80  # bootstrap samples of a quick friction law, at most
 
 TABLES = ("rubber", "road", "cell", "sliding", "tread")
 """Tables of rubber on a road; a case has all of them, and ``[law]``."""
 
 KEYS = {"cell": ("size", "points"), "law": ("samples", "extrapolate")}
 """Keys of tables of joints that rubber on a road takes, too."""
+
+COARSE = Quick(lambda *_: (6, 4, 2))  # elements of the tread of a quick case
 
 Temperature = Annotated[float, quantity("K"), Field(gt=0.0), with_unit("K")]
 Speed = Annotated[float, quantity("m/s"), Field(gt=0.0, le=FASTEST), with_unit("m/s")]
@@ -85,7 +88,7 @@ class Rubber(Settings):
 class Slides(Settings):
     """The ensemble of cells: each slides at every pressure, speed and temperature."""
 
-    realisations: Positive = Field(description="Number of cells.")
+    realisations: Annotated[Positive, at_most(4)] = Field(description="Number of cells.")
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
     speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
     temperatures: tuple[Temperature, ...] = Field(min_length=3)
@@ -96,10 +99,6 @@ class Slides(Settings):
 
     _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
 
-    def quick(self) -> Self:
-        """Return four realisations at most."""
-        return self.model_copy(update={"realisations": min(4, self.realisations)})
-
 
 class Tread(Settings):
     """The tread block; see :class:`multiscale.macro.joint.TreadBlock`."""
@@ -108,14 +107,10 @@ class Tread(Settings):
     width: Length = Field(description="Width across the motion, m.")
     height: Length = Field(description="Height from the road to the carcass, m.")
     pressure: Pressure = Field(description="Nominal pressure on the road, Pa.")
-    elements: tuple[Annotated[Count, Field(ge=1, le=40)], ...] = Field(
+    elements: Annotated[tuple[Annotated[Count, Field(ge=1, le=40)], ...], COARSE] = Field(
         (8, 5, 2), min_length=3, max_length=3
     )
     """Elements along the motion, across and upwards."""
-
-    def quick(self) -> Self:
-        """Return the same block of fewer elements."""
-        return self.model_copy(update={"elements": (6, 4, 2)})
 
 
 def check_rubber(case: "Case") -> None:

@@ -11,19 +11,28 @@ from multiscale.pipeline.tables.toml_model import (
     Length,
     Number,
     Positive,
+    Quick,
     Settings,
     Share,
+    at_most,
     must_rise,
 )
 
-FEW, FEW_SLABS = 3, 192
-"""Amplitudes and slabs of quick runs, at most."""
+FEW = 3  # amplitudes of quick runs, at most
+
+
+def _some(_: Settings, values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a few values, evenly spread."""
+    places = np.linspace(0, len(values) - 1, min(FEW, len(values))).round().astype(int)
+    return tuple(values[place] for place in places)
+
+
+SOME = Quick(_some)
 
 COARSENING = 2.0
 """Exponent by which the largest ratio of neighbouring amplitudes grows in coarser paths."""
 
-RATIO = 1.5
-"""Largest ratio of neighbouring amplitudes of a loading curve."""
+RATIO = 1.5  # largest ratio of neighbouring amplitudes of a loading curve
 
 
 class VibrationSettings(Settings):
@@ -33,12 +42,14 @@ class VibrationSettings(Settings):
     structure as a whole free.
     """
 
-    modes: tuple[Positive, ...] = Field((1,), min_length=1)
+    modes: Annotated[tuple[Positive, ...], Quick(lambda _, modes: modes[:1])] = Field(
+        (1,), min_length=1
+    )
     """Numbers of the modes, from 1, in the order of their frequencies; rigid motions do not
     count."""
-    amplitudes: tuple[Length, ...] = ()
+    amplitudes: Annotated[tuple[Length, ...], SOME] = ()
     """Amplitudes as the largest displacement of a node in the mode, m, rising."""
-    modal_amplitudes: tuple[Annotated[Number, Field(gt=0.0)], ...] = ()
+    modal_amplitudes: Annotated[tuple[Annotated[Number, Field(gt=0.0)], ...], SOME] = ()
     """Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or `amplitudes` are given."""
     material_damping: Share = 0.0
     """Share of critical damping that the bodies give every mode."""
@@ -46,11 +57,11 @@ class VibrationSettings(Settings):
     """Loss of a cycle by Masing's rule from the loading curve, in both directions, or from a full
     cycle at every amplitude. Where contact opens, or the preload leaves shear, full cycles are
     solved in any case."""
-    steps: Positive = 10
+    steps: Annotated[Positive, at_most(4)] = 10
     """Steps from the middle of a full cycle to its amplitude."""
     preload_friction: bool = True
     """Whether interfaces have friction while the preload is brought up."""
-    slabs: Annotated[Count, Field(ge=8, le=10_000)] = 512
+    slabs: Annotated[Count, Field(ge=8, le=10_000), at_most(192)] = 512
     """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is lost."""
 
     _whole: "VibrationSettings | None" = PrivateAttr(None)
@@ -81,22 +92,9 @@ class VibrationSettings(Settings):
             for mode in self.modes
         }
 
-    def quick(self) -> Self:
+    def smaller(self) -> Self:
         """Return the first mode at a few amplitudes, of beds of fewer slabs."""
-
-        def few(values: tuple[float, ...]) -> tuple[float, ...]:
-            places = np.linspace(0, len(values) - 1, min(FEW, len(values))).round().astype(int)
-            return tuple(values[place] for place in places)
-
-        small = self.model_copy(
-            update={
-                "modes": self.modes[:1],
-                "amplitudes": few(self.amplitudes),
-                "modal_amplitudes": few(self.modal_amplitudes),
-                "slabs": min(FEW_SLABS, self.slabs),
-                "steps": min(4, self.steps),
-            }
-        )
+        small = super().smaller()
         small._whole = self
         return small
 

@@ -1,4 +1,4 @@
-"""Stage: cycles of loaded bodies until an element of one of them has cracked."""
+"""Stages: cycles of bodies until an element has cracked, and a body that cracks under a load."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.fields import write_life_fields
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import substructures
+from multiscale.micro.damage.cracks import half_widths, softening_samples
 from multiscale.micro.damage.element_fatigue import (
     first_cracks,
     limit_factors,
@@ -22,17 +23,26 @@ from multiscale.micro.damage.element_fatigue import (
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders
-from multiscale.pipeline.showing import Table
+from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
+from multiscale.pipeline.stages.volumes import GROWING_CRACKS
 from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.pipeline.tables.assembly_settings import Bodies
-from multiscale.pipeline.tables.fatigue_settings import FatigueSettings
 from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
-from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions
+from multiscale.plotting.rve_figures import plot_cracked_load
+from multiscale.schema import (
+    CRACK_BAND,
+    CRACKED_BODY,
+    FATIGUE_LIFE,
+    MACRO_RESULT,
+    VOLUME_GROWTH,
+    Dataset,
+    with_cautions,
+)
 from multiscale.upscaling import interval_errors, propagate
 from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, unknown_terms
 
@@ -107,10 +117,7 @@ class _Cycled:
     def stress(
         self, result: Dataset, path: "substructures.LoadPath", bodies: "Sequence[macro.Body]"
     ) -> np.ndarray:
-        """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
-
-        In a damaged body it is the effective stress: force over the remaining section.
-        """
+        """Effective stress of elements in the last cycle, (corners, elements, 6), Pa."""
         nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
         moved = result["displacement"].to_numpy()[path.closed()[-1], nodes[0] : nodes[1]]
         if not np.isfinite(moved).all():
@@ -122,7 +129,7 @@ class _Cycled:
         return macro.bodies.element_stress(bodies[self.number], moved) / sound
 
 
-def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Follow the damage of the inclusions of a body over the cycles of the previous stage."""
     structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
     bodies = structure.with_volumes(case, datasets, job.read_rve)
@@ -135,7 +142,12 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     built = bodies.build(case, cycled.sliders)
     body, settings = built.assembly.bodies[number], bodies.bodies[number]
     stress = cycled.stress(result, built.path, built.assembly.bodies)
-    _refuse_static(stress, table, names[number])
+    if (most := float(von_mises(stress).max())) > table.strength:
+        raise CaseError(
+            f"an element of {names[number]} bears {1e-6 * most:.4g} MPa in the cycle, above the "
+            f"strength of {1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure, "
+            f"not fatigue; lower the loads, or correct the strength"
+        )
     material = table.material(*settings.moduli)
 
     def stress_of(cracked: np.ndarray) -> np.ndarray:
@@ -159,16 +171,6 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     life = _with_intervals(life, stress, material, cycled, result, coarse, job)
     life = with_cautions(life, "" if coarse else ELEMENT_MEANS, *_caution_open_cycle(stress))
     return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
-
-
-def _refuse_static(stress: np.ndarray, table: FatigueSettings, name: str) -> None:
-    """Refuse a stress above the static strength."""
-    if (most := float(von_mises(stress).max())) > table.strength:
-        raise CaseError(
-            f"an element of {name} bears {1e-6 * most:.4g} MPa in the cycle, above the strength of "
-            f"{1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure, not fatigue; "
-            f"lower the loads, or correct the strength"
-        )
 
 
 def _with_intervals(
@@ -229,11 +231,7 @@ def _law_errors(
     first: Callable[..., np.ndarray],
     job: Job,
 ) -> tuple[Mapping[str, float], list[int], list[str]]:
-    """Relative half-widths of the life by the budgets of all laws.
-
-    Also returns the elements that crack first with changed laws, and cautions for terms of the
-    error that are not known.
-    """
+    """Relative half-widths of the life by all laws, elements that crack first, and cautions."""
     squares, places, cautions = {"mean_law": 0.0, "one_part": 0.0}, list[int](), list[str]()
     cautions += [
         NO_LAW_BUDGET.format(number=k) for k, law in enumerate(cycled.laws) if not has_budget(law)
@@ -297,7 +295,7 @@ def _format_cycles(cycles: float) -> str:
     return "no number of cycles" if np.isinf(cycles) else f"{cycles:.3g} cycles"
 
 
-def _answer(life: Dataset) -> str:
+def _report_life(life: Dataset) -> str:
     """Report the life and the place of the first crack."""
     body = life.attrs["body"]
     if int(life["run_out"]):
@@ -344,7 +342,7 @@ TABLE = Table(
 )
 
 
-def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+def _sections_of_life(datasets: Datasets, out: Path) -> Iterator[Section]:
     life = datasets[FATIGUE_LIFE.name]
     pictures = {
         "fatigue_amplitude": on_axes(plot_element_field, life, "equivalent_amplitude", near=False),
@@ -353,7 +351,7 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Fatigue", (), *TABLE.rows(life), figures=pictures)
 
 
-def _needs(case: Case) -> Needs:
+def _needs_of_life(case: Case) -> Needs:
     again = SOLVES if case.fatigue.scatter else 0
     bodies = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
     names = [body.name for body in bodies.bodies]
@@ -373,12 +371,122 @@ BODY_FATIGUE = Stage(
     tables=("fatigue",),
     reads={"title", "fatigue"},
     takes=(ROUGH_JOINTS, LOADED_BODIES),
-    run=_run,
+    run=_follow_cycles,
     write_fields=write_life_fields,
-    needs=_needs,
+    needs=_needs_of_life,
     question="After how many cycles does a crack start, and where?",
-    answer=lambda life: [_answer(life)],
-    sections=_sections,
+    answer=lambda life: [_report_life(life)],
+    sections=_sections_of_life,
     answers={"cycles_to_crack": "", "cycles_to_first": ""},
-    failure=lambda life: "" if int(life["converged"]) else _answer(life),
+    failure=lambda life: "" if int(life["converged"]) else _report_life(life),
+)
+
+
+EVENT_SECONDS = 2e-6
+"""CPU seconds of an element in an event; there are about 20 events of an element that cracks."""
+
+NO_MESH = "intervals do not count the error of the mesh, which is not known: give coarser"
+
+FAILED = "the load has not fallen to zero, so that the energy of the cracks is not known"
+
+
+def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
+    """Build the body, and the nodal forces, N, of the last step of [statics]."""
+    built = bodies.build(case, [])
+    body = built.assembly.bodies[0]
+    factors = built.path.factors()[-1]
+    return body, np.sum(
+        [f * macro.continuum.load_vector(body, float(k)) for k, f in enumerate(factors)], axis=0
+    )
+
+
+def _crack(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    bodies = case.structure.with_volumes(case, datasets, job.read_rve)
+    body, load = _loaded(bodies, case)
+    mean, *laws = softening_samples(datasets[VOLUME_GROWTH.name])
+    cracked = []
+    job.progress(0, 1 + len(laws), "softening laws")
+    for k, law in enumerate((mean, *laws), start=1):
+        cracked.append(macro.continuum.follow_crack_band(body, law, load=load))
+        job.progress(k, 1 + len(laws), "softening laws")
+    for coarser in bodies.coarser().values():
+        coarse, coarse_load = _loaded(coarser, case)
+        cracked.append(macro.continuum.follow_crack_band(coarse, mean, load=coarse_load))
+    values: dict[str, Any] = {name: cracked[0][name].to_numpy() for name in CRACK_BAND.variables}
+    for name, variable in (("peak_load", "factor"), ("work", "dissipation")):
+        value, *each = (float(path[variable].max()) for path in cracked)
+        samples, coarse_value = np.array(each[: len(laws)]), each[len(laws) :]
+        values[name], values[f"{name}_sample"] = value, samples
+        error = 0.0
+        if coarse_value:
+            values[f"{name}_mesh"] = error = abs(coarse_value[0] / value - 1.0)
+        for kind, half in zip(("mean_law", "one_part"), half_widths(samples), strict=True):
+            both = np.hypot(half, error)
+            values[f"{name}_{kind}"] = value * np.exp([-both, both])
+    values |= {"position": body.basis.doflocs.T, "corners": macro.bodies.element_corners(body)}
+    result = CRACKED_BODY.build(values, title=case.title, body=body.name)
+    whole = all(int(path["converged"]) for path in cracked)
+    return with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)
+
+
+def _prepare(case: Case) -> None:
+    """Refuse elements without a band width."""
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    body = case.structure.bodies[0]
+    mesh = body.load()
+    order, kind = body.order_on(mesh), type(mesh).__name__
+    if kind not in macro.continuum.SHAPES or order != 1:
+        raise CaseError(
+            f"[growth] cracks {body.name} in bands of hexahedra of first order, and its mesh is a "
+            f"{kind} of order {order}; mesh it by hexahedra, in a geometry of gmsh by "
+            f"transfinite, recombined volumes"
+        )
+
+
+def _report_crack(cracked: Dataset) -> Iterator[str]:
+    count = int(np.count_nonzero(cracked["stiffness_share"].to_numpy() < 1.0))
+    yield from View(cracked).sentences(
+        cracked,
+        "{body} fails at {peak_load:()} times the loads of [statics]; {count} elements "
+        "crack, with a fracture work of {work:()}.",
+        count=count,
+    )
+    if "work_mesh" in cracked:
+        load, work = (100.0 * float(cracked[f"{name}_mesh"]) for name in ("peak_load", "work"))
+        yield f"On the coarser mesh the load changes by {load:.2g} %, the energy by {work:.2g} %."
+
+
+def _sections_of_crack(datasets: Datasets, out: Path) -> Iterator[Section]:
+    cracked = datasets[CRACKED_BODY.name]
+    figures = {
+        "cracked_load": on_axes(plot_cracked_load, cracked),
+        "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
+    }
+    yield Section("Crack of the body", remarks=[*_report_crack(cracked)], figures=figures)
+
+
+def _needs_of_crack(case: Case) -> Needs:
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    n = case.structure.bodies[0].load().t.shape[1]
+    laws = 2 + (case.rve.recipe.realisations if case.rve.recipe else 1)
+    seconds = laws * 20.0 * n ** (2.0 / 3.0) * n * EVENT_SECONDS
+    how = "crack band by events, for the mean law, the law of every volume and a coarser mesh"
+    return Needs(seconds=seconds, choices=(Choice("crack of the body", how),))
+
+
+CRACKING_BODY = Stage(
+    schema=CRACKED_BODY,
+    tables=("structure", "growth"),
+    reads={"title", "structure", "statics"},
+    takes=(LOADED_BODIES, GROWING_CRACKS),
+    run=_crack,
+    needs=_needs_of_crack,
+    prepare=_prepare,
+    question="Under which load does the body crack?",
+    answer=_report_crack,
+    sections=_sections_of_crack,
+    answers={"peak_load": "", "work": ""},
+    failure=lambda cracked: "" if int(cracked["converged"]) else FAILED,
 )
