@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from multiscale import macro
+from multiscale import macro, schema
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.fields import write_life_fields
 from multiscale.laws import InterfaceLaw
@@ -34,15 +34,6 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
-from multiscale.schema import (
-    CRACK_BAND,
-    CRACKED_BODY,
-    FATIGUE_LIFE,
-    MACRO_RESULT,
-    VOLUME_GROWTH,
-    Dataset,
-    with_cautions,
-)
 from multiscale.upscaling import interval_errors, propagate
 from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, unknown_terms
 
@@ -91,7 +82,7 @@ class _Cycled:
 
     bodies: Bodies
     case: Case
-    laws: Sequence[Dataset | None]  # of every interface
+    laws: Sequence[schema.Dataset | None]  # of every interface
     method: "substructures.Method"
     number: int  # of the body that is followed
 
@@ -115,7 +106,7 @@ class _Cycled:
         return self.stress(whole.restore(follow(whole.small, built.path)), built.path, bodies)
 
     def stress(
-        self, result: Dataset, path: "substructures.LoadPath", bodies: "Sequence[macro.Body]"
+        self, result: schema.Dataset, path: "substructures.LoadPath", bodies: "Sequence[macro.Body]"
     ) -> np.ndarray:
         """Effective stress of elements in the last cycle, (corners, elements, 6), Pa."""
         nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
@@ -129,11 +120,11 @@ class _Cycled:
         return macro.bodies.element_stress(bodies[self.number], moved) / sound
 
 
-def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Follow the damage of the inclusions of a body over the cycles of the previous stage."""
     structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
     bodies = structure.with_volumes(case, datasets, job.read_rve)
-    table, result = case.fatigue, datasets[MACRO_RESULT.name]
+    table, result = case.fatigue, datasets[schema.MACRO_RESULT.name]
     laws = bodies.read_laws(case, datasets, job.read_law)
     method = choose_solver(case, structure.joint_size(case), job.team).taken.method
     names = [body.name for body in bodies.bodies]
@@ -166,22 +157,22 @@ def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> Dataset:
     values: dict[str, Any] = {"position": position, "corners": corners}
     if crack >= 0:
         values["crack_position"] = position[corners[crack]].mean(axis=0)
-    life = FATIGUE_LIFE.assign(life, values)
+    life = schema.FATIGUE_LIFE.assign(life, values)
     coarse = _coarser_life(cycled)
     life = _with_intervals(life, stress, material, cycled, result, coarse, job)
-    life = with_cautions(life, "" if coarse else ELEMENT_MEANS, *_caution_open_cycle(stress))
+    life = schema.with_cautions(life, "" if coarse else ELEMENT_MEANS, *_caution_open_cycle(stress))
     return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
 
 
 def _with_intervals(
-    life: Dataset,
+    life: schema.Dataset,
     stress: np.ndarray,
     material: FatigueMaterial,
     cycled: _Cycled,
-    result: Dataset,
+    result: schema.Dataset,
     coarse: float | None,
     job: Job,
-) -> Dataset:
+) -> schema.Dataset:
     """Add the intervals of the life of the mean part and of the next part.
 
     They are changes of the logarithm of the life of the weakest inclusion at the stress of the
@@ -192,9 +183,9 @@ def _with_intervals(
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
     mesh = 0.0 if coarse is None else abs(float(np.log(coarse / middle)))
     if coarse is not None:
-        life = FATIGUE_LIFE.assign(life, {"mesh_error": mesh})
+        life = schema.FATIGUE_LIFE.assign(life, {"mesh_error": mesh})
     if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
-        return with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
+        return schema.with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
     first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
     law_errors, places, cautions = _law_errors(cycled, result, material, middle, first, job)
     if table.part_deviation is None:
@@ -220,12 +211,12 @@ def _with_intervals(
     centre = life["position"].to_numpy()[life["corners"].to_numpy().astype(int)].mean(axis=1)
     start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
     values["crack_distance"] = np.linalg.norm(centre[places] - start, axis=1).max()
-    return with_cautions(FATIGUE_LIFE.assign(life, values), *cautions)
+    return schema.with_cautions(schema.FATIGUE_LIFE.assign(life, values), *cautions)
 
 
 def _law_errors(
     cycled: _Cycled,
-    result: Dataset,
+    result: schema.Dataset,
     material: FatigueMaterial,
     middle: float,
     first: Callable[..., np.ndarray],
@@ -295,7 +286,7 @@ def _format_cycles(cycles: float) -> str:
     return "no number of cycles" if np.isinf(cycles) else f"{cycles:.3g} cycles"
 
 
-def _report_life(life: Dataset) -> str:
+def _report_life(life: schema.Dataset) -> str:
     """Report the life and the place of the first crack."""
     body = life.attrs["body"]
     if int(life["run_out"]):
@@ -343,7 +334,7 @@ TABLE = Table(
 
 
 def _sections_of_life(datasets: Datasets, out: Path) -> Iterator[Section]:
-    life = datasets[FATIGUE_LIFE.name]
+    life = datasets[schema.FATIGUE_LIFE.name]
     pictures = {
         "fatigue_amplitude": on_axes(plot_element_field, life, "equivalent_amplitude", near=False),
         "fatigue_damage": on_axes(plot_element_field, life, "damage", near=True),
@@ -367,7 +358,7 @@ def _needs_of_life(case: Case) -> Needs:
 
 
 BODY_FATIGUE = Stage(
-    schema=FATIGUE_LIFE,
+    schema=schema.FATIGUE_LIFE,
     tables=("fatigue",),
     reads={"title", "fatigue"},
     takes=(ROUGH_JOINTS, LOADED_BODIES),
@@ -400,12 +391,12 @@ def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
     )
 
 
-def _crack(case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
     bodies = case.structure.with_volumes(case, datasets, job.read_rve)
     body, load = _loaded(bodies, case)
-    mean, *laws = softening_samples(datasets[VOLUME_GROWTH.name])
+    mean, *laws = softening_samples(datasets[schema.VOLUME_GROWTH.name])
     cracked = []
     job.progress(0, 1 + len(laws), "softening laws")
     for k, law in enumerate((mean, *laws), start=1):
@@ -414,7 +405,9 @@ def _crack(case: Case, datasets: Datasets, job: Job) -> Dataset:
     for coarser in bodies.coarser().values():
         coarse, coarse_load = _loaded(coarser, case)
         cracked.append(macro.continuum.follow_crack_band(coarse, mean, load=coarse_load))
-    values: dict[str, Any] = {name: cracked[0][name].to_numpy() for name in CRACK_BAND.variables}
+    values: dict[str, Any] = {
+        name: cracked[0][name].to_numpy() for name in schema.CRACK_BAND.variables
+    }
     for name, variable in (("peak_load", "factor"), ("work", "dissipation")):
         value, *each = (float(path[variable].max()) for path in cracked)
         samples, coarse_value = np.array(each[: len(laws)]), each[len(laws) :]
@@ -426,9 +419,9 @@ def _crack(case: Case, datasets: Datasets, job: Job) -> Dataset:
             both = np.hypot(half, error)
             values[f"{name}_{kind}"] = value * np.exp([-both, both])
     values |= {"position": body.basis.doflocs.T, "corners": macro.bodies.element_corners(body)}
-    result = CRACKED_BODY.build(values, title=case.title, body=body.name)
+    result = schema.CRACKED_BODY.build(values, title=case.title, body=body.name)
     whole = all(int(path["converged"]) for path in cracked)
-    return with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)
+    return schema.with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)
 
 
 def _prepare(case: Case) -> None:
@@ -445,7 +438,7 @@ def _prepare(case: Case) -> None:
         )
 
 
-def _report_crack(cracked: Dataset) -> Iterator[str]:
+def _report_crack(cracked: schema.Dataset) -> Iterator[str]:
     count = int(np.count_nonzero(cracked["stiffness_share"].to_numpy() < 1.0))
     yield from View(cracked).sentences(
         cracked,
@@ -459,7 +452,7 @@ def _report_crack(cracked: Dataset) -> Iterator[str]:
 
 
 def _sections_of_crack(datasets: Datasets, out: Path) -> Iterator[Section]:
-    cracked = datasets[CRACKED_BODY.name]
+    cracked = datasets[schema.CRACKED_BODY.name]
     figures = {
         "cracked_load": on_axes(plot_cracked_load, cracked),
         "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
@@ -477,7 +470,7 @@ def _needs_of_crack(case: Case) -> Needs:
 
 
 CRACKING_BODY = Stage(
-    schema=CRACKED_BODY,
+    schema=schema.CRACKED_BODY,
     tables=("structure", "growth"),
     reads={"title", "structure", "statics"},
     takes=(LOADED_BODIES, GROWING_CRACKS),

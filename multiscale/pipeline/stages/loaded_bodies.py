@@ -10,14 +10,7 @@ import numpy as np
 from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline import showing, structure_stage
-from multiscale.pipeline.body_budget import (
-    ErrorSources,
-    few_steps,
-    joint_answers,
-    load_answers,
-    with_joint_budget,
-)
+from multiscale.pipeline import body_budget, showing, structure_stage
 from multiscale.pipeline.real_contact import with_contact, with_interface_contact
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -87,7 +80,7 @@ def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> 
     bolted = bool(ready.parts.assembly.bolts)
     bolts = showing.list_bolts(result, result["preload"].to_numpy()) if bolted else []
     facts = [*showing.list_facts(result), *bolts]
-    sources = ErrorSources.of(ready.bodies, case, ready.laws)
+    sources = body_budget.ErrorSources.of(ready.bodies, case, ready.laws)
     result = with_cautions(result, "" if sources.meshes else NO_LARGER)
     if sources:
         preloads = case.statics.preloads
@@ -99,8 +92,8 @@ def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> 
             )
         near = substructures.follow_joint(ready.structure.small, short, method=ready.method)
         solve = ready.again(partial(_follow_joints, short), near)
-        asked = joint_answers(result)
-        result = with_joint_budget(result, sources, solve, asked, job)
+        asked = body_budget.joint_answers(result)
+        result = body_budget.with_joint_budget(result, sources, solve, asked, job)
     return ready.finish(result, facts)
 
 
@@ -249,7 +242,7 @@ def _with_budget(
 ) -> Dataset:
     """Propagate the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
-    sources = ErrorSources.of(bodies, case, laws)
+    sources = body_budget.ErrorSources.of(bodies, case, laws)
     result = with_cautions(result, "" if sources.meshes else NO_COARSER)
     if not sources:
         return result
@@ -259,16 +252,16 @@ def _with_budget(
     if not solved:
         return result
     whole = bool(result["converged"].values.all())
-    few = few_steps(case) if whole else 0
+    few = body_budget.few_steps(case) if whole else 0
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
     prepared = substructures.PreparedStructure(ready.structure.small, ready.method)
     near = substructures.follow(prepared, short.factors())
     rise = path.cycle_steps if path.cycles and whole else 0
-    asked = load_answers(result, rise, few)
+    asked = body_budget.load_answers(result, rise, few)
     solve = ready.again(partial(_follow, short), near)
-    return with_joint_budget(result, sources, solve, asked, job)
+    return body_budget.with_joint_budget(result, sources, solve, asked, job)
 
 
 def _follow(
@@ -352,7 +345,11 @@ def _interfaces(result: Dataset) -> Iterator[str]:
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
     needs, points = structure_stage.solver_needs(bodies, case), len(bodies.interfaces)
-    path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "only"
+    path = (
+        f"and one cycle of {body_budget.few_steps(case)} steps to its amplitude"
+        if case.cycles
+        else "only"
+    )
     solves = Choice(
         "intervals",
         f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the steps {path}, for each law "

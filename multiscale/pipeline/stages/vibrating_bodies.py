@@ -13,15 +13,7 @@ from multiscale.io.fields import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import (
-    Change,
-    CycleAnswers,
-    ErrorSources,
-    JointAnswers,
-    answer_at,
-    changed_sliders,
-    with_joint_budget,
-)
+from multiscale.pipeline import body_budget
 from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -109,12 +101,12 @@ def _press(
 
 
 def _laws(
-    bodies: Bodies, case: Case, laws: Sequence[Dataset | None], change: Change
+    bodies: Bodies, case: Case, laws: Sequence[Dataset | None], change: body_budget.Change
 ) -> list[InterfaceLaw]:
     """Make slider beds, on the unloading curve of the cells if they have one."""
     asked = case.vibration
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
-    made = changed_sliders(bodies, case, laws, few, asked.slabs)
+    made = body_budget.changed_sliders(bodies, case, laws, few, asked.slabs)
     for number, law in enumerate(laws):
         if law is not None and branch_origins(law).get("unloading", "").startswith("measured"):
             bed = cast(Sliders, made[number])  # the law of cells is a bed
@@ -131,7 +123,7 @@ def _solve(structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job:
     asked = case.vibration
     bodies = structure.with_volumes(case, datasets, job.read_rve)
     laws = bodies.read_laws(case, datasets, job.read_law)
-    still, facts = _press(bodies, case, _laws(bodies, case, laws, Change()))
+    still, facts = _press(bodies, case, _laws(bodies, case, laws, body_budget.Change()))
     modes, largest = still.modes, _largest(still)
     result = macro.vibration.vibrate(
         still.rest,
@@ -176,7 +168,7 @@ def _with_budget(
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
-    sources = ErrorSources.of(bodies, case, laws)
+    sources = body_budget.ErrorSources.of(bodies, case, laws)
     result = with_cautions(result, "" if sources.meshes else NO_COARSER)
     if not sources:
         return result
@@ -190,8 +182,8 @@ def _with_budget(
         return placed.assign_attrs(cautions=str(solved_again.attrs.get("cautions", "")))
 
     slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
-    read = {name: answer_at(name, solved) for name in BUDGETED}
-    cycles = CycleAnswers(
+    read = {name: body_budget.answer_at(name, solved) for name in BUDGETED}
+    cycles = body_budget.CycleAnswers(
         read,
         "",
         "damping",
@@ -200,7 +192,7 @@ def _with_budget(
         np.maximum(slip, 0.0),
         COARSENING,
     )
-    asked = JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
+    asked = body_budget.JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
     rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
@@ -208,11 +200,15 @@ def _with_budget(
         free = substructures.CondensedProblem(still.rest.free, still.rest.free)
         still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
-    return with_joint_budget(rest, sources, solve, asked, job)
+    return body_budget.with_joint_budget(rest, sources, solve, asked, job)
 
 
 def _solve_changed(
-    bodies: Bodies, case: Case, laws: Sequence[Dataset | None], near: _Vibrating, change: Change
+    bodies: Bodies,
+    case: Case,
+    laws: Sequence[Dataset | None],
+    near: _Vibrating,
+    change: body_budget.Change,
 ) -> Dataset:
     """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
     asked = case.vibration

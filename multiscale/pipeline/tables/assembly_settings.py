@@ -14,15 +14,7 @@ from multiscale.errors import CaseError, suggest
 from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
-from multiscale.pipeline.tables.assembly_parts import (
-    COARSER,
-    GROUNDED,
-    BodyBolt,
-    BodyInterface,
-    MeshedBody,
-    NamedLoad,
-    n_tetrahedra,
-)
+from multiscale.pipeline.tables import assembly_parts
 from multiscale.pipeline.tables.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import Face, Pressed, StructureKind, highest_pressure
@@ -96,10 +88,10 @@ class Bodies(StructureKind):
     may_tire: ClassVar[bool] = True
 
     kind: Literal["bodies"]
-    bodies: tuple[MeshedBody, ...] = Field(min_length=1)
-    interfaces: tuple[BodyInterface, ...] = ()
-    bolts: tuple[BodyBolt, ...] = ()
-    loads: tuple[NamedLoad, ...] = ()
+    bodies: tuple[assembly_parts.MeshedBody, ...] = Field(min_length=1)
+    interfaces: tuple[assembly_parts.BodyInterface, ...] = ()
+    bolts: tuple[assembly_parts.BodyBolt, ...] = ()
+    loads: tuple[assembly_parts.NamedLoad, ...] = ()
 
     @field_validator("bodies", "loads")
     @classmethod
@@ -334,7 +326,7 @@ class Bodies(StructureKind):
             laws.append(read[key])
         return laws
 
-    def poissons_ratio(self, interface: BodyInterface) -> float:
+    def poissons_ratio(self, interface: assembly_parts.BodyInterface) -> float:
         """Mean of the bodies that an interface joins."""
         bodies = [self.bodies[self._find("interface", face)[0]] for face in interface.faces]
         return float(np.mean([body.poissons_ratio or 0.0 for body in bodies]))
@@ -434,7 +426,7 @@ class Bodies(StructureKind):
             first, second = joint.sides
             lower = (
                 macro.bodies.GROUND
-                if first == GROUNDED
+                if first == assembly_parts.GROUNDED
                 else self.place(meshes, f"interface {number}", first)
             )
             upper = self.place(meshes, f"interface {number}", second)
@@ -574,10 +566,15 @@ class Bodies(StructureKind):
         if len(bodies) < len(coarse):
             return {}
         fine, few = (
-            sum(n_tetrahedra(body.load()) for body in each) for each in (self.bodies, bodies)
+            sum(assembly_parts.n_tetrahedra(body.load()) for body in each)
+            for each in (self.bodies, bodies)
         )
         ratio = (fine / few) ** (1.0 / 3.0)
-        return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
+        return (
+            {ratio: self.model_copy(update={"bodies": bodies})}
+            if ratio >= assembly_parts.COARSER
+            else {}
+        )
 
     def quick_title(self) -> str:
         """Report whether elements have a lower order than the whole case takes."""
@@ -585,7 +582,7 @@ class Bodies(StructureKind):
         return "quick, elements of first order" if lower else "quick"
 
 
-def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
+def check_bodies(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> None:
     """Refuse bodies without the data that the other tables of their case need."""
     takers = [body.name for body in bodies if body.porous and body.rve is None]
     if takers and case.rve is None:
@@ -619,7 +616,7 @@ def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
         )
 
 
-def _check_fatigue(bodies: Sequence[MeshedBody], case: "Case") -> None:
+def _check_fatigue(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> None:
     """Refuse a history without a cycle, and a body that does not exist."""
     if case.cycles is None:
         raise ValueError(

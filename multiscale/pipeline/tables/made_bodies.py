@@ -16,14 +16,7 @@ from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
-from multiscale.pipeline.tables import joint_settings
-from multiscale.pipeline.tables.assembly_parts import (
-    COARSER,
-    RUN_QUICK_RVE,
-    BodyInterface,
-    Material,
-    MeshedBody,
-)
+from multiscale.pipeline.tables import assembly_parts, joint_settings
 from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts, check_bodies
 from multiscale.pipeline.tables.link_settings import Statics
 from multiscale.pipeline.tables.porous_body import PorousBody
@@ -148,7 +141,7 @@ counted at four sizes of elements."""
 Elasticity = Elastic | AnisotropicElastic
 
 
-class RoughBodies(StructureKind, Material):
+class RoughBodies(StructureKind, assembly_parts.Material):
     """Elastic bodies of one material with rough joints between each and the next."""
 
     stage: ClassVar[str] = "rough_joints"
@@ -169,7 +162,7 @@ class RoughBodies(StructureKind, Material):
 
     damage: tuple[joint_settings.Damage, ...] = ()
     """Damage of bodies from below: each is 1 - D as stiff; sound if not given."""
-    quick_rve: Annotated[bool, RUN_QUICK_RVE] = False
+    quick_rve: Annotated[bool, assembly_parts.RUN_QUICK_RVE] = False
     """Whether a case that `rve` names is run `--quick`."""
 
     @property
@@ -197,9 +190,11 @@ class RoughBodies(StructureKind, Material):
         """Build bodies and joints of materials and laws in their order from below."""
 
     @property
-    def bodies(self) -> tuple[MeshedBody, ...]:
+    def bodies(self) -> tuple[assembly_parts.MeshedBody, ...]:
         """All bodies, from below."""
-        material = self.model_dump(include=set(Material.model_fields)) | {"quick": self.quick_rve}
+        material = self.model_dump(include=set(assembly_parts.Material.model_fields)) | {
+            "quick": self.quick_rve
+        }
         damages = self.damage or (0.0,) * (self.joints + 1)
         return tuple(
             BuiltBody.model_construct(name=f"body {k}", damage=D, source=self, number=k, **material)
@@ -210,7 +205,7 @@ class RoughBodies(StructureKind, Material):
         """Return bodies and interfaces of a case."""
         damages = case.interface.damage or (0.0,) * self.joints
         interfaces = tuple(
-            BodyInterface(sides=(f"body {k}.top", f"body {k + 1}.bottom"), damage=D)
+            assembly_parts.BodyInterface(sides=(f"body {k}.top", f"body {k + 1}.bottom"), damage=D)
             for k, D in enumerate(damages)
         )
         return JointedBodies.model_construct(
@@ -283,7 +278,7 @@ class RoughBodies(StructureKind, Material):
             )
 
 
-class BuiltBody(MeshedBody):
+class BuiltBody(assembly_parts.MeshedBody):
     """A body with a mesh that its source builds; no case has such a table."""
 
     source: Any
@@ -426,7 +421,7 @@ class LapJoint(RoughBodies):
             macro.bodies.lap_meshes(joint.shape)[0].nelements for joint in (self, larger)
         )
         ratio = sqrt(fine / coarse)
-        return {ratio: larger} if ratio >= COARSER else {}
+        return {ratio: larger} if ratio >= assembly_parts.COARSER else {}
 
     @model_validator(mode="after")
     def _check_bolt(self) -> Self:
