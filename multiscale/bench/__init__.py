@@ -26,7 +26,7 @@ FAMILIES: Mapping[str, str] = {
     "substructures": "substructures",
     "volumes": "answers",
 }
-"""Families of scenes and their modules; a module has its family under its name in capitals."""
+"""Families of scenes and their modules; a module has its family under its name."""
 
 STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 """Families of stiff and extreme cases, in the order of their table."""
@@ -43,4 +43,4 @@ def bench(
     from multiscale.bench.measure import measure_family
 
     module = import_module(f"multiscale.bench.{FAMILIES[family]}")
-    return measure_family(getattr(module, family.upper()), quick=quick, report=report, keep=keep)
+    return measure_family(getattr(module, family), quick=quick, report=report, keep=keep)

@@ -1,6 +1,7 @@
 """Answers of the chain and of solids: the error of each against the run time from its data."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -49,6 +50,7 @@ def interface_stiffnesses(points: int, realisations: int, samples: int = SAMPLES
     return np.array([interface_stiffness(points, realisations, k)[0] for k in range(samples)])
 
 
+@partial(BenchFamily, "whole chain: stiffness of an interface", packages=("scipy", "numba"))
 def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Run the case on several grids with several numbers of realisations."""
     grids, counts = ((34, 48), (3,)) if quick else ((48, 64, 96, 128), (3, 6, 12))
@@ -66,8 +68,6 @@ def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     exact, half = interface_stiffness(grids[-1], 4 * counts[-1], SAMPLES)
     yield judge(rows, exact, half / exact)
 
-
-CHAIN = BenchFamily("whole chain: stiffness of an interface", chain, ("scipy", "numba"))
 
 # ---------------------------------------------------------------------------------------------
 # laws: stiffness of a fitted law against the time of its cells
@@ -113,6 +113,7 @@ def fitted_stiffnesses(family: str, count: int, samples: int = SAMPLES) -> np.nd
     return np.array([fitted_stiffness(family, seeds) for seeds in ensembles])
 
 
+@partial(BenchFamily, "interface laws: stiffness at 1 GPa", packages=("scipy",))
 def laws(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Fit laws of several families to ensembles of flat cells of growing size."""
     rows = [
@@ -132,8 +133,6 @@ def laws(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     spread = 2.0 * truth.std(ddof=1) / np.sqrt(SHARES) / truth.mean()
     yield judge(rows, float(truth.mean()), float(spread))
 
-
-LAWS = BenchFamily("interface laws: stiffness at 1 GPa", laws, ("scipy",))
 
 # ---------------------------------------------------------------------------------------------
 # volumes: stiffness of a porous solid over size, number and voxels of its volumes
@@ -160,6 +159,7 @@ def mean_moduli(size: float, count: int, voxels: int, seeds: Sequence[int]) -> l
     return [float(np.mean([modulus(seed + k) for k in range(count)])) for seed in seeds]
 
 
+@partial(BenchFamily, "stiffness of a porous solid: error against run time", packages=("numba",))
 def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Compute the stiffness of a porous solid by larger, more and finer volumes."""
     seeds = range(1000, 3000 if quick else 7000, 1000)
@@ -178,8 +178,6 @@ def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     exact, coarser = (mean_moduli(1.5e-3, 12, voxels, [0])[0] for voxels in (48, 24))
     yield judge(rows, exact, abs(coarser / exact - 1.0))
 
-
-VOLUMES = BenchFamily("stiffness of a porous solid: error against run time", volumes, ("numba",))
 
 # ---------------------------------------------------------------------------------------------
 # damage: fatigue lives by jumps over cycles
@@ -221,6 +219,7 @@ def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple
     return float(history["cycles_to_rupture"]), float(history["computed_cycles"])
 
 
+@partial(BenchFamily, "two-scale fatigue: error of the life against run time", packages=("numba",))
 def damage(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Compute lives cycle by cycle, and by jumps of several tolerances."""
     jumps = (0.1, 0.01) if quick else (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
@@ -242,6 +241,3 @@ def damage(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         judge(rows, exact, abs(exact / life(scene, None, 4 * SUBSTEPS)[0] - 1.0))
         rows[0]["error"] += rows[0]["error_uncertainty"]  # NaN if it did not end
         yield rows
-
-
-DAMAGE = BenchFamily("two-scale fatigue: error of the life against run time", damage, ("numba",))

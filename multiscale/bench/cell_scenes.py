@@ -36,6 +36,12 @@ def gap_of_mesh(element: str, points: int) -> float:
     return float(response["mean_gap"].values[0, 0])
 
 
+@partial(
+    BenchFamily,
+    "cells on meshes: mean gap",
+    packages=("numba", "scikit-fem", "pyamg"),
+    error="error of the mean gap",
+)
 def meshes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Press waves with the kernel and with meshes of every element."""
     grids: dict[str, tuple[int, ...]] = {"kernel": (8, 16, 32) if quick else (8, 16, 32, 64)}
@@ -47,13 +53,6 @@ def meshes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     ]
     yield judge(rows, *limit_of(rows[: len(grids["kernel"])]))
 
-
-MESHES = BenchFamily(
-    "cells on meshes: mean gap",
-    meshes,
-    ("numba", "scikit-fem", "pyamg"),
-    error="error of the mean gap",
-)
 
 # ---------------------------------------------------------------------------------------------
 # strain: cells at large strain
@@ -78,6 +77,7 @@ def gap_at_large_strain(scene: str, points: int) -> float:
     return float(response["mean_gap"].values.ravel()[-1])
 
 
+@partial(BenchFamily, "cells at large strain: mean gap", packages=("numba",))
 def strain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Press waves of rubber and of plastic steel on grids of all sizes."""
     for scene, (law, _) in STRAIN_SCENES.items():
@@ -88,8 +88,6 @@ def strain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         ]
         yield judge(rows, *limit_of(rows))
 
-
-STRAIN = BenchFamily("cells at large strain: mean gap", strain, ("numba",))
 
 # ---------------------------------------------------------------------------------------------
 # limit: kernels of elastic cells against the memory
@@ -167,6 +165,11 @@ def measure_kernel(scene: str, points: int) -> dict[str, float]:
     return {"wall_time": time, "over_copy": ratio, "bytes_moved": moved, "operations": flops}
 
 
+@partial(
+    BenchFamily,
+    "kernels of elastic cells: time over a copy of the same bytes",
+    packages=("numba", "scipy"),
+)
 def limit(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Time one application of each kernel on all grids."""
     grids = (64, 128) if quick else (64, 128, 256, 512)
@@ -176,8 +179,3 @@ def limit(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
             for n in grids
         ]
         yield [row | (row["value"] or {}) | {"converged": int(bool(row["value"]))} for row in rows]
-
-
-LIMIT = BenchFamily(
-    "kernels of elastic cells: time over a copy of the same bytes", limit, ("numba", "scipy")
-)

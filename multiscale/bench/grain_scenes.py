@@ -1,6 +1,7 @@
 """Grains in motion: the error of two closed forms and of a deposit against run time."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -76,7 +77,8 @@ def deposit_heights(
     return [2.0 * float(motion["position"].values[-1, :, 2].mean()) for motion in motions]
 
 
-def follow_grains(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+@partial(BenchFamily, "grains in motion: heights and ways", packages=("numba",))
+def grains(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Follow grains in ever shorter steps, with rigid and with compliant contacts."""
     grains, steps = (20, STEPS[1:3]) if quick else (200, STEPS)
     for scene in (BOUNCE, ROLL, DEPOSIT):
@@ -97,6 +99,3 @@ def follow_grains(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         heights = np.array(deposit_heights(grains, 0.0, min(steps), TRUTH))
         spread = 2.0 * heights.std(ddof=1) / np.sqrt(heights.size) / heights.mean()
         yield judge(rows, float(heights.mean()), float(spread))
-
-
-GRAINS = BenchFamily("grains in motion: heights and ways", follow_grains, ("numba",))

@@ -109,7 +109,15 @@ def problem_of(name: str, *, quick: bool) -> Problem:
     )
 
 
-def solve_problems(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+@partial(
+    BenchFamily,
+    "complementarity and friction: residual of every method",
+    packages=("clarabel",),
+    threads=1,
+    process=False,
+    attributes={"wall_time_counts": "median; without imports and compilation"},
+)
+def nonsmooth(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Solve every scene by every method."""
     for name in (*LCP_SCENES, *FRICTION_SCENES):
         problem = problem_of(name, quick=quick)
@@ -135,13 +143,3 @@ def judged(problem: Problem, run: Runner, method: str, quick: bool) -> Row:
         "unknowns": problem.unknowns,
         "history": np.column_stack([answer.seconds, answer.residuals]),
     }
-
-
-NONSMOOTH = BenchFamily(
-    "complementarity and friction: residual of every method",
-    solve_problems,
-    ("clarabel",),
-    threads=1,
-    process=False,
-    attributes={"wall_time_counts": "median; without imports and compilation"},
-)

@@ -158,6 +158,16 @@ def scene_surface(points: int) -> Surface:
     )
 
 
+@partial(
+    BenchFamily,
+    "rough contact: mean gap and contact fraction",
+    packages=tuple(code.module for code in CODES.values()),
+    error="error of the mean gap over rms height",
+    attributes={
+        "surface": f"waves 4 to 16, H = 0.8, rms slope {RMS_SLOPE:g}, E* = {CONTACT_MODULUS:g} Pa",
+        "tolerance": TOLERANCE,
+    },
+)
 def micro(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Measure every installed code on every grid and pressure."""
     grids = (64, 128, 256) if quick else (64, 128, 256, 512)
@@ -231,15 +241,3 @@ def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, flo
     reference = float(limits[np.argmin(np.abs(limits - finest))])
     distance = float(np.max(np.abs(limits - reference)))
     return reference, distance if limits.size > 1 else np.nan
-
-
-MICRO = BenchFamily(
-    "rough contact: mean gap and contact fraction",
-    micro,
-    tuple(code.module for code in CODES.values()),
-    error="error of the mean gap over rms height",
-    attributes={
-        "surface": f"waves 4 to 16, H = 0.8, rms slope {RMS_SLOPE:g}, E* = {CONTACT_MODULUS:g} Pa",
-        "tolerance": TOLERANCE,
-    },
-)

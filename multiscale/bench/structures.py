@@ -6,6 +6,7 @@ of slack cables stays about the same.
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -86,7 +87,16 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
     return float(np.sqrt(change / size))
 
 
-def solve_grids(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+@partial(
+    BenchFamily,
+    "statics of tensegrity grids: growth of time and memory",
+    packages=("scipy", "pypardiso"),
+    attributes={
+        "wall_time_counts": f"median, above {REPEATED} x {REPEATED} modules one run; without "
+        f"start of the process, imports and compilation"
+    },
+)
+def structures(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Solve grids of all sizes at two load factors by every method."""
     methods = dict(GRID_METHODS)
     if find_spec("pypardiso") is None:
@@ -125,14 +135,3 @@ def judged(rows: Sequence[Row], grid: LinkSystem, load_factor: float) -> Sequenc
         if row["value"] is not None and (others := [other for other in newton if other is not row]):
             row["error"] = distance(grid, row["value"].tension, others[0]["value"].tension)
     return rows
-
-
-STRUCTURES = BenchFamily(
-    "statics of tensegrity grids: growth of time and memory",
-    solve_grids,
-    ("scipy", "pypardiso"),
-    attributes={
-        "wall_time_counts": f"median, above {REPEATED} x {REPEATED} modules one run; without "
-        f"start of the process, imports and compilation"
-    },
-)

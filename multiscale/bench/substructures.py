@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -154,7 +155,13 @@ def make_scenes(*, quick: bool = False) -> list[CutScene]:
     return scenes
 
 
-def solve_cuts(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+@partial(
+    BenchFamily,
+    "cut structures: LATIN, Newton-Schur and the whole structure, in one process",
+    packages=("scipy", "pypardiso"),
+    threads=1,
+)
+def substructures(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
     """Solve every scene by LATIN, by Newton-Schur and without a cut."""
     small = make_scenes(quick=True)
     for scene in make_scenes(quick=quick):
@@ -190,11 +197,3 @@ def judged(rows: Sequence[Row], scene: CutScene) -> Sequence[Row]:
             "history": answer.history,
         }
     return rows
-
-
-SUBSTRUCTURES = BenchFamily(
-    "cut structures: LATIN, Newton-Schur and the whole structure, in one process",
-    solve_cuts,
-    ("scipy", "pypardiso"),
-    threads=1,
-)

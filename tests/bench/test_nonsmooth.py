@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.bench import bench
 from multiscale.bench.measure import Runner
-from multiscale.bench.nonsmooth import FRICTION_SCENES, LCP_SCENES, NONSMOOTH, judged, problem_of
+from multiscale.bench.nonsmooth import FRICTION_SCENES, LCP_SCENES, judged, nonsmooth, problem_of
 from multiscale.bench.summary import tabulate_runs
 from multiscale.convergence import Solution, Status
 from multiscale.nonsmooth import solve_friction, solve_lcp
@@ -127,7 +127,7 @@ def test_a_method_that_lies_is_not_called_converged():
         return Solution(np.zeros(60), Status.CONVERGED, (1.0, 0.0), (0.0, 1e-9))
 
     dishonest = problem_of("not symmetric", quick=True)._replace(solve=lie)
-    row = judged(dishonest, Runner(NONSMOOTH, print), "auto", quick=True)
+    row = judged(dishonest, Runner(nonsmooth, print), "auto", quick=True)
     assert row["converged"] == 0
     assert row["error"] == pytest.approx(1.0)
 
