@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     table, quantity = arguments.csv or write_table(out / "stiffness.csv"), "normal_stiffness"
     seen = upscaling.read_observations(table, quantity)
     kept = seen.n_realisations - seen.n_realisations // 4
-    known = upscaling.observe(quantity, seen.pressure, seen.masked[:kept])
+    known = upscaling.observe(quantity, seen.pressure, seen.values[:kept])
     family, families = upscaling.best_family(known)
     law = upscaling.fit_law(known, family=family, n_samples=100 if arguments.quick else 1000)
     write_dataset(families, out / "law_comparison.nc", LAW_COMPARISON)
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ends = np.percentile(joint["joint_stiffness_sample"], (2.5, 97.5), axis=0)
         joint = MACRO_RESULT.assign(joint, {"joint_stiffness_mean_law": ends})
     write_dataset(joint, out / "macro_result.nc", MACRO_RESULT)
-    factor = np.exp(np.nanmean(np.log(seen.masked / middle), axis=1))[kept:]
+    factor = np.exp(np.nanmean(np.log(seen.values / middle), axis=1))[kept:]
     low, high = (wide / middle)[:, 0]
     sys.stdout.write(
         f"error at unseen pressures:\n{families['cross_validated_error'].to_series().to_string()}\n"
@@ -71,8 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     left.fill_between(x, *(1e-12 * wide), color="C0", alpha=0.15, label="next specimen, 95 %")
     left.fill_between(x, *(1e-12 * band), color="C0", alpha=0.4, label="mean law, 95 %")
     left.loglog(x, 1e-12 * middle, color="C0", label=f"law, {family}")
-    left.loglog(x, 1e-12 * seen.masked[:kept].T, ".", color="0.5", markersize=3)
-    left.loglog(x, 1e-12 * seen.masked[kept:].T, "x", color="C3", markersize=4)
+    left.loglog(x, 1e-12 * seen.values[:kept].T, ".", color="0.5", markersize=3)
+    left.loglog(x, 1e-12 * seen.values[kept:].T, "x", color="C3", markersize=4)
     left.set(xlabel="pressure (MPa)", ylabel="interface stiffness (MPa/µm)")
     left.legend(title="dots fitted, crosses held out", fontsize="small")
     save_figure(left.figure, out / "measured_stiffness.png")

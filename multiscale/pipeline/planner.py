@@ -272,7 +272,7 @@ class _Ensemble:
     def cheap(self) -> float:
         """Share of the flat cells in the variance of the mean gap, median over the steps."""
         parts = normal_observations(self.response, self.control).ensembles
-        each = [np.nanvar(sample.masked, axis=0) / freedom for sample, freedom in parts]
+        each = [np.nanvar(sample, axis=0) / freedom for sample, freedom in parts]
         return float(np.median(each[-1] / sum(each))) if len(parts) == 2 else 0.0
 
 

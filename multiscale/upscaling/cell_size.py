@@ -1,6 +1,7 @@
 """Errors of a law by the size of its cells, and by wavelengths that they lack."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -193,11 +194,11 @@ def ensembles_of_cells(
     of freedom: a single ensemble, or two with a control.
     """
     gap, area = normal_observations(response, control), area_observations(response, control)
-    return [
-        [(ensemble.masked, freedom) for ensemble, freedom in gap.ensembles],
-        [(ensemble.masked, freedom) for ensemble, freedom in area.ensembles],
-        [(stiffness_of_each(ensemble, law), freedom) for ensemble, freedom in gap.ensembles],
+    stiffness = [
+        (stiffness_of_each(replace(gap, values=values, control=None), law), freedom)
+        for values, freedom in gap.ensembles
     ]
+    return [[*gap.ensembles], [*area.ensembles], stiffness]
 
 
 def compared(

@@ -465,7 +465,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     # the factor (of a gap: the distance) of each specimen, and its scatter
     additive = seen.quantity == "gap"
     read = (lambda x: x) if additive else np.log
-    offset = np.nanmean(read(seen.masked) - read(predicted(mean, seen.pressure)), axis=1)
+    offset = np.nanmean(read(seen.values) - read(predicted(mean, seen.pressure)), axis=1)
     if n < 2:
         unknown.append("the interval of the next specimen is not known: there is one specimen")
         return Prediction(value, band, unknown_band, tuple(unknown))

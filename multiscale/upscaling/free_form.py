@@ -159,7 +159,7 @@ def fit_convex_decreasing(
     mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     gap, sample_gap = _gaps(observations, mean), sample_mean
-    largest = float(np.nanmax(observations.masked))
+    largest = float(np.nanmax(observations.values))
     if observations.quantity == "normal_stiffness":
         sample_gap = _gaps(observations, np.where(sample_weight > 0.0, sample_mean, mean))
         largest = float(max(gap.max(), sample_gap.max(initial=0.0)))
@@ -229,7 +229,7 @@ def representable(
 
 def _softer_above(observations: Observations) -> np.ndarray:
     """Whether the interface is softer above an inner pressure than below it, and not by chance."""
-    steps, mean = -np.diff(observations.masked, axis=1), -np.diff(observations.mean)
+    steps, mean = -np.diff(observations.values, axis=1), -np.diff(observations.mean)
     finite = np.isfinite(steps)
     n = np.maximum(finite.sum(axis=0), 1)
     spread = np.where(finite, steps - np.where(finite, steps, 0.0).sum(axis=0) / n, 0.0)
@@ -353,7 +353,7 @@ def fit_area(observations: Observations, counts: np.ndarray) -> Values:
     fraction = _never_decreasing(mean)[0]
     # errors at left out points, and the variance of their noise by single cells
     used, judged = left_out(p.size)
-    singles = [np.where(data.counted, data.values, mean) for data, _ in observations.ensembles]
+    singles = [np.where(np.isfinite(a), a, mean) for a, _ in observations.ensembles]
     error, noise, x = np.full(judged.size, np.nan), np.zeros(judged.size), np.log(p)
     for k, (seen, j) in enumerate(zip(used, judged, strict=True)):
         if fraction[j] > 0.0:

@@ -402,7 +402,7 @@ def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
         response[f"{name}_{cause}_error"].to_numpy()[gap.order]
         for name in ("mean_gap", "contact_fraction")
     )
-    mean, x = np.nanmean(gap.masked, axis=0), np.log(gap.pressure)
+    mean, x = np.nanmean(gap.values, axis=0), np.log(gap.pressure)
     slope = np.gradient(mean, x) / np.gradient(mean * (1.0 + error), x)  # of pressure over gap
     term = SAFETY * np.abs([error, area, slope - 1.0])
     if np.any(term > 0.0):

@@ -89,8 +89,7 @@ class Observations:
 
     quantity: str  # a key of QUANTITIES
     conditions: tuple[np.ndarray, ...]  # each (points,), in the order of the quantity, SI
-    values: np.ndarray  # (realisations, points), SI
-    counted: np.ndarray  # (realisations, points), which values exist
+    values: np.ndarray  # (realisations, points), SI; NaN where there are none
     scale: np.ndarray  # (points,), an error of the mean is relative to it, SI
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)  # for the law
     order: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))  # places in the data
@@ -113,19 +112,16 @@ class Observations:
         return 0 if self.control is None else len(self.control.cheap) - self.n_realisations
 
     @property
-    def masked(self) -> np.ndarray:
-        """Values with NaN where there are none."""
-        return np.where(self.counted, self.values, np.nan)
+    def counted(self) -> np.ndarray:
+        """Whether there is a value, (realisations, points)."""
+        return np.isfinite(self.values)
 
     @property
-    def ensembles(self) -> "tuple[tuple[Observations, int], ...]":
-        """Ensembles with independent means that add up to the mean, and the freedom of each."""
+    def ensembles(self) -> tuple[tuple[np.ndarray, int], ...]:
+        """Values, of independent means that add up to the mean, and the freedom of each."""
         if self.control is None:
-            return ((self, self.n_realisations - 1),)
-        return tuple(
-            (replace(self, values=values, counted=np.isfinite(values), control=None), freedom)
-            for values, freedom in self.control.ensembles
-        )
+            return ((self.values, self.n_realisations - 1),)
+        return self.control.ensembles
 
     @property
     def widening(self) -> float:
@@ -136,17 +132,16 @@ class Observations:
     @property
     def mean(self) -> np.ndarray:
         """Mean values, shape (points,), SI."""
-        return np.nanmean(self.masked, axis=0) if self.control is None else self.control.mean
+        return np.nanmean(self.values, axis=0) if self.control is None else self.control.mean
 
     @property
     def scatter(self) -> np.ndarray:
         """Standard deviation of the mean over the scale, shape (points,); NaN if it is unknown."""
         square = np.zeros(self.pressure.size)
-        for ensemble, freedom in self.ensembles:
-            values, counted = ensemble.values, ensemble.counted
-            n = counted.sum(axis=0)
-            spread = np.where(counted, values - values.mean(0, where=counted), 0.0)
-            variance = np.sum(spread**2, axis=0) / np.maximum(n * (n - 1), 1)
+        for values, freedom in self.ensembles:
+            n = np.isfinite(values).sum(axis=0)
+            spread = values - np.nanmean(values, axis=0)
+            variance = np.nansum(spread**2, axis=0) / np.maximum(n * (n - 1), 1)
             square += np.where((n > 1) & (freedom > 0), variance, np.nan)
         size = np.abs(self.scale)
         return np.asarray(np.divide(np.sqrt(square), size, out=0.0 * size, where=size > 0.0))
@@ -167,7 +162,6 @@ class Observations:
             self,
             conditions=conditions,
             values=self.values[:, points],
-            counted=self.counted[:, points],
             order=self.order[points],
             control=control,
         )
@@ -184,7 +178,7 @@ class Observations:
             return self.control.means(counts)
         counts = counts[:, : self.n_realisations]
         total = counts @ self.counted
-        mean = counts @ np.where(self.counted, self.values, 0.0) / np.maximum(total, 1.0)
+        mean = counts @ np.nan_to_num(self.values) / np.maximum(total, 1.0)
         return mean, total / self.counted.sum(axis=0)
 
 
@@ -239,13 +233,13 @@ def observe(
     order = np.lexsort(x[::-1])
     order = order[columns[order]]
     x = tuple(condition[order] for condition in x)
-    y, counted = y[rows][:, order], counted[rows][:, order]
+    y = np.where(counted, y, np.nan)[rows][:, order]
     if not y.size:
         raise CaseError(f"no value of {quantity} was observed; all are missing")
-    mean = np.where(counted, y, 0.0).sum(axis=0) / counted.sum(axis=0)
+    mean = np.nanmean(y, axis=0)
     _check_sense(quantity, x[0], mean)
     scale = error_scale(quantity, x, mean)
-    return Observations(quantity, x, y, counted, scale, attributes, order, independent=True)
+    return Observations(quantity, x, y, scale, attributes, order, independent=True)
 
 
 def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:

@@ -84,17 +84,16 @@ def _observe_response(
             "branch, so select its steps first"
         )
     usable = counted[:, steps].any(axis=1)
-    y, mask = values[np.ix_(usable, steps)], counted[np.ix_(usable, steps)]
+    y = np.where(counted, values, np.nan)[np.ix_(usable, steps)]
     both = None
     if control is not None:
         numbers = response["realisation"].to_numpy()[usable]
         cheap = paired_first(control, numbers, variable, pressure)
         apart = bool(control.attrs.get("pairs_apart", 0))
-        both = Control.of(np.where(mask, y, np.nan), cheap, apart=apart)
-    mean = np.where(mask, y, 0.0).sum(axis=0) / mask.sum(axis=0)
-    scale = error_scale(quantity, (pressure,), mean if both is None else both.mean)
-    attributes = inherited(response)
-    return Observations(quantity, (pressure,), y, mask, scale, attributes, steps, control=both)
+        both = Control.of(y, cheap, apart=apart)
+    mean = np.nanmean(y, axis=0) if both is None else both.mean
+    scale = error_scale(quantity, (pressure,), mean)
+    return Observations(quantity, (pressure,), y, scale, inherited(response), steps, control=both)
 
 
 def paired_first(
@@ -185,7 +184,7 @@ def unloading_observations(response: Dataset, control: Dataset | None = None) ->
         return observed
     numbers = response["realisation"].to_numpy()[np.isfinite(recovery).any(axis=1)]
     low, high = (paired_first(control, numbers, "mean_gap", p) for p in observed.conditions)
-    return replace(observed, control=Control.of(observed.masked, low - high))
+    return replace(observed, control=Control.of(observed.values, low - high))
 
 
 def inherited(response: Dataset) -> dict[str, Any]:
