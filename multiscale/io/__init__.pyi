@@ -5,16 +5,9 @@ from .datasets import open_run as open_run
 from .datasets import save_law as save_law
 from .datasets import write_dataset as write_dataset
 from .files import make_folder as make_folder
-from .files import read_bytes as read_bytes
 from .files import read_text as read_text
 from .files import remove as remove
 from .files import try_to_write as try_to_write
 from .files import write_bytes as write_bytes
-from .images import VoxelImage as VoxelImage
 from .images import read_images as read_images
-from .mesh_groups import NamedMesh as NamedMesh
-from .mesh_groups import named_mesh as named_mesh
-from .meshes import open_mesh as open_mesh
-from .surface_file import Topography as Topography
-from .surface_file import open_topography as open_topography
 from .surface_file import read_surface as read_surface

@@ -113,13 +113,7 @@ class _RunLog(logging.FileHandler):
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
-
-    Raises
-    ------
-    CaseError
-        If the file is missing, cannot be read, or is a device or a pipe.
-    """
+    """Read a whole file."""
     check_file(path)
     try:
         return path.read_bytes()

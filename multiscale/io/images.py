@@ -15,21 +15,10 @@ from multiscale.io.files import first_line, missing_file
 
 @dataclass(frozen=True)
 class VoxelImage:
-    """A box of solid and void voxels.
+    """A box of solid and void voxels; other values and lengths are refused."""
 
-    Parameters
-    ----------
-    void : ndarray of bool or of 0 and 1, shape (nx, ny, nz), whether a voxel is void
-    size : tuple of float, lengths of the box along x, y and z, m
-
-    Raises
-    ------
-    CaseError
-        If the image is not binary, or empty, or a length is not positive.
-    """
-
-    void: np.ndarray
-    size: tuple[float, float, float]
+    void: np.ndarray  # of bool or of 0 and 1, (nx, ny, nz), whether a voxel is void
+    size: tuple[float, float, float]  # lengths along x, y and z, m
 
     def __post_init__(self) -> None:
         image = np.asarray(self.void)

@@ -20,31 +20,17 @@ NUMBERED = ("gmsh:physical", "netgen:index")
 
 @dataclass(frozen=True)
 class NamedMesh:
-    """A mesh of any elements with named groups.
+    """A mesh of any elements with named groups; kinds and the order of nodes as in meshio."""
 
-    Attributes
-    ----------
-    points : ndarray, shape (n, d), coordinates in the unit of the file
-    cells : dict of str to ndarray of int, shape (elements, nodes)
-        Points of the elements of every kind; kinds and the order of nodes as in meshio.
-    groups : dict of str to dict of str to ndarray of int
-        Elements of every named group, by kind: named volumes, faces, lines and vertices.
-    node_sets : dict of str to ndarray of int, points of every named set of nodes
-    """
-
-    points: np.ndarray
-    cells: dict[str, np.ndarray]
+    points: np.ndarray  # (n, d), coordinates in the unit of the file
+    cells: dict[str, np.ndarray]  # points of the elements of every kind, (elements, nodes)
+    # elements of every named volume, face, line or vertex, by kind
     groups: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
-    node_sets: dict[str, np.ndarray] = field(default_factory=dict)
+    node_sets: dict[str, np.ndarray] = field(default_factory=dict)  # points of every named set
 
 
 def named_mesh(mesh: "Mesh") -> NamedMesh:
-    """Collect the groups that meshio stores in different places for different formats.
-
-    Parameters
-    ----------
-    mesh : meshio.Mesh, as returned by ``meshio.read``
-    """
+    """Collect the groups that meshio stores in different places for different formats."""
     data = mesh.cell_data
     numbers = next((data[name] for name in NUMBERED if name in data), None)
     families = getattr(mesh, "cell_tags", {})  # groups of MED by their number

@@ -56,18 +56,7 @@ class MeshArrays:
 
 
 def open_mesh(path: Path) -> NamedMesh:
-    """Read a mesh of any elements with its named groups.
-
-    Parameters
-    ----------
-    path : Path
-        A deck of Abaqus or CalculiX, or a file of any format that meshio or gmsh reads.
-
-    Raises
-    ------
-    CaseError
-        If the file is missing or cannot be read, or an element has a node that is not there.
-    """
+    """Read a mesh of any elements with its named groups."""
     check_file(path, "mesh file")
     try:
         with path.open("rb") as file:

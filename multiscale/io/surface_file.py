@@ -34,35 +34,17 @@ OLDER_SDF = {b"aBCR-1.0": b"aISO-1.0", b"bBCR-1.0": b"bISO-1.0"}
 
 @dataclass(frozen=True, eq=False)
 class Topography:
-    """A channel of a topography file, as it was measured.
-
-    Attributes
-    ----------
-    path : Path, the file
-    format : str, format of the file in words
-    channels : tuple of str
-        All channels of the file with number, name, kind, points, size and unit, as text.
-    channel : str, number and name of the channel that was read
-    heights : ndarray, shape (nx, ny)
-        Heights, m, NaN where they are undefined. A line scan has ``ny = 1``.
-    size : tuple of float
-        Edge lengths, m. The width of a line scan is its length.
-    resolution : float or None
-        Shortest wavelength that the instrument resolves by the metadata of the file, m.
-    interpolated : bool
-        Whether the points of a line scan were uneven, and heights were interpolated linearly.
-    spikes : int, points that were taken for spikes, and are undefined now
-    """
+    """A channel of a topography file, as it was measured."""
 
     path: Path
-    format: str
-    channels: tuple[str, ...]
-    channel: str
-    heights: np.ndarray
-    size: tuple[float, float]
-    resolution: float | None = None
-    interpolated: bool = False
-    spikes: int = 0
+    format: str  # of the file, in words
+    channels: tuple[str, ...]  # number, name, kind, points, size and unit of each, as text
+    channel: str  # number and name of the channel that was read
+    heights: np.ndarray  # (nx, ny), m, NaN where undefined; a line scan has ny = 1
+    size: tuple[float, float]  # edge lengths, m; the width of a line scan is its length
+    resolution: float | None = None  # shortest wavelength of the instrument by its file, m
+    interpolated: bool = False  # whether points of a line scan were uneven
+    spikes: int = 0  # points that were taken for spikes, and are undefined now
 
     @property
     def is_profile(self) -> bool:
@@ -70,13 +52,7 @@ class Topography:
         return bool(self.heights.shape[1] == 1)
 
     def without_spikes(self) -> "Topography":
-        """Return the same scan with spikes undefined; see :func:`multiscale.surfaces.find_spikes`.
-
-        Raises
-        ------
-        CaseError
-            If more than a hundredth of the points would be spikes.
-        """
+        """Return the scan with spikes, by :func:`multiscale.surfaces.find_spikes`, undefined."""
         from multiscale.surfaces.preparation import find_spikes
 
         spikes = find_spikes(self.heights)
@@ -100,13 +76,7 @@ class Topography:
         ]
 
     def to_surface(self, *, detrend_order: int = 1, fill_undefined: bool = False) -> "Surface":
-        """Remove the trend and fill undefined points; see :func:`read_surface`.
-
-        Raises
-        ------
-        CaseError
-            If points are undefined and not to be filled, or the heights are constant.
-        """
+        """Remove the trend and fill undefined points; see :func:`read_surface`."""
         from multiscale.surfaces.surface import Surface, remove_trend
 
         path, undefined = self.path, ~np.isfinite(self.heights)
@@ -202,18 +172,7 @@ def open_topography(
     size: Sequence[float] | None = None,
     unit: float | None = None,
 ) -> Topography:
-    """Read a channel of a topography file as it was measured, map or line scan.
-
-    Parameters
-    ----------
-    path, channel, size, unit
-        See :func:`read_surface`; of a line scan only the first length of ``size`` counts.
-
-    Raises
-    ------
-    CaseError
-        If the file is missing or cannot be read, has no such channel, unit or size.
-    """
+    """Read a channel of a topography file as it was measured, map or line scan."""
     path = Path(path)
     check_file(path, "topography file")
     if path.stat().st_size == 0:

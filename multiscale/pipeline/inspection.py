@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import Topography, open_topography, write_bytes
+from multiscale.io import write_bytes
+from multiscale.io.surface_file import Topography, open_topography
 from multiscale.pipeline.measured_sides import HELD
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.stage import Datasets, Section, Shown

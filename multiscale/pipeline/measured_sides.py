@@ -8,7 +8,7 @@ from math import ceil, floor, sqrt
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_topography
+from multiscale.io.surface_file import open_topography
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.surfaces import (

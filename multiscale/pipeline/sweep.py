@@ -21,7 +21,8 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError, FileError, MultiscaleError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, read_bytes, remove, write_bytes, write_dataset
+from multiscale.io import make_folder, remove, write_bytes, write_dataset
+from multiscale.io.files import read_bytes
 from multiscale.pipeline.case import find_case, read_case, validate_case
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.runner import run

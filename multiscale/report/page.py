@@ -19,8 +19,9 @@ from warnings import catch_warnings
 
 from multiscale.errors import CaseError
 from multiscale.executors import cores, run_jobs
-from multiscale.io import make_folder, open_dataset, read_bytes, remove, write_bytes, write_dataset
+from multiscale.io import make_folder, open_dataset, remove, write_bytes, write_dataset
 from multiscale.io.datasets import reading_run
+from multiscale.io.files import read_bytes
 from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section, Shown, ShowProgress, Summary, unseen
 from multiscale.plotting.figure import DOTS_PER_INCH, WIDE, is_drawn

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import VoxelImage, read_images
+from multiscale.io import read_images
+from multiscale.io.images import VoxelImage
 from tests.support import run_python
 
 tifffile = pytest.importorskip("tifffile")

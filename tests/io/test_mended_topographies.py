@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import open_topography
+from multiscale.io.surface_file import open_topography
 
 pytest.importorskip("SurfaceTopography")
 SIZE = (12e-6, 5e-6)

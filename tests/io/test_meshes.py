@@ -10,7 +10,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.fe.faces import face_of, facet_normals
 from multiscale.fe.mesh_file import load_mesh
-from multiscale.io import open_mesh
+from multiscale.io.meshes import open_mesh
 from tests.support import keep_ignoring_broken_pipes, text_of
 
 CUBE = np.array(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import open_topography, read_surface
+from multiscale.io import read_surface
+from multiscale.io.surface_file import open_topography
 from multiscale.surfaces import Surface, crop, detrend
 from multiscale.surfaces.surface import remove_trend
 from tests.support import run_python

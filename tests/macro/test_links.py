@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.io import named_mesh
+from multiscale.io.mesh_groups import named_mesh
 from multiscale.laws.link import Bar, Beam, Cable, Strut
 from multiscale.macro import (
     LinkSystem,

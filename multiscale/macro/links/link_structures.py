@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError, listed, suggest
-from multiscale.io import NamedMesh
+from multiscale.io.mesh_groups import NamedMesh
 from multiscale.laws.link import Bar, Beam, Cable, LinkLaw
 from multiscale.macro.links.link_system import LinkSystem
 
@@ -284,8 +284,8 @@ def system_from_mesh(
     Parameters
     ----------
     mesh : NamedMesh
-        Mesh as returned by :func:`multiscale.io.open_mesh`. Lines belong to named groups. Supports
-        are named sets of nodes, or groups of vertex elements.
+        Mesh as returned by :func:`multiscale.io.meshes.open_mesh`. Lines belong to named groups.
+        Supports are named sets of nodes, or groups of vertex elements.
     laws : mapping of str to LinkLaw, law of every set of lines
     supports : tuple of str, sets of nodes that are fixed in all unknowns
     load : tuple of float

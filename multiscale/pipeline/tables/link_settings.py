@@ -12,8 +12,8 @@ from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, m
 
 from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.io import open_mesh
 from multiscale.io.csv_tables import finite, read_table
+from multiscale.io.meshes import open_mesh
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
 from multiscale.macro import substructures
 from multiscale.pipeline.tables.structure_kind import StructureKind

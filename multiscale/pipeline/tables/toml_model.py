@@ -24,7 +24,8 @@ from pydantic import (
 )
 
 from multiscale.errors import CaseError, suggest
-from multiscale.io import read_bytes, read_text
+from multiscale.io import read_text
+from multiscale.io.files import read_bytes
 from multiscale.units import to_si
 
 
