@@ -3,17 +3,11 @@
 import numpy as np
 
 from multiscale.plotting.figure import Axes, axes_or_current
-from multiscale.plotting.lines import draw_band
+from multiscale.plotting.lines import BANDS, LARGEST_LEGEND, draw_band, draw_bands
 from multiscale.schema import Dataset
-
-LARGEST_LEGEND = 10
-"""Largest number of lines with a legend."""
 
 DECADE = 10.0
 """Largest over smallest value of a key from which its axis is logarithmic."""
-
-INTERVALS = {"mean_law": 0.2, "one_part": 0.08}
-"""Intervals of answers, and the opacity of their bands."""
 
 
 def key_in_words(key: str) -> str:
@@ -46,7 +40,7 @@ def sweep_ends(result: Dataset, answer: str) -> Dataset:
     place = result["answer_place"].sel(answer=answer, drop=True)
     blank = xr.DataArray(np.full((result.sizes["point"], 2), np.nan), dims=("point", "limit"))
     variables = {"value": result[answer]}
-    variables |= {kind: result.get(f"{answer}_{kind}", blank) for kind in INTERVALS}
+    variables |= {kind: result.get(f"{answer}_{kind}", blank) for kind in BANDS}
     ends = {}
     for name, values in variables.items():
         (along,) = set(values.dims) - {"point", "limit"} or {None}
@@ -84,9 +78,9 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
     for line, colour in zip(lines, colours, strict=True):
         points = np.array([k for k in np.argsort(x, kind="stable") if others[k] == line])
         value = scale * ends["value"].values[points]
-        for kind, alpha in INTERVALS.items():
+        for kind, alpha in BANDS.items():
             band = scale * ends[kind].values[points].T
-            draw_band(ax, x[points], band, colour, alpha=alpha, label=None)
+            draw_band(ax, x[points], band, colour, alpha=0.4 * alpha, label=None)
         bars = np.abs(scale * ends["mean_law"].values[points].T - value)
         marks = "o:" if of_text else "o-"
         ax.errorbar(x[points], value, bars, fmt=marks, color=colour, capsize=2, label=line)
@@ -117,11 +111,9 @@ def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) ->
     for k, colour in enumerate(matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, count))):
         point = result.isel(point=k)
         label = ", ".join(map(str, point["setting"].values)) if count <= LARGEST_LEGEND else None
-        ax.plot(wide * point[over], scale * point[answer], "o-", color=colour, label=label)
-        for kind, alpha in INTERVALS.items():
-            if (name := f"{answer}_{kind}") in result:
-                band = scale * point[name].to_numpy()
-                draw_band(ax, wide * point[over].to_numpy(), band, colour, alpha=alpha, label=None)
+        along = wide * point[over].to_numpy()
+        ax.plot(along, scale * point[answer], "o-", color=colour, label=label)
+        draw_bands(point, answer, along, ax, scale, colour, labelled=False)
     _label_answer(result, answer, ax)
     _label_answer(result, over, ax, axis="x")
     ax.set_title(", ".join(map(key_in_words, result["parameter"].values)))

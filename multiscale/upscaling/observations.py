@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -227,19 +228,24 @@ def observe(
                 f"{name} must be positive and finite "
                 f"({QUANTITIES[quantity].conditions[name]}), got {float(np.min(values)):g}"
             )
-    # only realisations and points with values, in rising order of the conditions
-    counted = np.isfinite(y)
-    rows, columns = counted.any(axis=1), counted.any(axis=0)
-    order = np.lexsort(x[::-1])
-    order = order[columns[order]]
-    x = tuple(condition[order] for condition in x)
-    y = np.where(counted, y, np.nan)[rows][:, order]
-    if not y.size:
+    observed = arrange(quantity, x, y, attributes)
+    if not observed.values.size:
         raise CaseError(f"no value of {quantity} was observed; all are missing")
-    mean = np.nanmean(y, axis=0)
-    _check_sense(quantity, x[0], mean)
-    scale = error_scale(quantity, x, mean)
-    return Observations(quantity, x, y, scale, attributes, order, independent=True)
+    _check_sense(quantity, observed.pressure, observed.mean)
+    return replace(observed, independent=True)
+
+
+def arrange(
+    quantity: str, x: tuple[np.ndarray, ...], y: np.ndarray, attributes: Mapping[str, Any]
+) -> Observations:
+    """Take realisations and points with values, in rising order of the conditions."""
+    counted = np.isfinite(y)
+    order = np.lexsort(x[::-1])
+    order = order[counted.any(axis=0)[order]]
+    conditions = tuple(condition[order] for condition in x)
+    values = np.where(counted, y, np.nan)[counted.any(axis=1)][:, order]
+    scale = error_scale(quantity, conditions, np.nanmean(values, axis=0)) if order.size else x[0]
+    return Observations(quantity, conditions, values, scale, attributes, order)
 
 
 def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import LOADING, MICRO_RESPONSE, UNLOADING, Dataset, with_cautions
 from multiscale.units import readable
-from multiscale.upscaling.observations import Observations, error_scale, observe
+from multiscale.upscaling.observations import Observations, arrange, error_scale, observe
 from multiscale.upscaling.sampling import Control
 
 HIGHEST_GAP = 20.0
@@ -67,33 +67,27 @@ def _observe_response(
 ) -> Observations:
     """Select usable steps and realisations; pressures rising."""
     MICRO_RESPONSE.check(response)
-    values = response[variable].to_numpy()
     counted, pressure = usable_steps(response)
-    total = counted.sum(axis=0)
-    steps = np.flatnonzero((total > 0) & (pressure > 0.0))
-    steps = steps[np.argsort(pressure[steps])]
-    if steps.size < 3:
+    values = np.where(counted & (pressure > 0.0), response[variable].to_numpy(), np.nan)
+    seen = arrange(quantity, (pressure,), values, inherited(response))
+    p = seen.pressure
+    if p.size < 3:
         raise CaseError(
-            f"a law needs at least 3 pressures with a converged realisation, found {steps.size} "
-            f"of {values.shape[1]}; solve more steps or look why they failed"
+            f"a law needs at least 3 pressures with a converged realisation, found {p.size} "
+            f"of {pressure.size}; solve more steps or look why they failed"
         )
-    pressure = pressure[steps]
-    if not np.all(np.diff(pressure) > 1e-9 * pressure[1:]):
+    if not np.all(np.diff(p) > 1e-9 * p[1:]):
         raise CaseError(
             "a nominal pressure occurs twice in the response; a law is fitted to one loading "
             "branch, so select its steps first"
         )
-    usable = counted[:, steps].any(axis=1)
-    y = np.where(counted, values, np.nan)[np.ix_(usable, steps)]
-    both = None
-    if control is not None:
-        numbers = response["realisation"].to_numpy()[usable]
-        cheap = paired_first(control, numbers, variable, pressure)
-        apart = bool(control.attrs.get("pairs_apart", 0))
-        both = Control.of(y, cheap, apart=apart)
-    mean = np.nanmean(y, axis=0) if both is None else both.mean
-    scale = error_scale(quantity, (pressure,), mean)
-    return Observations(quantity, (pressure,), y, scale, inherited(response), steps, control=both)
+    if control is None:
+        return seen
+    numbers = response["realisation"].to_numpy()[np.isfinite(values).any(axis=1)]
+    cheap = paired_first(control, numbers, variable, p)
+    both = Control.of(seen.values, cheap, apart=bool(control.attrs.get("pairs_apart", 0)))
+    mean = seen.mean if both is None else both.mean
+    return replace(seen, control=both, scale=error_scale(quantity, (p,), mean))
 
 
 def paired_first(
