@@ -1,6 +1,6 @@
 """Fields of cells, links, bodies and grains as VTU files for ParaView."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,12 @@ from multiscale.errors import SchemaError
 from multiscale.io.files import replacing, write_bytes
 from multiscale.schema import GRANULATE, MACRO_RESULT, VIBRATION, Dataset
 
-LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
-NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step
-ELEMENTS = {4: "tetra", 8: "hexahedron"}  # in meshio, by the number of corners
-ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")  # of elements at every step
-CONSTANT_VARIABLES = ("element_body", "element_damage")  # of elements without steps
-LIFE_VARIABLES = ("damage", "cracked_share", "plastic_strain", "first_crack")  # of elements
-POINT_VARIABLES = ("gap", "contact_state")  # of the points of joints at every step
+KINDS = {2: "line", 4: "tetra", 8: "hexahedron"}  # in meshio, by the number of corners
+NODES = ("displacement", "velocity", "rotation", "shape")  # variables of nodes
+LINKS = ("tension", "slack", "impulse")  # of links
+ELEMENTS = ("equivalent_stress", "energy_density", "element_body", "element_damage")
+LIFE = ("damage", "cracked_share", "plastic_strain", "first_crack", "equivalent_amplitude")
+POINTS = ("gap", "contact_state", "point_joint", "point_damage")  # of the points of joints
 
 
 def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Path) -> None:
@@ -35,87 +34,46 @@ def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Pat
 
 
 def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> Path:
-    """Write a VTU file per step, and the collection that ParaView opens as a series.
-
-    The links are lines between the nodes of the unloaded structure, with tension and slack;
-    the filter *Warp By Vector* with the displacement of the nodes moves them.
-    """
+    """Write the links as lines between their nodes, with tension and slack, at every step."""
     _require(result, ("position", "ends", "tension"), "nodes and links")
-    position, ends = result["position"].values, result["ends"].values
-
-    def links(step: int) -> dict[str, Any]:
-        nodes, values = (_values(result, names, step) for names in (NODE_VARIABLES, LINK_VARIABLES))
-        return {"": _mesh(position, "line", ends, nodes, values)}
-
-    steps = range(result.sizes["step"])
-    return _write_series(folder, name, _timesteps(result), map(links, steps))
+    meshes = ({"": _structure(frame, "ends", LINKS)} for frame in _frames(result, "step"))
+    return _write_series(folder, name, _timesteps(result), meshes)
 
 
 def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") -> Path:
-    """Write the elements of every step, and the points of joints as a second part.
-
-    The filter *Warp By Vector* with the displacement of the nodes moves the bodies. Points have
-    gap, m, pressure and magnitude of the shear traction, Pa, ``contact_state`` (0 open, 1 sticks,
-    2 slips), damage and number of their joint. Elements have von Mises stress, Pa, density of the
-    strain energy, J/m³, damage and number of their body.
-    """
+    """Write the elements of every step, and the points of joints as a second part."""
     _require(result, ("position", "displacement", "corners"), "elastic bodies")
-    position, corners = result["position"].values, result["corners"].values
+    parts = (
+        {"": _structure(frame, "corners", ELEMENTS)}
+        | ({"joints": _joints(frame)} if "traction" in frame else {})
+        for frame in _frames(result, "step")
+    )
+    return _write_series(folder, name, _timesteps(result), parts)
 
-    def parts(step: int) -> dict[str, Any]:
-        values = _values(result, ELEMENT_VARIABLES, step) | _values(result, CONSTANT_VARIABLES)
-        moved = {"displacement": result["displacement"].values[step]}
-        bodies = _mesh(position, ELEMENTS[corners.shape[1]], corners, moved, values)
-        if "traction" not in result:
-            return {"": bodies}
-        traction, points = result["traction"].values[step], result["point_position"].values
-        joints = {
-            "pressure": -traction[:, 0],
-            "shear": np.hypot(traction[:, 1], traction[:, 2]),
-            **_values(result, POINT_VARIABLES, step),
-            **{key: result[f"point_{key}"].values for key in ("joint", "damage")},
-        }
-        vertices = np.arange(len(points))[:, None]
-        return {"": bodies, "joints": _mesh(points, "vertex", vertices, joints)}
 
-    steps = range(result.sizes["step"])
-    return _write_series(folder, name, _timesteps(result), map(parts, steps))
+def _joints(frame: Dataset) -> Any:
+    """Points of joints with pressure and magnitude of the shear traction, Pa, gap and state."""
+    traction, place = frame["traction"].values, frame["point_position"].values
+    values = {"pressure": -traction[:, 0], "shear": np.hypot(traction[:, 1], traction[:, 2])}
+    values |= {key.removeprefix("point_"): value for key, value in _values(frame, POINTS).items()}
+    return _mesh(place, "vertex", np.arange(len(place))[:, None], values)
 
 
 def write_mode_fields(result: Dataset, folder: Path, *, name: str = "modes") -> Path:
-    """Write the shape of every mode on the elements, as a series over their numbers.
-
-    The filter *Warp By Vector* with ``shape``, kg^-1/2, times a modal amplitude moves the bodies.
-    """
+    """Write the shape of every mode on the elements, as a series over their numbers."""
     VIBRATION.check(result)
-    position, corners = result["position"].values, result["corners"].values
-    kind, body = ELEMENTS[corners.shape[1]], {"element_body": result["element_body"].values}
-    meshes = (
-        {"": _mesh(position, kind, corners, {"shape": shape}, body)}
-        for shape in result["shape"].values
-    )
+    meshes = ({"": _structure(mode, "corners", ELEMENTS)} for mode in _frames(result, "mode"))
     return _write_series(folder, name, result["mode"].values, meshes)
 
 
 def write_life_fields(life: Dataset, folder: Path, *, name: str = "life") -> Path:
-    """Write the elements of a body with their damage and life, as a VTU file.
-
-    Elements have the mean damage and plastic strain of their inclusions, the share of these that
-    has cracked, the cycles to the first crack and the von Mises amplitude, Pa.
-    """
-    values = {key: life[key].values for key in (*LIFE_VARIABLES, "equivalent_amplitude")}
-    corners = life["corners"].values.astype(int)
-    mesh = _mesh(life["position"].values, ELEMENTS[corners.shape[1]], corners, elements=values)
+    """Write the elements of a body with their damage and life, as a VTU file."""
+    mesh = _structure(life, "corners", LIFE)
     return _write_series(folder, name, life["cycles"].values[-1:], [{"": mesh}])
 
 
 def write_grain_fields(result: Dataset, folder: Path, *, name: str = "grains") -> Path:
-    """Write a VTU file per frame, and the collection that ParaView opens as a series.
-
-    A grain is a point with its radius, m, velocity, m/s, and, if grains turn, spin, rad/s. The
-    filter *Glyph* shows it as a sphere scaled by twice the radius. A contact is a line with its
-    force, N.
-    """
+    """Write grains as points with radius, velocity and spin, and contacts as lines with force."""
     GRANULATE.check(result)
     time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
     frames = ({"": _frame(result, k)} for k in range(result.sizes["frame"]))
@@ -147,9 +105,21 @@ def _frame(result: Dataset, k: int) -> Any:
     )
 
 
-def _values(result: Dataset, names: tuple[str, ...], step: Any = ...) -> dict[str, np.ndarray]:
-    """Values of the variables that a result has, at a step or without steps."""
-    return {name: result[name].values[step] for name in names if name in result}
+def _frames(result: Dataset, dim: str) -> Iterator[Dataset]:
+    """Yield a result at every label of a dimension."""
+    return (result.isel({dim: k}) for k in range(result.sizes[dim]))
+
+
+def _values(frame: Dataset, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Values of the variables that a frame has."""
+    return {name: frame[name].values for name in names if name in frame}
+
+
+def _structure(frame: Dataset, cells: str, values: tuple[str, ...]) -> Any:
+    """Mesh of links or elements, with data of nodes and of each cell."""
+    corners = frame[cells].values.astype(int)
+    position, kind = frame["position"].values, KINDS[corners.shape[1]]
+    return _mesh(position, kind, corners, _values(frame, NODES), _values(frame, values))
 
 
 def _mesh(
