@@ -82,11 +82,7 @@ def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarra
 
 
 def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Build the problem of the slacks of cables in a lattice, A = k - k B K^-1 B^T k, k = 1 N/m.
-
-    The lattice has ``nodes`` along an edge; a quarter of its links, the bars, is ``contrast`` times
-    as stiff.
-    """
+    """Build the slacks of cables in a lattice with bars, A = k - k B K^-1 B^T k, k = 1 N/m."""
     n, rng = nodes, np.random.default_rng(seed=0)
     node = np.arange(n * n).reshape(n, n)
     position = np.column_stack(np.divmod(np.arange(n * n), n)) + 0.1 * rng.random((n * n, 2))

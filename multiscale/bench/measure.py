@@ -33,11 +33,7 @@ stored; and ``history``, seconds and errors, shape (samples, 2)."""
 
 
 class Measurement(NamedTuple):
-    """Answer of the run of median time, with its times, s, and the memory of its process, byte.
-
-    Memory is the largest resident memory, with interpreter and libraries; NaN without separate
-    processes.
-    """
+    """Answer of the run of median time, with times, s, and memory of its process, byte."""
 
     value: Any  # None if a process died, for instance for lack of memory
     wall_time: float = nan
@@ -205,10 +201,7 @@ def versions(*packages: str) -> str:
 
 
 def judge(rows: Sequence[Row], exact: float, uncertainty: float = nan) -> Sequence[Row]:
-    """Judge answers that are numbers, or samples of a number, by the truth; return the rows.
-
-    The error of samples is their root mean square error, their time the time of a single sample.
-    """
+    """Judge numbers, or samples of a number by their root mean square error, by the truth."""
     for row in rows:
         samples = np.atleast_1d(nan if row["value"] is None else row["value"])
         row["error"] = float(np.sqrt(np.mean((samples / exact - 1.0) ** 2)))

@@ -169,11 +169,7 @@ def plot_woehler(curve: Dataset, *, ax: Axes | None = None) -> Axes:
 def _section_image(
     rve: "Volume", origin: np.ndarray, frame: np.ndarray, points: int = 400
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sample a section on points of a plane.
-
-    Return coordinates along its directions (2, 3), m, shape (points,), and values (points, points):
-    0 in solid, 1 in void, NaN outside the box; the first axis is the second direction.
-    """
+    """Sample a plane: coordinates (points,), m, and values, 0 in solid, 1 in void, NaN outside."""
     size = np.array(rve.size)
     half = 0.5 * float(np.linalg.norm(size))
     along = half * (2.0 * (np.arange(points) + 0.5) / points - 1.0)

@@ -23,18 +23,14 @@ COMPONENTS = ("n", "t1", "t2")
 
 @dataclass(frozen=True)
 class Variable:
-    """Dimensions, unit (UDUNITS spelling) and meaning of a variable.
-
-    Flags are the meanings of 0, 1, ...; a required variable may be a coordinate. The error of a
-    stiffness in series comes only from the variable ``uncertain_part``.
-    """
+    """Dimensions, unit (UDUNITS spelling) and meaning of a variable."""
 
     dims: tuple[str, ...]
     units: str
     long_name: str
-    flags: Sequence[str] = ()
-    coordinate: bool = False
-    uncertain_part: str = ""
+    flags: Sequence[str] = ()  # meanings of 0, 1, ...
+    coordinate: bool = False  # whether a required variable is a coordinate
+    uncertain_part: str = ""  # the variable that the error of a stiffness in series comes from
 
 
 @dataclass(frozen=True)

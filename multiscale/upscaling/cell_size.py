@@ -167,10 +167,7 @@ def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
 
 
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the weights (sizes, steps) of the means in the slope of a line over x, and the misfit.
-
-    As x is 1 for the response, the slope is its difference from an infinite cell.
-    """
+    """Return the weights (sizes, steps) of means in the slope of a line over x, and the misfit."""
     weight, x = 1.0 / error**2, x[:, None]
     centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
     level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
@@ -188,11 +185,7 @@ def values_of_cells(response: Dataset) -> np.ndarray:
 def ensembles_of_cells(
     response: Dataset, control: Dataset | None = None, law: Dataset | None = None
 ) -> list[list[tuple[np.ndarray, int]]]:
-    """Return ensembles with means that add up to gap, contact fraction and stiffness.
-
-    For each quantity a list of values (realisations, steps), NaN where missing, with their degrees
-    of freedom: a single ensemble, or two with a control.
-    """
+    """Return ensembles, (values, freedom), with means that add up to gap, area and stiffness."""
     gap, area = normal_observations(response, control), area_observations(response, control)
     stiffness = [
         (stiffness_of_each(replace(gap, values=values, control=None), law), freedom)

@@ -169,12 +169,7 @@ class Observations:
         return replace(some, scale=error_scale(self.quantity, conditions, some.mean))
 
     def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean values of samples, and their weights, (samples, points).
-
-        ``counts``, shape (samples, realisations), are the multiplicities of each realisation, and
-        then of each further cheap value of a control. The weight is the share of the values in the
-        sample, 1 on average; the mean is 0 where there are none.
-        """
+        """Return means of samples by multiplicities of values, (samples, points), and weights."""
         if self.control is not None:
             return self.control.means(counts)
         counts = counts[:, : self.n_realisations]

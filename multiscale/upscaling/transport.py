@@ -150,14 +150,7 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
 
 
 def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None) -> Dataset:
-    """Return a law with the hydraulic aperture of its interface at the pressures of its data.
-
-    Notes
-    -----
-    The interface is a patchwork of its cells, see :func:`effective_permeability`. The intervals
-    are of samples of the realisations, spread as Student's in the logarithm; they are unknown where
-    the law has no samples.
-    """
+    """Return a law with the hydraulic aperture of its interface as a patchwork of its cells."""
     loading = loading_branch(response)
     solved = loading["nominal_pressure"].to_numpy()
     at = [int(np.argmin(np.abs(solved - p))) for p in law["fit_pressure"].to_numpy()]
