@@ -115,7 +115,7 @@ class Observations:
     @property
     def counted(self) -> np.ndarray:
         """Whether there is a value, (realisations, points)."""
-        return np.isfinite(self.values)
+        return np.asarray(np.isfinite(self.values))
 
     @property
     def ensembles(self) -> tuple[tuple[np.ndarray, int], ...]:
