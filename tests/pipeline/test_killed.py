@@ -20,7 +20,6 @@ from multiscale.errors import MultiscaleError
 from multiscale.executors import threads
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_sweep, run_sweep
-from multiscale.schema import STABILITY
 from tests.support import COMMAND, small_steel
 
 pytestmark = pytest.mark.skipif(
@@ -253,20 +252,6 @@ def wait_for_the_end_of(processes):
             return
         sleep(0.1)
     raise AssertionError("a worker has outlived its parent")
-
-
-@pytest.mark.slow
-def test_a_killed_stability_table_keeps_what_was_found_and_its_workers_leave(tmp_path):
-    begun = begin(tmp_path, "stability", "--jobs", "2", "-o", "stability.nc")
-    begun.stderr.readline()  # of the first case
-    begun.stderr.readline()
-    workers = workers_of(begun.pid)
-    begun.kill()
-    begun.communicate()
-    assert len(workers) == 2
-    wait_for_the_end_of(workers)
-    kept = open_dataset(tmp_path / "stability.nc", STABILITY)
-    assert 1 <= kept.sizes["case"] < kept.attrs["cases"]
 
 
 @pytest.fixture

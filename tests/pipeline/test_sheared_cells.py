@@ -136,14 +136,6 @@ def test_the_command_fits_the_same_law_from_files_and_exports_it(finished, comma
     write_law(tmp_path / "plain.nc")
     assert command("export", "plain.nc", "law.csv", "--length-unit", "um")[0] == 0
     assert Path("law.csv").read_text().startswith("pressure (MPa),gap (um)")
-    for arguments, told in (
-        (("law.txt",), "ends in .inp or .csv, got law.txt"),
-        (("law.csv", "--friction", "abaqus"), "are written to an .inp file, got law.csv"),
-        (("law.inp", "--friction", "ansys"), "for abaqus or calculix, got 'ansys'"),
-        (("law.inp", "--friction", "abaqus", "--stick-pressure", "1 GPa"), "got a stick_pressure"),
-    ):
-        status, _, error = command("export", "law.nc", *arguments)
-        assert (status, told in error) == (1, True), error
 
 
 def test_a_given_value_stands_instead_of_a_measured_one_and_says_so(finished):

@@ -264,8 +264,6 @@ def test_grids_of_other_cells_tell_the_error_at_the_spacing_of_the_response():
     few = {0.5: grids[1.0], 1.0: grids[0.5]}
     with pytest.raises(CaseError, match="at the ratio 1 has 5 realisations, not 12; solve the"):
         error_budget(response, fit_law(response), resolutions=few, apart=True)
-    with pytest.raises(CaseError, match="compared among themselves, so that two are needed, got 1"):
-        error_budget(response, fit_law(response), sizes={1.0: response}, apart=True)
 
 
 def test_what_increments_leave_enters_every_total():
