@@ -1,6 +1,7 @@
 """What several test folders share."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -72,18 +73,22 @@ def run_folder(once):
 
 @pytest.fixture(scope="session")
 def shipped_run(once):
-    """Folder, print and cautions of a shipped case, which is run with --quick."""
+    """Folder, print and cautions of a shipped case, or of a text, which is run with --quick."""
     from tests.support import COMMAND, run_python
 
-    def make(folder):
-        arguments = ("run", folder.name, "-o", folder / "out", "--quick", "--jobs", "1")
+    def make(folder, text=None):
+        case = folder.name
+        if text is not None:
+            case = folder / "case.toml"
+            case.write_text(text, encoding="utf-8")
+        arguments = ("run", case, "-o", folder / "out", "--quick", "--jobs", "1")
         done = run_python(COMMAND, *arguments, cwd=folder, check=False)
         assert done.returncode == 0, done.stderr
         (folder / "printed").write_text(done.stdout, encoding="utf-8")
         (folder / "cautions").write_text(done.stderr, encoding="utf-8")
 
-    def finished(name):
-        folder = once(name, make)
+    def finished(name, text=None):
+        folder = once(name, partial(make, text=text))
         printed, cautions = ((folder / one).read_text("utf-8") for one in ("printed", "cautions"))
         return folder / "out", printed, cautions
 

@@ -205,6 +205,7 @@ def test_what_is_no_fatigue_is_refused(cube, base, pairs, sentence):
         solve(cube, *pairs)
 
 
+@pytest.mark.slow
 def test_the_shipped_strip_cracks_at_its_hole_across_the_load(shipped_run):
     life = open_dataset(shipped_run("holed_strip")[0] / f"{FATIGUE_LIFE.name}.nc")
     x, y, _ = life["crack_position"].to_numpy()

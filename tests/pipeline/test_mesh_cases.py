@@ -207,6 +207,7 @@ def test_needs_of_a_mesh_say_what_it_builds_and_leaves_out(tmp_path):
     assert "layer factors" in needs.omitted
 
 
+@pytest.mark.slow
 def test_the_shipped_cell_on_quadratic_elements_is_close_to_the_conforming_kernel(tmp_path):
     case = load_case("mesh_cell").quick()
     micro = case.micro.model_copy(update={"realisations": 1})
@@ -223,6 +224,7 @@ def test_the_shipped_cell_on_quadratic_elements_is_close_to_the_conforming_kerne
         np.testing.assert_allclose(found["mesh"][name], found["conforming"][name], rtol=rtol)
 
 
+@pytest.mark.slow
 def test_the_shipped_cell_with_an_overhang_and_a_pore_touches_as_hertz_says(shipped_run):
     """Its summit is a sphere, on a stem that the contact does not reach."""
     response = open_dataset(shipped_run("overhang_cell")[0] / "micro_response.nc")

@@ -14,15 +14,15 @@ from multiscale.io import open_law, open_run
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.upscaling import law_from_dataset
 from tests.closed_forms import joint as closed_form
-from tests.support import TWO_BLOCKS, steel_text, write_scene
+from tests.support import TWO_BLOCKS, slow, steel_text, write_scene
 
 FLAT = steel_text().replace("[128, 128]", '[128, 128]\ngeometry = "flat"')
 
 
-@pytest.fixture(scope="module")
-def finished(shipped_run):
-    """Folder and print of the shipped case."""
-    out, said, cautions = shipped_run("ground_steel")
+@pytest.fixture(scope="module", params=["flat_cells", *slow("ground_steel")])
+def finished(request, shipped_run):
+    """Folder and print of the shipped case, or of flat cells on its surfaces, which take less."""
+    out, said, cautions = shipped_run(request.param, FLAT if "flat" in request.param else None)
     # a caution with a semicolon is one caution
     assert "caution: the shortest wavelength of body_1 has 4.0 points; gap and contact" in cautions
     return out, said
@@ -121,8 +121,8 @@ def test_fields_are_those_of_the_contact(finished):
 
 
 @pytest.mark.slow
-def test_a_second_run_keeps_the_cells_and_gives_the_same_law(finished, command, tmp_path):
-    out = copytree(finished[0], tmp_path / "again")
+def test_a_second_run_keeps_the_cells_and_gives_the_same_law(shipped_run, command, tmp_path):
+    out = copytree(shipped_run("ground_steel")[0], tmp_path / "again")
     before = (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns
     law = open_law(out / "interface_law.nc")
     status, _, said = command(
