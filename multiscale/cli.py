@@ -109,6 +109,9 @@ def run_command(
         Literal["rve", ""], typer.Option(help="Compute the representative volume only.")
     ] = "",
     law: LawOption = None,
+    details: Annotated[
+        bool, typer.Option("--details", help="Print all tables of the page, with time and error.")
+    ] = False,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -139,6 +142,7 @@ def run_command(
         dask=dask,
         force=force,
         keep=keep,
+        details=details,
     )
 
 
@@ -155,6 +159,7 @@ def _carry_out(
     dask: str | None = None,
     force: bool = False,
     keep: bool = False,
+    details: bool = False,
 ) -> None:
     """Explain or run a sweep, or the single case of a sweep without parameters."""
     _refuse_both(verbose, quiet)
@@ -197,7 +202,7 @@ def _carry_out(
             )
             write_reports(out, joined, executor=pool, progress=progress)
     runs = list((out / "points").glob("*/"))
-    _show_finished(out, sweep.title, f"; runs: {out / 'points'}" if runs else "")
+    _show_finished(out, sweep.title, f"; runs: {out / 'points'}" if runs else "", details)
 
 
 @app.command("micro")
@@ -634,13 +639,13 @@ def stability_command(
         raise ConvergenceError(f"{failed} of {outcomes.sizes['case']} cases failed; see {out}")
 
 
-def _show_finished(out: Path, title: str, more: str = "") -> None:
+def _show_finished(out: Path, title: str, more: str = "", details: bool = False) -> None:
     """Write the report of a run and print its answers; a missing answer is an error."""
     from multiscale.report import show_run
 
     finished = show_run(out)
     _warn(finished.cautions)
-    _print_lines(finished.lines())
+    _print_lines(finished.lines(details=details))
     typer.echo(f"report, figures and datasets: {out}{more}")
     if finished.failure:
         raise ConvergenceError(f"{title}: {finished.failure}")

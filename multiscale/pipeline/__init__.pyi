@@ -3,8 +3,6 @@ from .case import load_case as load_case
 from .case_cells import make_cells as make_cells
 from .case_needs import refuse_excess as refuse_excess
 from .case_needs import requirements as requirements
-from .planner import Plan as Plan
-from .planner import plan as plan
 from .runner import Results as Results
 from .runner import run as run
 from .runner import run_macro as run_macro

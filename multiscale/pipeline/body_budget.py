@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from time import perf_counter
 from typing import Any, cast
 
 import numpy as np
@@ -332,6 +333,7 @@ def with_joint_budget(
     Answers in cycles are compared with paths of few steps; twice the slabs at least halve the error
     of the beds.
     """
+    begin = perf_counter()
     result = with_cautions(result, *sources.unknown)
     known, cycles = result["known"].to_numpy() == 1, asked.cycles
     rests = asked.rests[known[asked.rests]]
@@ -385,7 +387,7 @@ def with_joint_budget(
         executor=job.executor,
         progress=lambda done, total: job.progress(done, total, "solves for the intervals"),
     )
-    return asked.place(result, budget)
+    return asked.place(result, budget).assign_attrs(interval_seconds=perf_counter() - begin)
 
 
 def _measured(

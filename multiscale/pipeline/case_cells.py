@@ -83,9 +83,8 @@ def _composites(sides: list[RoughSide]) -> list[Surface]:
 
 
 def try_cells(case: Case) -> None:
-    """Refuse cells that cannot be built, and small maps, unless a planner chooses."""
-    if case.accuracy is None:
-        measured_cells(case, made=1)
+    """Refuse cells that cannot be built, by building the first, and maps with too few windows."""
+    measured_cells(case, made=1)
 
 
 def measured_cells(
@@ -361,13 +360,10 @@ def case_budget(
         tangential=None if case.micro.shear is None else sheared,
         control=control,
     )
-    other_size = "a target in [accuracy] solves others"
-    if case.micro.unload is not False:  # which excludes a target
-        other_size = "run the case with another size in [cell], and compare"
     reasons = {
         "sampling": f"a single realisation has no scatter; give realisations = "
         f"{FEWEST_REALISATIONS} or more in [micro]",
-        "cell size": f"cells of one size were solved; {other_size}",
+        "cell size": "cells of one size were solved; a target in [accuracy] solves others",
         "micro discretisation": "cells on one grid were solved; give coarser = 1 in [micro], "
         "which --quick leaves out",
         "scale separation": "it depends on the pressure of the structure, which is not part of a "

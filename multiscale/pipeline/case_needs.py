@@ -9,10 +9,8 @@ from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
 from multiscale.needs import Cost, Needs, join_needs, readable_time
 from multiscale.pipeline.case import taken_cases, taken_law
-from multiscale.pipeline.planner import pilot_cases
 from multiscale.pipeline.run_folder import is_up_to_date
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.tables.joint_settings import LawSource
 from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, report_far
@@ -68,10 +66,6 @@ def requirements(case: Case, *, processes: int = 1) -> Needs:
     }
     parts |= {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
     costs = [Cost(name, needs.memory, needs.seconds) for name, needs in parts.items()]
-    if case.accuracy is not None:
-        pilots = [CELLS.needs(pilot) for pilot in pilot_cases(case)]
-        seconds = sum(pilot.seconds for pilot in pilots)
-        costs.append(Cost("pilot cells", max(pilot.memory for pilot in pilots), seconds))
     needs = replace(join_needs(parts.values()), costs=tuple(costs))
     if processes == 1:
         return needs

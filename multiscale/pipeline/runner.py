@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import copyfile
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -13,13 +14,11 @@ from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.cell import WORTH
 from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.case_needs import prepare
-from multiscale.pipeline.planner import plan
-from multiscale.pipeline.run_folder import claim_folder
+from multiscale.pipeline.costs import SECONDS
+from multiscale.pipeline.run_folder import claim_folder, is_up_to_date
 from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
-from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.stages.cells import CELLS, write_fields
-from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import JOINT
+from multiscale.pipeline.stages import ACCURACY_STAGE, COMPUTED, stages_of
+from multiscale.pipeline.stages.accuracy import planned_case
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE, Dataset
 from multiscale.upscaling import read_law
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
 logger = logging.getLogger(__name__)
-
-PLANNED = (CELLS, FITTED_LAW, JOINT)
-"""Stages that a planner runs by itself, as far as a case asks for them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,29 +102,68 @@ def run(
     MultiscaleError
         If an input is refused, a file cannot be written, or nothing converged.
     """
-    folder = Path(out)
-    job = replace(_job(folder, executor, progress), sparing=sparing)
-    if not sparing or folder.exists():
-        claim_folder(make_folder(folder), case, force=force)
+    job = replace(_job(Path(out), executor, progress), sparing=sparing)
+    return Results(_run(case, job, force=force))
+
+
+def _run(case: Case, job: Job, *, force: bool = False) -> dict[str, Dataset]:
+    """Run the stages of a case that are out of date; of a target, first the plan."""
+    if not job.sparing or job.out.exists():
+        claim_folder(make_folder(job.out), case, force=force)
     prepare(case)
-    planned_files = [job.out / stage.file for stage in PLANNED if stage.asked_for(case.tables)]
-    if case.accuracy is not None and not all(file.exists() for file in planned_files):
-        planned = plan(case, job.out, executor=executor, progress=progress)
-        write_fields(planned.case, planned.folder, job.out)
-        for stage, dataset in zip(PLANNED, planned.datasets, strict=True):
-            if dataset is not None:
-                identity = stage.identity(case)
-                write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)
+    stages = stages_of(case.tables)
     datasets: dict[str, Dataset] = {}
-    for stage in stages_of(case.tables):
-        file = job.out / stage.file
-        if file.exists():
-            logger.info("%s: up to date, kept", stage.name)
-            datasets[stage.name] = open_dataset(file, stage.schema)
-            stage.check(datasets[stage.name])
+    planned: Datasets = {}
+    if case.accuracy is not None:
+        plan = _up_to_date_or_run(ACCURACY_STAGE, case, {}, job)
+        if not all((job.out / stage.file).exists() for stage in stages):
+            planned = _take_planned(case, plan, job)
+        datasets[ACCURACY_STAGE.name] = plan
+    for stage in stages:
+        if stage.name in planned:
+            identity = stage.identity(case)
+            write_dataset(
+                planned[stage.name], job.out / stage.file, stage.schema, identity=identity
+            )
+            datasets[stage.name] = planned[stage.name]
         else:
-            datasets[stage.name] = _compute(stage, case, datasets, job, file)
-    return Results(datasets)
+            datasets[stage.name] = _up_to_date_or_run(stage, case, datasets, job)
+    return {stage.name: datasets[stage.name] for stage in stages}
+
+
+def _take_planned(case: Case, plan: Dataset, job: Job) -> Datasets:
+    """Return the datasets of the last setting of a plan, and copy its fields."""
+    place, chosen = planned_case(case, plan, COMPUTED, job)
+    datasets = job.solve(place, chosen, True)
+    for file in (job.out / place / "fields").glob("*"):
+        copyfile(file, make_folder(job.out / "fields") / file.name)
+    return datasets
+
+
+def _up_to_date_or_run(stage: Stage, case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Read the dataset of a stage, if it is there, or compute it."""
+    file = job.out / stage.file
+    if not file.exists():
+        return _compute(stage, case, datasets, job, file)
+    logger.info("%s: up to date, kept", stage.name)
+    dataset = open_dataset(file, stage.schema)
+    stage.check(dataset)
+    return dataset
+
+
+def _solve_coarse(case: Case, job: Job) -> dict[str, Dataset]:
+    """Run a case without intervals; only its ensembles are stored."""
+    datasets: dict[str, Dataset] = {}
+    job = replace(job, out=make_folder(job.out), intervals=False, sparing=False)
+    for stage in stages_of(case.tables):
+        if is_up_to_date(stage, case, job.out):
+            datasets[stage.name] = open_dataset(job.out / stage.file, stage.schema)
+        else:
+            begin = perf_counter()
+            result = stage.run(case, datasets, job)
+            stage.check(result)
+            datasets[stage.name] = result.assign_attrs({SECONDS: perf_counter() - begin})
+    return datasets
 
 
 def run_macro(
@@ -181,7 +216,10 @@ def _job(
     progress: ShowProgress = unseen,
     team: "ProcessGroup | None" = None,
 ) -> Job:
-    """Return the job of a folder; other cases that a case names are run in its subfolders."""
+    """Return the job of a folder; other cases that a case names are run in its subfolders.
+
+    So are the settings of a target, which share the other cases.
+    """
 
     def run_alone(place: Path, case: Case) -> Path:
         """Run a case, unless it is up to date, in the first process of a team."""
@@ -206,7 +244,12 @@ def _job(
             file = run_alone(*taken_volume(file, quick)) / f"{RVE.name}.nc"
         return open_dataset(file, RVE)
 
-    return Job(out, executor, progress, team, read_law=law_of, read_rve=volume_of)
+    def solve(place: Path, case: Case, whole: bool) -> Datasets:
+        inner = replace(job, out=out / place)
+        return _run(case, inner) if whole else _solve_coarse(case, inner)
+
+    job = Job(out, executor, progress, team, read_law=law_of, read_rve=volume_of, solve=solve)
+    return job
 
 
 def _compute(stage: Stage, case: Case, datasets: Datasets, job: Job, file: Path) -> Dataset:
@@ -214,6 +257,7 @@ def _compute(stage: Stage, case: Case, datasets: Datasets, job: Job, file: Path)
     logger.info("%s: begun", stage.name)
     begin = perf_counter()
     result = stage.run(case, datasets, job)
+    result = result.assign_attrs({SECONDS: perf_counter() - begin})
     if _writes(job) and not (job.sparing and perf_counter() - begin < WORTH):
         make_folder(file.parent)
         if stage.write_fields is not None and not job.sparing:

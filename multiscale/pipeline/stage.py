@@ -15,6 +15,7 @@ from multiscale.upscaling import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
+    from multiscale.pipeline.knobs import Knob
     from multiscale.pipeline.tables.toml_model import Settings
 
 Datasets: TypeAlias = "Mapping[str, Dataset]"  # dataset of every stage, by its name
@@ -64,10 +65,14 @@ class Job:
     progress: ShowProgress = unseen  # called after every item of a long stage
     team: "ProcessGroup | None" = None  # processes that share the substructures of a structure
     sparing: bool = False  # whether only expensive results are written
+    intervals: bool = True  # whether structures are solved again for the intervals of answers
     read_law: Callable[[Path, bool], Dataset] = lambda file, quick: read_law(file)
     """Read the law of a dataset, or of a case (maybe quick), which is run in its folder."""
     read_rve: Callable[[Path, bool], Dataset] = lambda file, quick: open_dataset(file, RVE)
     """Read a representative volume likewise."""
+    solve: Callable[[Path, Any, bool], Datasets] = lambda place, case, whole: {}
+    """Run a case in a folder of the run; without its intervals, if it is not whole, and only
+    ensembles are stored."""
 
     def ensemble(
         self, folder: str, identity: str, count: int, items: str, *, each: int = 1
@@ -130,13 +135,22 @@ class Shown:
         figures = [item for section in sections for item in section.figures.items()]
         return [draw(make_folder(folder) / f"{name}.png") for name, draw in figures]
 
-    def lines(self, dataset: Dataset, sections: Iterable[Section] | None = None) -> list[str]:
-        """Return the lines of the command line: tables, the answer below the first, and remarks."""
+    def lines(
+        self,
+        dataset: Dataset,
+        sections: Iterable[Section] | None = None,
+        *,
+        details: bool = False,
+    ) -> list[str]:
+        """Return the lines of the command line: tables, the answer below the first, and remarks.
+
+        The sections default to the sections of this dataset. Details are tables of the page only.
+        """
         if sections is None:
             sections = self.sections({self.name: dataset}, Path())
         printed: list[str] = []
         for section in sections:
-            if section.head and section.printed:
+            if section.head and (section.printed or details):
                 title = section.heading if printed else dataset.attrs.get("title", section.heading)
                 table = format_table(title, section.head, section.rows, notes=section.notes)
                 printed += [*table, *(self.answer(dataset) if not printed else ())]
@@ -163,6 +177,8 @@ class Stage(Shown):
     check: Callable[[Dataset], object] = _nothing
     """Refuse a written dataset without any answer."""
     quick_note: str = ""  # sentence about settings that ``--quick`` does not make coarser
+    knobs: "Callable[[Any], Iterable[Knob]]" = _nothing
+    """Settings of accuracy of the stage."""
     folders: tuple[str, ...] = ()
     """Folders of a run with results that the stage reuses."""
     answers: Mapping[str, str] = field(default_factory=dict)
@@ -178,6 +194,8 @@ class Stage(Shown):
     def identity(self, case: "Settings") -> str:
         """Checksum of all inputs of the dataset; a dataset with another checksum is out of date."""
         taken = [stage.identity(case) for stage in self.takes if stage.asked_for(case.tables)]
+        if "accuracy" in case.tables:  # a target changes the settings of all stages
+            taken.append(case.checksum(include={"accuracy"}))
         keys = case.checksum(include=self.reads)
         return sha256(" ".join([__version__, self.name, keys, *taken]).encode()).hexdigest()
 

@@ -1,5 +1,6 @@
 """Error budgets as stacked bars."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -102,3 +103,37 @@ def step_labels(budget: Dataset, *, unit: str = "") -> list[str]:
         ]
     on_path = budget["path_step"].values if "path_step" in budget else budget["step"].values
     return ["last cycle" if step < 0 else f"step {step}" for step in on_path]
+
+
+def plot_costs(
+    seconds: Mapping[str, float],
+    sources: Sequence[tuple[str, float, float]],
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw a bar of seconds for each stage, and a bar of per cent for each source of error.
+
+    Parameters
+    ----------
+    seconds : mapping of str to float, time of the stages, s
+    sources : sequence of tuple
+        Name, relative error, and the time in s that halves it (NaN if no setting does).
+    """
+    ax = axes_or_current(ax)
+    names = [*(name.replace("_", " ") for name in seconds), *(name for name, *_ in sources)]
+    at, count = np.arange(len(names))[::-1], len(seconds)
+    ax.barh(at[:count], list(seconds.values()), 0.7, color=COLOURS[0])
+    percent = ax.twiny()
+    errors = [100.0 * error for _, error, _ in sources]
+    percent.barh(at[count:], errors, 0.7, color=COLOURS[1])
+    for y, error, (_, _, halving) in zip(at[count:], errors, sources, strict=True):
+        caption = f" halved in {halving:.2g} s" if halving > 0.0 else " no setting reduces it"
+        percent.text(error, float(y), caption, va="center", fontsize="small")
+    ax.set_yticks(at, names)
+    ax.set_xlim(0.0, 1.05 * max(seconds.values(), default=1.0))
+    percent.set_xlim(0.0, 1.35 * max(errors, default=1.0))
+    ax.set_xlabel("time (s)", color=COLOURS[0])
+    percent.set_xlabel("95 % half-width of the answer (%)", color=COLOURS[1])
+    ax.grid(visible=False, axis="y")
+    percent.grid(visible=False)
+    return ax

@@ -22,11 +22,20 @@ from multiscale.executors import cores, run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_bytes, write_dataset
 from multiscale.io.datasets import reading_run
 from multiscale.io.files import read_bytes
+from multiscale.pipeline.case import load_case
+from multiscale.pipeline.costs import run_costs
 from multiscale.pipeline.inspection import INSPECTION
-from multiscale.pipeline.stage import Section, Shown, ShowProgress, Summary, unseen
+from multiscale.pipeline.stage import (
+    Section,
+    Shown,
+    ShowProgress,
+    Summary,
+    format_table,
+    unseen,
+)
 from multiscale.plotting.figure import DOTS_PER_INCH, WIDE, is_drawn
 from multiscale.plotting.sweep_figures import key_in_words
-from multiscale.schema import SURFACE_STATISTICS, Dataset
+from multiscale.schema import ACCURACY, SURFACE_STATISTICS, Dataset
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
@@ -47,21 +56,32 @@ class FinishedRun:
 
     def sections(self) -> list[Section]:
         """Return the sections of the page, the last stage first."""
-        return [
+        of_stages = [
             section
             for stage in self.stages[::-1]
             for section in stage.sections(self.found, self.out)
         ]
+        return [*of_stages, *self.costs()]
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, *, details: bool = False) -> Iterator[str]:
         """Yield the lines of the stages on the command line, the last stage first.
 
-        The stage of the summary prints its answer if it has no other lines.
+        The stage of the summary prints its answer if it has no other lines. With details all
+        tables of the page are printed.
         """
         for stage in self.stages[::-1]:
             sections = stage.sections(self.found, self.out)
-            lines = stage.lines(self.found[stage.name], sections)
+            lines = stage.lines(self.found[stage.name], sections, details=details)
             yield from lines or (self.summary.answer if stage is self.answering else ())
+        for section in self.costs() if details else ():
+            yield from format_table(section.heading, section.head, section.rows)
+
+    def costs(self) -> list[Section]:
+        """Return the section on time and error of a run of a case; a plan has its own."""
+        file = self.out / "case.toml"
+        if "sweep" in self.case or not file.exists() or ACCURACY.name in self.found:
+            return []
+        return run_costs(load_case(file), self.stages, self.found)
 
     @property
     def answering(self) -> Shown:

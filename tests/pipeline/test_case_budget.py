@@ -1,7 +1,5 @@
 """What a budget does not know is said in the keys of a case or scene file."""
 
-import pytest
-
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.case_cells import case_budget
@@ -9,15 +7,13 @@ from multiscale.upscaling import fit_law
 from tests.support import TWO_BLOCKS, write_scene
 
 
-@pytest.mark.parametrize("unload", [False, True])
-def test_every_term_that_is_not_known_names_a_key(run_folder, unload):
+def test_every_term_that_is_not_known_names_a_key(run_folder):
     case = load_case(run_folder / "case.toml")
-    case = case.model_copy(update={"micro": case.micro.model_copy(update={"unload": unload})})
     response = open_response(run_folder / "micro_response.nc").isel(realisation=[0])
     told = case_budget(case, response, fit_law(response, n_samples=0)).attrs
     assert told["unknown"] == "sampling, cell size, micro discretisation"
     assert "give realisations = 3 or more in [micro]" in told["how_sampling"]
-    assert ("another size" if unload else "a target in [accuracy]") in told["how_cell_size"]
+    assert "a target in [accuracy]" in told["how_cell_size"]
     assert "give coarser = 1 in [micro]" in told["how_micro_discretisation"]
     assert not told["how_scale_separation"].startswith("not known")
 

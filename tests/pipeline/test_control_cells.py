@@ -86,7 +86,6 @@ def test_dearer_cells_have_a_control_unless_it_is_turned_off(tmp_path):
     assert not controlled(("layers = 4", 'layers = 4\ngeometry = "flat"'))
     assert not controlled(("realisations = 5", "realisations = 3"))
     assert not controlled(("realisations = 5", "realisations = 5\ncontrol = false"))
-    assert not controlled(("[micro]", '[accuracy]\ntarget = "5 %"\nquantity = "mean_gap"\n[micro]'))
     needs = requirements(load_case(write_scene(tmp_path, TEXT)))
     assert needs.built["control cells"].startswith("40 flat cells on the surfaces of the 5 cells")
 

@@ -57,16 +57,8 @@ def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
     assert plain.built["cells"] == "5 of 128 x 128 points, each under 8 pressures"
     added = set(aimed.built) - set(plain.built)
     assert added == {"planner"}
-    assert set(plain.built) - set(aimed.built) == {"coarser cells", "control cells"}
-    assert "starts from these cells (memory as above)" in aimed.built["planner"]
-
-
-def test_a_given_depth_under_cells_of_several_sizes_is_a_caution(tmp_path):
-    target = ("[statics]", '[accuracy]\ntarget = "5 %"\n[statics]')
-    depth = ("[cell]", '[cell]\ndepth = "0.8 mm"')
-    (caution,) = case_with(tmp_path, target, depth).cautions()
-    assert "depth in [cell] stays 800 µm under the cells of all sizes" in caution
-    assert case_with(tmp_path, target).cautions() == case_with(tmp_path, depth).cautions() == []
+    assert set(plain.built) - set(aimed.built) == {"coarser cells"}
+    assert "cells, pressures, points of the cells, size of the cells" in aimed.built["planner"]
 
 
 def test_explaining_a_case_prints_its_needs_and_runs_nothing(tmp_path):

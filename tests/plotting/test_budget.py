@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 
 from multiscale.plotting import plot_error_budget
-from multiscale.plotting.budget_figures import step_labels
+from multiscale.plotting.budget_figures import plot_costs, step_labels
 from multiscale.upscaling import error_budget, fit_law, with_budget
 from tests.upscaling.responses import exponential_gaps, response_of
 
@@ -77,3 +77,15 @@ def test_steps_of_a_vibration_have_their_amplitudes():
 def test_steps_of_a_path_have_its_numbers():
     path = xr.Dataset({"path_step": ("step", [0, 1, -1])}).assign_coords(step=[3, 6, 9])
     assert step_labels(path) == ["step 0", "step 1", "last cycle"]
+
+
+def test_seconds_and_per_cent_have_bars_of_their_size(axes):
+    sources = [("fit", 0.04, 12.0), ("small slopes", 0.01, np.nan)]
+    ax = plot_costs({"micro_response": 30.0, "macro_result": 5.0}, sources, ax=axes)
+    (percent,) = [other for other in ax.figure.axes if other is not ax]
+    np.testing.assert_allclose([bar.get_width() for bar in ax.patches], [30.0, 5.0])
+    np.testing.assert_allclose([bar.get_width() for bar in percent.patches], [4.0, 1.0])
+    captions = [text.get_text().strip() for text in percent.texts]
+    assert captions == ["halved in 12 s", "no setting reduces it"]
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["micro response", "macro result", "fit", "small slopes"]

@@ -52,6 +52,7 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
         "Interface law",
         "Contact",
         "Surface",
+        "Time and error",
         "Inputs",
         "Work and provenance",
         "Citation",

@@ -4,6 +4,7 @@ from collections.abc import Container
 
 from multiscale.pipeline.stage import Stage
 from multiscale.pipeline.stages import ensembles
+from multiscale.pipeline.stages.accuracy import accuracy_stage
 from multiscale.pipeline.stages.body_life import BODY_FATIGUE, CRACKING_BODY
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
@@ -20,7 +21,7 @@ from multiscale.pipeline.stages.volumes import GROWING_CRACKS, REPRESENTATIVE_VO
 
 __all__ = ["STAGES", "stages_of"]
 
-STAGES: tuple[Stage, ...] = (
+COMPUTED: tuple[Stage, ...] = (
     REPRESENTATIVE_VOLUME,
     GROWING_CRACKS,
     SLIDING,
@@ -45,7 +46,11 @@ STAGES: tuple[Stage, ...] = (
     GRAINS,
     CONDENSED_PARTS,
 )
-"""In the order in which they are run."""
+"""Stages that compute from the tables of a case, in the order in which they are run."""
+
+ACCURACY_STAGE = accuracy_stage(COMPUTED)
+STAGES: tuple[Stage, ...] = (*COMPUTED, ACCURACY_STAGE)
+"""All stages; a target for the error is planned before others are run, and shown first."""
 
 
 def stages_of(tables: Container[str]) -> tuple[Stage, ...]:

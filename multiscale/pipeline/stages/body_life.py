@@ -159,7 +159,8 @@ def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
         values["crack_position"] = position[corners[crack]].mean(axis=0)
     life = schema.FATIGUE_LIFE.assign(life, values)
     coarse = _coarser_life(cycled)
-    life = _with_intervals(life, stress, material, cycled, result, coarse, job)
+    if job.intervals:
+        life = _with_intervals(life, stress, material, cycled, result, coarse, job)
     life = schema.with_cautions(life, "" if coarse else ELEMENT_MEANS, *_caution_open_cycle(stress))
     return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
 

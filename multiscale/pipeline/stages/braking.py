@@ -12,6 +12,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_knobs import tread_knobs
 from multiscale.pipeline.showing import Table, View, list_facts, list_missing, tabulate_budget
 from multiscale.pipeline.stage import Datasets, Section, Stage, with_sample_band
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW
@@ -267,6 +268,7 @@ BRAKING = Stage(
     tables=("rubber", "tread"),
     reads={"tread"},
     takes=(FRICTION_LAW,),
+    knobs=tread_knobs,
     run=lambda case, datasets, job: solve_treads(
         case, datasets[MICRO_RESPONSE.name], datasets[INTERFACE_LAW.name]
     ),

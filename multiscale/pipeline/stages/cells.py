@@ -14,7 +14,7 @@ from multiscale.micro import FlatCell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import case_cells
-from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
+from multiscale.pipeline.case_knobs import cell_knobs
 from multiscale.pipeline.inspection import tabulate_statistics
 from multiscale.pipeline.measured_sides import STAGES, Measured
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -277,12 +277,6 @@ def _needs(case: Case) -> Needs:
         f"{case.micro.realisations} of {nx} x {ny} points, each under "
         f"{len(case.micro.path)} pressures",
     )
-    planner = Choice(
-        "planner",
-        "starts from these cells (memory as above) and chooses size, grid and number of the cells "
-        f"of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
-        f"as fine, {REALISATIONS[-1]}",
-    )
     choices = needs.choices
     if case.micro.leakage:
         flow = "Reynolds' equation on the gap at every pressure, along x and along y"
@@ -301,7 +295,7 @@ def _needs(case: Case) -> Needs:
         needs,
         fields=("pressure", "gap"),
         seconds=needs.seconds * (steps + halved),
-        choices=(cells, *choices, *([planner] if case.accuracy is not None else [])),
+        choices=(cells, *choices),
         libraries=(*needs.libraries, *reader),
     )
 
@@ -384,7 +378,7 @@ CELLS: Stage = Stage(
     schema=MICRO_RESPONSE,
     tables=("micro",),
     reads={
-        **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
+        **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell"), True),
         "micro": {"realisations", "pressures", "seed", "unload", "spots", "leakage"},
     },
     run=_run,
@@ -392,5 +386,6 @@ CELLS: Stage = Stage(
     prepare=case_cells.try_cells,
     sections=_sections,
     work=count_cells,
-    folders=("micro", "micro-halved-increments", "micro-slope-order", "plan"),
+    knobs=cell_knobs,
+    folders=("micro", "micro-halved-increments", "micro-slope-order"),
 )

@@ -11,6 +11,7 @@ from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import body_budget, showing, structure_stage
+from multiscale.pipeline.case_knobs import body_knobs
 from multiscale.pipeline.real_contact import with_contact, with_interface_contact
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -82,7 +83,7 @@ def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> 
     facts = [*showing.list_facts(result), *bolts]
     sources = body_budget.ErrorSources.of(ready.bodies, case, ready.laws)
     result = with_cautions(result, "" if sources.meshes else NO_LARGER)
-    if sources:
+    if sources and job.intervals:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = substructures.JointLoading(preloads[:solved])
@@ -185,6 +186,7 @@ ROUGH_JOINTS = structure_stage.structure_stage(
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
+    knobs=body_knobs,
     question="How stiff are the joints, where do they slip, and what does a cycle dissipate?",
     check=partial(structure_stage.require_known, answer="approach"),
     more=_sections_of_joints,
@@ -244,7 +246,7 @@ def _with_budget(
     bodies, case, laws = ready.bodies, ready.case, ready.laws
     sources = body_budget.ErrorSources.of(bodies, case, laws)
     result = with_cautions(result, "" if sources.meshes else NO_COARSER)
-    if not sources:
+    if not (sources and job.intervals):
         return result
     if not laws:  # without laws every converged step is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
@@ -428,6 +430,7 @@ LOADED_BODIES = structure_stage.structure_stage(
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
+    knobs=body_knobs,
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),
     check=partial(structure_stage.require_known, answer="load_displacement"),

@@ -13,6 +13,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.flat.viscoelastic import solve_sliding
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_knobs import road_knobs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.tables.settings import Case
@@ -146,6 +147,7 @@ ROADS = Stage(
     prepare=_first_road,
     sections=_sections,
     work=count_cells,
+    knobs=road_knobs,
     folders=("micro",),
 )
 

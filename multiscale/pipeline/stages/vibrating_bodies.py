@@ -14,6 +14,7 @@ from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import body_budget
+from multiscale.pipeline.case_knobs import body_knobs
 from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -170,7 +171,7 @@ def _with_budget(
         return result
     sources = body_budget.ErrorSources.of(bodies, case, laws)
     result = with_cautions(result, "" if sources.meshes else NO_COARSER)
-    if not sources:
+    if not (sources and job.intervals):
         return result
 
     def place(solved_again: Dataset, budget: Dataset) -> Dataset:
@@ -316,6 +317,7 @@ VIBRATING_BODIES = structure_stage(
     write_mode_fields,
     reads={"strict", "structure", "interface", "statics", "vibration"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
+    knobs=body_knobs,
     schema=VIBRATION,
     question="Which frequency and damping do the bodies have, and how do both change with the "
     "amplitude?",

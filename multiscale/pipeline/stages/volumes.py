@@ -13,6 +13,7 @@ from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_knobs import volume_knobs
 from multiscale.pipeline.showing import Rows, Table, View, format_mean
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tables.rve_settings import RveSettings
@@ -324,6 +325,7 @@ REPRESENTATIVE_VOLUME = Stage(
     run=lambda case, datasets, job: measure_case(case.rve, job).assign_attrs(title=case.title),
     needs=_needs,
     prepare=lambda case: case.rve.first(),
+    knobs=volume_knobs,
     question="How stiff is the solid with its pores and cracks, and which sections are damaged?",
     answer=_answer,
     sections=_sections,

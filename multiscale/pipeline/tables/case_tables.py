@@ -12,6 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Recipe
 from multiscale.pipeline.tables.toml_model import (
     Count,
+    Duration,
     Factor,
     Length,
     Natural,
@@ -411,14 +412,32 @@ class SlideSettings(Settings):
 
 
 class AccuracySettings(Settings):
-    """Target for the error; the other tables are then the start of a planner."""
+    """Target for the error of an answer; the other tables are then the start of a planner."""
 
-    target: Number = Field(gt=0.0, le=0.5)
-    """Largest relative total of the error budget, such as `"2 %"`."""
-    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = (
-        "joint_stiffness"
-    )
-    """Answer with this error, at every preload; the last three at every pressure."""
+    target: Annotated[Number, Field(gt=0.0, le=0.5)] | None = None
+    """Largest 95 % error of the answer over it, such as `"2 %"`; the least error within `time` if
+    not given."""
+    of: str | None = None
+    """Answer with this error, by its name or in words, such as `"loss"`; the first answer of the
+    last stage if not given."""
+    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] | None = None
+    """Answer with this error as in earlier versions: of the joint at every preload, the last three
+    of the interface at every pressure."""
+    time: Duration | None = None
+    """Time of the planner, s; it ends with the answer that it has."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.target is None and self.time is None:
+            raise ValueError("neither target nor time is given; give one of them or both")
+        if self.of is not None and self.quantity is not None:
+            raise ValueError("of and quantity name an answer twice; leave out quantity")
+        return self
+
+    @property
+    def answer(self) -> str:
+        """Name of the answer; empty if none is given."""
+        return self.of or self.quantity or ""
 
     @field_validator("target", mode="before")
     @classmethod

@@ -73,7 +73,7 @@ OTHER_MICRO_KEYS = {"realisations", "coarser", "shear", "control", "control_real
 CELLS = ("body_1", "body_2", "cell", "micro")
 """Tables of cells; a case has all of them, or neither of the last two."""
 
-OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal", "accuracy")
+OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal")
 """Tables that only a case with cells has."""
 
 OF_RUBBER = ("rubber", "road", "sliding", "tread")
@@ -236,29 +236,6 @@ class Case(Settings):
         self._check_leakage()
         if self.slide is not None:
             self._check_slide()
-        if self.accuracy is not None:
-            self._check_target()
-
-    def _check_target(self) -> None:
-        """Refuse keys that a planner does not use, or chooses."""
-        micro = self.micro
-        for asked, key, planner in (
-            (micro.shear, "[micro.shear]", "only presses its cells"),
-            (micro.control_realisations, "control_realisations", "chooses their number"),
-            (micro.leakage, "leakage", "stores no gaps of its cells"),
-            (micro.coarser, "coarser", "chooses the grids"),
-            (micro.unload is not False, "unload", "only loads its cells"),
-        ):
-            if asked:
-                where = key if key.startswith("[") else f"{key} in [micro]"
-                raise ValueError(
-                    f"{where} and a target in [accuracy] exclude each other: a planner {planner}"
-                )
-        if self.accuracy.quantity == "joint_stiffness" and self.interface_width is None:
-            raise ValueError(
-                '[accuracy] quantity = "joint_stiffness" needs [structure] kind = "blocks"; ask '
-                'for the "mean_gap", the "contact_fraction" or the "stiffness" of the interface'
-            )
 
     def _check_mesh(self) -> None:
         """Refuse tables and keys that cells on meshes cannot have."""
@@ -281,11 +258,6 @@ class Case(Settings):
             raise ValueError(
                 'cells on meshes do not slide; set geometry = "conforming" in [cell], or leave '
                 "[slide] out"
-            )
-        if self.accuracy is not None:
-            raise ValueError(
-                "[accuracy] plans the grids of conforming and flat cells, not meshes; leave it "
-                'out, or set geometry = "conforming" or "flat" in [cell]'
             )
 
     def _check_slide(self) -> None:
@@ -337,11 +309,6 @@ class Case(Settings):
             raise ValueError(
                 f"control in [micro] has flat cells on the surfaces of dearer cells, and the cells "
                 f"are {here}; leave it out"
-            )
-        if self.accuracy is not None and self.from_maps:
-            raise ValueError(
-                "control in [micro] and a target in [accuracy] exclude each other on measured "
-                "maps, which hold too few cells; leave control out"
             )
 
     def _check_leakage(self) -> None:
@@ -493,8 +460,6 @@ class Case(Settings):
     @property
     def controlled(self) -> bool:
         """Whether flat cells are control variates of the cells."""
-        if self.accuracy is not None:
-            return False
         if self.has_cells and (self.micro.control or self.micro.control_realisations):
             return True
         return self.beside_flat and self.micro.realisations >= FEWEST_PAIRS
@@ -572,7 +537,8 @@ class Case(Settings):
         source = self.structure.models.get("interface")
         if law is not None and source is None:
             raise CaseError(f"{self.title}: the structure has no joint for the law {law}")
-        changes = dict.fromkeys((*OF_CELLS, *(() if self.structure.of_bodies else CELLS[:2])))
+        of_bodies = () if self.structure.of_bodies else CELLS[:2]
+        changes = dict.fromkeys((*OF_CELLS, "accuracy", *of_bodies))
         if source is not None:
             update = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
             changes["interface"] = (self.interface or source()).model_copy(update=update)
@@ -659,12 +625,6 @@ class Case(Settings):
             shallow := depth_caution(self.cell.depth, max(self.cell.size))
         ):
             cautions.append(shallow)
-        if self.cell.depth is not None and self.accuracy is not None:
-            cautions.append(
-                f"depth in [cell] stays {readable(f'{self.cell.depth:.4g} m')} under the cells of "
-                f"all sizes that [accuracy] compares, and their errors mix with the errors of "
-                f"the depth; leave it out, and it grows with the cells"
-            )
         if self.micro.realisations < FEWEST_REALISATIONS:
             cautions.append(
                 f"{self.micro.realisations} realisation(s) are too few for the scatter: there are "

@@ -119,7 +119,9 @@ def check_rubber(case: "Case") -> None:
         raise ValueError(
             f"rubber on a road takes {list_tables(TABLES)}, and there is no {list_tables(missing)}"
         )
-    stray = [name for name, value in case if value and name not in ("title", "law", *TABLES)]
+    stray = [
+        name for name, value in case if value and name not in ("title", "law", "accuracy", *TABLES)
+    ]
     if stray:
         raise ValueError(f"{stray[0]} means nothing to rubber on a road; leave it out")
     for name, keys in KEYS.items():

@@ -1,0 +1,171 @@
+"""The knobs that the stages of a case name: cells, volumes, bodies and treads."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.micro.layer import graded_planes
+from multiscale.pipeline.case_cells import longest_wave
+from multiscale.pipeline.knobs import Knob, scaled
+from multiscale.pipeline.tables.settings import Case
+from multiscale.upscaling.budget import MACRO
+
+FEWEST_CELLS, FIRST_CELLS = 4, 8
+"""Cells for the scatter: the fewest, and the fewest that a planner makes of more."""
+FEWEST_POINTS = 8  # of a cell along an edge
+FEWEST_WAVELENGTHS = 2.0  # across a cell: with fewer the error has no power law in the size
+SIZE_SEED = 1_000_003
+"""Distance of the seeds of cells of different sizes."""
+
+CELLS, SHEAR, FLAT = "micro_response", "shear_response", "control_response"
+STRUCTURE = "macro_result"
+"""Stages by which costs grow."""
+
+LAYERED, PLANE = 3.75, 2.5
+"""Power of two by which the time of a cell grows with its points, with and without layers:
+iterations grow, too."""
+
+
+def cell_knobs(case: Case) -> Iterator[Knob]:
+    """Yield the knobs of pressed and sheared cells."""
+    each = dict.fromkeys((CELLS, SHEAR, FLAT), 1.0)
+    yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+    yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), {CELLS: 1.0}, measured=False)
+    if case.cell.mesh is None:
+        fine = LAYERED if case.cell.geometry != "flat" else PLANE
+        finer, larger = {CELLS: fine, SHEAR: LAYERED}, dict.fromkeys(each, PLANE)
+        yield Knob("points of the cells", _finer, ("micro discretisation",), costs=finer)
+        yield Knob(
+            "size of the cells", _larger, ("cell size",), costs=larger, scatters=True, draws=1.0
+        )
+
+
+def volume_knobs(case: Case) -> Iterator[Knob]:
+    """Yield the knobs of representative volumes."""
+    more, finer = scaled({"rve.recipe.realisations": 2}), scaled({"rve.voxels": 2})
+    yield Knob("volumes", more, ("sampling",), (0.5, 0.5), {"rve": 1.0}, measured=False, adds=True)
+    yield Knob("voxels of the volumes", finer, ("micro discretisation",), costs={"rve": 3.2})
+
+
+def road_knobs(case: Case) -> Iterator[Knob]:
+    """Yield the knobs of cells of rubber on a road."""
+    more, each = scaled({"sliding.realisations": 2}), {CELLS: 1.0}
+    yield Knob("cells", more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+    finer = scaled({"cell.points": 2})
+    yield Knob("points of the cells", finer, ("micro discretisation",), costs={CELLS: PLANE})
+
+
+def tread_knobs(case: Case) -> Iterator[Knob]:
+    """Yield the knob of a tread block."""
+    yield Knob("elements", scaled({"tread.elements": 2}), (MACRO,), costs={STRUCTURE: LAYERED})
+
+
+def body_knobs(case: Case) -> Iterator[Knob]:
+    """Yield the knobs of bodies with joints, at rest, in cycles and in vibration."""
+    spacing = {"structure.element": 0.5, "structure.elements": 2, "structure.bodies.element": 0.5}
+    for name, keys, orders, cost in (
+        ("elements", spacing, (1.0, 2.0), PLANE),
+        ("layers of the elements", {"structure.layers": 2}, (1.0, 2.0), 1.3),
+        ("load steps", {"cycles.steps": 2, "statics.substeps": 2}, (1.0, 2.0), 1.0),
+        ("tolerance of the substructures", {"substructures.tolerance": 0.1}, (3.0, 3.4), 0.1),
+        ("slabs", {"vibration.slabs": 2}, (1.0, 2.0), 0.5),
+        ("steps of a vibration", {"vibration.steps": 2}, (1.0, 2.0), 1.0),
+    ):
+        stages = (STRUCTURE, "vibration")
+        terms = () if name == "slabs" else (MACRO,)
+        yield Knob(name, scaled(keys), terms, orders, dict.fromkeys(stages, cost))
+
+
+def _more(case: Case, rung: int) -> Case:
+    """Return a case with more cells, pressed and sheared."""
+    micro, factor = case.micro, 2.0**rung
+    if rung < 0 and factor * micro.realisations < FIRST_CELLS:
+        raise CaseError(f"fewer than {FIRST_CELLS} cells hardly show their scatter")
+    count = max(FEWEST_CELLS, round(factor * micro.realisations))
+    changes: dict[str, Any] = {
+        "realisations": count if case.cell.mesh is None else micro.realisations
+    }
+    if micro.control_realisations is not None:
+        changes["control_realisations"] = max(count, round(factor * micro.control_realisations))
+    if micro.shear is not None:
+        sheared = min(count, max(2, round(factor * micro.shear.realisations)))
+        changes["shear"] = micro.shear.model_copy(update={"realisations": sheared})
+    return case.model_copy(update={"micro": micro.model_copy(update=changes)})
+
+
+def _denser(case: Case, rung: int) -> Case:
+    """Return a case with pressures between its pressures."""
+    if rung < 0:
+        raise CaseError("the pressures of the case are the fewest")
+    pressures = case.micro.pressures
+    for _ in range(rung):
+        middle = np.sqrt(np.multiply(pressures[1:], pressures[:-1])).tolist()
+        pressures = tuple(sorted((*pressures, *middle)))
+    micro = case.micro.model_copy(update={"pressures": pressures})
+    return case.model_copy(update={"micro": micro})
+
+
+def _finer(case: Case, rung: int) -> Case:
+    """Return a case with cells of more points, on the same surfaces."""
+    return _resized(case, 0, rung)
+
+
+def _larger(case: Case, rung: int) -> Case:
+    """Return a case with larger cells of the same spacing, on other surfaces."""
+    return _resized(case, rung, 0)
+
+
+def _resized(case: Case, size: int, grid: int) -> Case:
+    """Return a case with edges 2^size times as long and a spacing 2^-grid times as wide.
+
+    Layers of elements are as thick at the surface as the spacing is wide, and grow with the depth
+    by a factor that a finer grid takes in two steps.
+    """
+    cell, larger, finer = case.cell, 2.0**size, 2.0 ** (size + grid)
+    most, layers = float(max(cell.points)), cell.layers
+    spacing = 2.0**-grid * cell.spacing
+    shortest = min(wave for wave in _cutoffs(case) if wave is not None)
+    if finer * min(cell.points) < FEWEST_POINTS or 2.0 * spacing >= shortest:
+        raise CaseError(
+            f"{finer * min(cell.points):g} points along an edge do not resolve wavelengths of "
+            f"{shortest:.3g} m"
+        )
+    across = larger * max(cell.size) / longest_wave(case)
+    if size < 0 and not case.from_maps and across < FEWEST_WAVELENGTHS:
+        raise CaseError(f"cells of {across:.2g} wavelengths are too small")
+    thickness = np.diff(graded_planes(most, layers, 1.0))  # over the spacing, from base to top
+    ratio = max(float(thickness[0] / thickness[-1]), 1.0 + 1e-6)
+    growth = ratio ** (2.0**-grid / (layers - 1))
+    graded = np.log1p((growth - 1.0) * finer * most) / np.log(growth)
+
+    def points(given: tuple[int, int]) -> tuple[int, ...]:
+        return tuple(2 * max(2, round(0.5 * finer * n)) for n in given)
+
+    new = {
+        "size": tuple(larger * edge for edge in cell.size),
+        "points": points(cell.points),
+        "layers": max(4, round(graded)),
+    }
+    micro, seed = case.micro, case.micro.seed + SIZE_SEED * (size % 7)
+    shear = micro.shear
+    if shear is not None and shear.points is not None:
+        shear = shear.model_copy(update={"points": points(shear.points)})
+    micro = micro.model_copy(update={"seed": seed, "shear": shear})
+    return case.model_copy(update={"cell": cell.model_copy(update=new), "micro": micro})
+
+
+def _cutoffs(case: Case) -> list[float | None]:
+    """Shortest wavelengths of the rough bodies, m; None where a surface has all."""
+    return [body.surface.short_cutoff for body in case.bodies if body.surface is not None]
+
+
+def refuse_surfaces(case: Case) -> None:
+    """Refuse surfaces that differ between grids."""
+    for number, body in enumerate(case.bodies, start=1):
+        if body.surface is not None and body.surface.short_cutoff is None:
+            raise CaseError(
+                f"[accuracy] compares grids, on which the surface has to be the same: give "
+                f"short_cutoff in [body_{number}.surface]"
+            )

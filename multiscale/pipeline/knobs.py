@@ -1,0 +1,106 @@
+"""Knobs of accuracy: settings of a case on ladders of rungs, and what a rung changes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from multiscale.errors import CaseError
+from multiscale.pipeline.tables.toml_model import Model
+
+if TYPE_CHECKING:
+    from multiscale.pipeline.tables.settings import Case
+
+Setting = Mapping[str, int]
+"""Rungs of all knobs of a case, by their names."""
+
+LOWEST, HIGHEST = -2, 6
+"""Rungs that are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Knob:
+    """A setting of accuracy on a ladder; rung 0 is the case as it is given.
+
+    Attributes
+    ----------
+    name : str
+    change : callable, from a case and a rung to the case there
+        Raises ``CaseError`` where there is no such rung, and returns an equal case at all rungs
+        where the case does not have the setting.
+    terms : terms of the error budget in which its error is counted
+    orders : lowest and highest power of 2 by which its error falls from rung to rung
+    costs : power of 2 by which the seconds of stages grow from rung to rung, until measured
+    measured : bool
+        Whether its error is measured by the answer at the rung below; the budget has it otherwise.
+    scatters : bool
+        Whether cells of another rung have other surfaces, so that answers differ by chance.
+    draws : power of 2 by which the sampling error falls from rung to rung
+    adds : whether a higher rung adds cells to the cells of the rungs below
+    """
+
+    name: str
+    change: "Callable[[Case, int], Case]"
+    terms: tuple[str, ...] = ()
+    orders: tuple[float, float] = (1.0, 2.0)
+    costs: Mapping[str, float] = field(default_factory=dict)
+    measured: bool = True
+    scatters: bool = False
+    draws: float = 0.0
+    adds: bool = False
+
+    def applies(self, case: "Case") -> bool:
+        """Whether a case has the setting."""
+        for rung in (1, -1):
+            try:
+                return self.change(case, rung) != case
+            except CaseError:
+                continue
+        return False
+
+    def lowest(self, case: "Case") -> int:
+        """Return the lowest rung of a case."""
+        rung = 0
+        while rung > LOWEST and self._has(case, rung - 1):
+            rung -= 1
+        return rung
+
+    def _has(self, case: "Case", rung: int) -> bool:
+        try:
+            return self.change(case, rung) != case
+        except CaseError:
+            return False
+
+
+def scaled(factors: Mapping[str, float]) -> "Callable[[Case, int], Case]":
+    """Return the change that multiplies keys, by their full names, by factors at every rung."""
+
+    def change(case: "Case", rung: int) -> "Case":
+        for key, factor in factors.items():
+            case = _scale(case, tuple(key.split(".")), factor**rung)
+        return case
+
+    return change
+
+
+def _scale(table: Model, path: tuple[str, ...], factor: float) -> Model:
+    """Return a table with a key multiplied; a missing key stays missing."""
+    name, *inner = path
+    value = getattr(table, name, None)
+    if value is None:
+        return table
+
+    def changed(entry: Any) -> Any:
+        return _scale(entry, tuple(inner), factor) if inner else _times(entry, factor, name)
+
+    new = tuple(map(changed, value)) if isinstance(value, tuple) else changed(value)
+    return table.model_copy(update={name: new})
+
+
+def _times(value: float, factor: float, name: str) -> float:
+    """Multiply a number; a whole number must stay whole."""
+    new = value * factor
+    if not isinstance(value, int):
+        return new
+    if new != round(new) or new < 1:
+        raise CaseError(f"{name} = {value} has no whole multiple by {factor:g}")
+    return round(new)

@@ -1,0 +1,416 @@
+"""Stage: the setting of least time at which an answer reaches a target for its error."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import inf, isfinite
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import make_folder, write_bytes
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_knobs import refuse_surfaces
+from multiscale.pipeline.costs import cost_section, knobs_of, stage_seconds
+from multiscale.pipeline.knobs import Knob, Setting
+from multiscale.pipeline.planner import Outcome, Planner, Reached, SourceCost
+from multiscale.pipeline.showing import format_error, round_by
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.tables.settings import Case
+from multiscale.schema import ACCURACY, INTERFACE_LAW, SHOWN, Dataset
+from multiscale.units import readable
+from multiscale.upscaling.budget import FEW_CELLS, has_budget, unknown_terms
+
+INPUTS = ("fit_pressure", "nominal_pressure", "preload", "sliding_speed", "porosity")
+"""Variables beside the answers of stages that have no error."""
+
+PLAN = "plan"
+"""Folder of the settings in a run folder."""
+
+HEAD = (
+    "round",
+    "error (%)",
+    "expected",
+    "seconds",
+    "expected ",
+    "powers of two of settings, over the case as it is given",
+)
+
+OF_LAW = ("mean_gap", "contact_fraction", "stiffness")
+"""Answers by ``quantity`` that are of the interface law."""
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """An answer of a stage."""
+
+    stage: Stage
+    name: str
+
+    @property
+    def label(self) -> str:
+        """Its name in words."""
+        return self.stage.answers[self.name] or SHOWN[self.name].label
+
+    def values(self, datasets: Datasets) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the answer and the ends of its interval, if it has any."""
+        compared = self.stage.compared(datasets[self.stage.name])
+        value, band = compared[self.name], compared.get(f"{self.name}_mean_law")
+        ends = None if band is None else band.transpose("limit", *value.dims).to_numpy()
+        return value.to_numpy().ravel(), None if ends is None else ends.reshape(2, -1)
+
+    def half_widths(
+        self, datasets: Datasets, value: np.ndarray, ends: np.ndarray | None
+    ) -> dict[str, np.ndarray]:
+        """Return the relative half-widths of the mean law at the places, by terms of the budget.
+
+        An answer with an interval and without a budget has all of it as sampling.
+        """
+        dataset = datasets[self.stage.name]
+        names = self.quantities(dataset)
+        if not names:
+            return {} if ends is None else {"sampling": 0.5 * np.ptp(ends, axis=0) / np.abs(value)}
+        rows: dict[str, np.ndarray] = {}
+        widths = dataset["error_half_width"].sel(quantity=names)
+        for term in map(str, dataset["error_term"].values):
+            of_term = widths.sel(error_term=term).transpose("quantity", "step").to_numpy()
+            finite = of_term[:, np.isfinite(of_term).all(axis=0)]
+            if term == FEW_CELLS or not finite.size:
+                continue
+            if len(names) == 1 and finite.shape[1] == value.size:
+                rows[term] = finite[0]
+            else:  # of the last step, of every load
+                last = finite[:, -1]
+                rows[term] = last if last.size == value.size else np.full(value.size, last.max())
+        return rows
+
+    def quantities(self, dataset: Dataset) -> list[str]:
+        """Return the quantities of the budget that are this answer, such as one for each load."""
+        if not has_budget(dataset):
+            return []
+        named = map(str, dataset["quantity"].values)
+        return [name for name in named if name == self.name or name.startswith(f"{self.name} ")]
+
+
+def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
+    """Return the answers that ``[accuracy]`` may mean, the last stage first.
+
+    Raises
+    ------
+    CaseError
+        If the case has no such answer; the message lists the answers.
+    """
+    accuracy = case.accuracy
+    every = [
+        Asked(stage, name)
+        for stage in stages[::-1]
+        for name in stage.answers
+        if name not in INPUTS and stage.asked_for(case.tables)
+    ]
+    if accuracy.quantity is not None:
+        of_law = accuracy.quantity in OF_LAW
+        found = [
+            asked
+            for asked in every
+            if asked.name == accuracy.quantity
+            and (asked.stage.name == INTERFACE_LAW.name or not of_law)
+        ]
+    elif accuracy.of is None:
+        found = every[:1]
+    else:
+        wanted = set(accuracy.of.lower().replace("_", " ").split())
+        exact = [asked for asked in every if accuracy.of in (asked.name, asked.label)]
+        found = exact or [
+            asked
+            for asked in every
+            if wanted <= {*asked.name.split("_"), *asked.label.lower().split()}
+        ]
+    if not found:
+        names = dict.fromkeys(f"{asked.name!r} ({asked.label})" for asked in every)
+        raise CaseError(
+            f"{case.title}: [accuracy] asks for {accuracy.answer!r}, no answer of this case; its "
+            f"answers are "
+            f"{', '.join(names) or 'none'}"
+        )
+    return found
+
+
+@dataclass(eq=False)
+class Campaign:
+    """The settings of a case that were solved, also in an earlier run."""
+
+    case: Case  # without a target
+    knobs: Sequence[Knob]
+    stages: Sequence[Stage]
+    answers: Sequence[Asked]
+    job: Job
+    file: Path  # record of all settings
+    record: dict[str, dict[str, Any]] = field(default_factory=dict)
+    counted: set[str] = field(default_factory=set)  # settings of this plan
+    places: list[int] = field(default_factory=list)  # of the answer in its array
+    missing: list[str] = field(default_factory=list)  # unknown terms of the last budget
+    answer: int = 0  # its number
+
+    def at(self, setting: Setting) -> Case:
+        """Return the case at a setting."""
+        case = self.case
+        for knob in self.knobs:
+            case = knob.change(case, setting[knob.name])
+        return case
+
+    def solve(self, setting: Setting, whole: bool) -> Outcome:
+        """Return the answer at a setting, solved or from the record."""
+        case = self.at(setting)
+        key = f"{case.checksum()[:16]}-{'whole' if whole else 'coarse'}"
+        if key not in self.record:
+            begin = perf_counter()
+            datasets = self.job.solve(self.folder(case), case, whole)
+            self.record[key] = self._entry(case, datasets, whole, perf_counter() - begin)
+            write_bytes(self.file, json.dumps(self.record).encode())
+        entry = self.record[key]
+        self.counted.add(key)
+        if whole:
+            self.answer, self.places = entry["answer"], entry["places"]
+            self.missing = entry["missing"]
+        half = {term: np.array(values) for term, values in entry["half_width"].items()}
+        return Outcome(np.array(entry["value"]), half, entry["seconds"])
+
+    def folder(self, case: Case) -> Path:
+        """Return the folder of a case: settings with the same cells share them."""
+        return Path(PLAN) / case.identity()[:12]
+
+    def spent(self) -> float:
+        """Time of the settings of this plan, s."""
+        return sum(float(self.record[key]["elapsed"]) for key in self.counted)
+
+    def _entry(self, case: Case, datasets: Datasets, whole: bool, elapsed: float) -> dict[str, Any]:
+        """Return the record of a solved setting: the answer at its places, errors and times."""
+        half, missing = dict[str, np.ndarray](), list[str]()
+        if whole:
+            read = [asked.values(datasets) for asked in self.answers]
+            self.answer = next((k for k, (_, ends) in enumerate(read) if ends is not None), 0)
+            value, ends = read[self.answer]
+            asked = self.answers[self.answer]
+            known = np.isfinite(value if ends is None else ends.sum(axis=0))
+            self.places = np.flatnonzero(known).tolist()
+            if not self.places:
+                raise CaseError(f"{case.title}: {asked.label} is not known at any step")
+            value = value[self.places]
+            half = asked.half_widths(
+                datasets, value, None if ends is None else ends[:, self.places]
+            )
+            names = asked.quantities(datasets[asked.stage.name])
+            missing = unknown_terms(datasets[asked.stage.name], *names) if names else []
+        else:
+            value = self.answers[self.answer].values(datasets)[0][self.places]
+        asked_for = [stage for stage in self.stages if stage.asked_for(case.tables)]
+        return {
+            "value": value.tolist(),
+            "half_width": {term: rows.tolist() for term, rows in half.items()},
+            "seconds": stage_seconds(datasets, asked_for),
+            "elapsed": elapsed,
+            "answer": self.answer,
+            "places": self.places,
+            "missing": missing,
+        }
+
+
+def open_campaign(case: Case, stages: Sequence[Stage], job: Job) -> Campaign:
+    """Return the campaign of a case with a target."""
+    bare = case.model_copy(update={"accuracy": None})
+    if case.has_cells:  # the knobs of the grid compare the answers instead
+        micro = case.micro.model_copy(update={"coarser": 0})
+        bare = bare.model_copy(update={"micro": micro})
+    file = make_folder(job.out / PLAN) / "settings.json"
+    record = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    knobs = knobs_of(bare, stages)
+    return Campaign(bare, knobs, stages, find_answers(case, stages), job, file, record)
+
+
+def planned_case(case: Case, plan: Dataset, stages: Sequence[Stage], job: Job) -> tuple[Path, Case]:
+    """Return the case at the last setting of a plan, and its folder in the run folder."""
+    campaign = open_campaign(case, stages, job)
+    rungs = plan["rung"].isel(round=-1)
+    setting = {str(name): int(rungs.sel(knob=name)) for name in plan["knob"].values}
+    chosen = campaign.at(setting)
+    return campaign.folder(chosen), chosen
+
+
+def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
+    """Solve settings until the answer reaches its target, or the time is over."""
+    campaign, accuracy = open_campaign(case, stages, job), case.accuracy
+    if not campaign.knobs:
+        raise CaseError(
+            f"{case.title}: no stage of the case has a setting that [accuracy] may change"
+        )
+    lines = list[str]()
+    planner = Planner(
+        campaign.knobs,
+        campaign.solve,
+        {knob.name: knob.lowest(campaign.case) for knob in campaign.knobs},
+        inf if accuracy.target is None else accuracy.target,
+        inf if accuracy.time is None else accuracy.time,
+        campaign.spent,
+        lines.append,
+    )
+    reached = planner.run()
+    asked = campaign.answers[campaign.answer]
+    replaced = {term for knob in campaign.knobs for term in knob.terms}
+    missing = [term for term in campaign.missing if term not in replaced]
+    if missing:
+        lines.append(f"The error does not count what is not known: {', '.join(missing)}.")
+    if fixed := planner.fixed(reached.state):
+        listed = ", ".join(f"{term} ({100.0 * half:.2g} %)" for term, half in fixed.items())
+        lines.append(f"No setting reduces: {listed}.")
+    if isfinite(planner.time):
+        left = max(planner.time - campaign.spent(), 0.0)
+        lines.append(f"{left:.3g} s of the time are left.")
+    if reached.halving is not None:
+        lines.append(
+            f"Half of the error takes about {reached.halving.expected_seconds:.3g} s more."
+        )
+    return _dataset(case, asked, reached, lines, campaign)
+
+
+def _dataset(
+    case: Case, asked: Asked, reached: Reached, lines: Sequence[str], campaign: Campaign
+) -> Dataset:
+    """Return the plan as a dataset."""
+    rounds, sources, state = reached.rounds, reached.sources, reached.state
+    knobs = [knob.name for knob in campaign.knobs]
+    unit = SHOWN[asked.name].in_unit(state.value)
+    cautions = [reached.stopped] if reached.stopped else []
+    if case.has_cells and case.cell.depth is not None:
+        cautions.append(
+            f"depth in [cell] stays {readable(f'{case.cell.depth:.4g} m')} under the cells of "
+            f"all sizes that [accuracy] compares, and their errors mix with the errors of "
+            f"the depth; leave it out, and it grows with the cells"
+        )
+    seconds = state.outcome.seconds
+    dataset = ACCURACY.build(
+        {
+            "value": state.value,
+            "error": reached.error,
+            "solved_value": state.outcome.value,
+            "rung": [[done.setting[name] for name in knobs] for done in rounds],
+            "round_error": [done.error for done in rounds],
+            "round_seconds": [done.seconds for done in rounds],
+            "expected_error": [done.expected_error for done in rounds],
+            "expected_seconds": [done.expected_seconds for done in rounds],
+            "source_error": [source.error for source in sources],
+            "halving_seconds": [source.seconds for source in sources],
+            "stage_seconds": [*seconds.values()],
+        },
+        title=case.title,
+        answer=asked.name,
+        label=asked.label,
+        unit=unit.name,
+        scale=unit.scale,
+        target=case.accuracy.target or np.nan,
+        plan="\n".join(lines),
+        stopped=reached.stopped,
+        cautions="\n".join(cautions),
+    )
+    names = [source.name for source in sources]
+    return dataset.assign_coords(knob=knobs, source=names, stage=[*seconds])
+
+
+def _answer(plan: Dataset) -> Iterator[str]:
+    """Report the answer with its error, and how the plan came to it."""
+    attributes = plan.attrs
+    value, error = float(attributes["scale"]) * plan["value"].values, plan["error"].values
+    unit = "" if attributes["unit"] == "1" else f" {attributes['unit']}"
+    pairs = zip(value, error, strict=True)
+    listed = ", ".join(f"{round_by(x, e * abs(x))}{unit} ± {format_error(e)} %" for x, e in pairs)
+    target, done = float(attributes["target"]), plan.sizes["round"]
+    below = f", below the target of {100.0 * target:.3g} %" if error.max() <= target else ""
+    spent = float(plan["round_seconds"].sum())
+    yield (
+        f"The {attributes['label']} is {listed} (95 %){below}, after {done} "
+        f"round{'s' * (done > 1)} and {spent:.3g} s."
+    )
+    added = plan["value"].values / plan["solved_value"].values - 1.0
+    if np.any(np.abs(added) > 1e-6):
+        most = added[np.argmax(np.abs(added))]
+        yield (
+            f"It has corrections of up to {100.0 * most:+.2g} % by the differences from coarser "
+            f"settings, which the tables of the last setting do not have."
+        )
+
+
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    plan = datasets[ACCURACY.name]
+    remarks = str(plan.attrs["plan"]).splitlines()
+    rows = [_row(plan.isel(round=k), k + 1) for k in range(plan.sizes["round"])]
+    yield Section("Accuracy", (), HEAD, rows, remarks=remarks, notes=True)
+    sources = [
+        SourceCost(str(name), float(error), float(time))
+        for name, error, time in zip(
+            *(plan[name].values for name in ("source", "source_error", "halving_seconds")),
+            strict=True,
+        )
+    ]
+    seconds = dict(zip(map(str, plan["stage"].values), plan["stage_seconds"].values, strict=True))
+    yield cost_section(seconds, sources, str(plan.attrs["label"]))
+
+
+def _row(done: Dataset, number: int) -> tuple[str, ...]:
+    """Return a row of the table of rounds."""
+    rungs = zip(map(str, done["knob"].values), done["rung"].values, strict=True)
+    moved = ", ".join(f"{name} {int(rung):+d}" for name, rung in rungs if rung)
+    errors, times = (
+        [float(done[f"{kind}_{what}"]) for kind in ("round", "expected")]
+        for what in ("error", "seconds")
+    )
+    shown = [*map(format_error, errors), *(f"{time:.3g}" for time in times)]
+    return (str(number), *(text.replace("nan", "").replace("unknown", "") for text in shown), moved)
+
+
+def _prepare(case: Case, stages: Sequence[Stage]) -> None:
+    """Refuse a target that the case cannot have."""
+    find_answers(case, stages)
+    if not case.has_cells:
+        return
+    refuse_surfaces(case)
+    needs, time = CELLS.needs(case), case.accuracy.time
+    cell = needs.seconds / case.micro.realisations
+    if time is not None and time < cell:
+        raise CaseError(
+            f"{case.title}: time in [accuracy] is {time:.3g} s, and a cell takes about "
+            f"{cell:.3g} s; give more time, or fewer points"
+        )
+
+
+def accuracy_stage(stages: tuple[Stage, ...]) -> Stage:
+    """Return the stage that plans the settings of other stages."""
+
+    def needs(case: Case) -> Needs:
+        knobs = ", ".join(knob.name for knob in knobs_of(case, stages))
+        return Needs(
+            choices=(
+                Choice(
+                    "planner",
+                    f"starts from coarser settings than these and chooses the settings of the "
+                    f"answer: {knobs}",
+                ),
+            )
+        )
+
+    return Stage(
+        schema=ACCURACY,
+        tables=("accuracy",),
+        reads={"accuracy"},
+        takes=stages,
+        run=lambda case, datasets, job: _plan(case, stages, job),
+        needs=needs,
+        prepare=lambda case: _prepare(case, stages),
+        sections=_sections,
+        question="How large is the answer, with an error below the target?",
+        answer=_answer,
+        failure=lambda plan: str(plan.attrs["stopped"]),
+        folders=(PLAN,),
+    )
