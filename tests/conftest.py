@@ -95,6 +95,27 @@ def shipped_run(once):
     return finished
 
 
+@pytest.fixture(scope="session")
+def text_run(once):
+    """Case, folder and datasets of the text of a case, which is run and shown."""
+    from multiscale.pipeline import load_case, run
+    from multiscale.pipeline.runner import Results
+    from multiscale.report import open_finished, show_run
+    from tests.support import case_of
+
+    def make(folder, text, write_files):
+        write_files(folder)
+        run(case_of(folder, text), folder / "out")
+        show_run(folder / "out")
+
+    def finished(name, text, write_files=lambda folder: None):
+        folder = once(name, partial(make, text=text, write_files=write_files))
+        found = open_finished(folder / "out").found
+        return load_case(folder / "scene.toml"), folder / "out", Results(found)
+
+    return finished
+
+
 @pytest.fixture
 def without_pages(monkeypatch):
     """Leave figures and report out: for runs of which a test looks at datasets and print only."""

@@ -25,7 +25,7 @@ from tests.pipeline.test_sheared_cells import CHAIN
 from tests.pipeline.test_slide import ELASTIC, SLIDE
 from tests.pipeline.test_tyre import SMALL as TREAD
 from tests.pipeline.test_vibration_cases import ONLY_PRESS, VIBRATION
-from tests.support import SCENES, TWO_BLOCKS, slow, small_steel, write_body, write_law, write_scene
+from tests.support import SCENES, TWO_BLOCKS, slow, small_steel, write_body, write_law
 
 CYCLES = '[cycles]\nshear = "0.5 MPa"\ncycles = 1\nsteps = 2\n'
 BLOCKS = TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction') + CYCLES
@@ -71,17 +71,15 @@ def write_files(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module", params=[*list(TEXTS)[:-2], *QUICK, *slow(*list(TEXTS)[-2:])])
-def finished(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(request.param)
+def finished(request, tmp_path_factory, text_run):
     if request.param in TEXTS:
-        write_files(folder)
-        case = load_case(write_scene(folder, TEXTS[request.param]))
+        case, out, _ = text_run(request.param, TEXTS[request.param], write_files)
     else:
         case = load_case(SCENES / f"{request.param}.toml").quick()
-    run(case, folder / "out")
-    show_run(folder / "out")
-    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
-    return Finished(case, open_finished(folder / "out"), page)
+        out = tmp_path_factory.mktemp(request.param) / "out"
+        run(case, out)
+        show_run(out)
+    return Finished(case, open_finished(out), (out / "report.html").read_text(encoding="utf-8"))
 
 
 def test_datasets_follow_their_schemas_and_carry_labels(finished):

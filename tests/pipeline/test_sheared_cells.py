@@ -15,7 +15,6 @@ from multiscale.pipeline.case_cells import two_surfaces
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.ensembles import SHEARED_CELLS
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.report import write_report
 from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
 from multiscale.upscaling import assume_shear, sliders_from_dataset
 from multiscale.upscaling.shear_budget import shear_errors
@@ -40,10 +39,8 @@ THEORY = 2.0 * 0.7 / 1.7
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("shear")
-    case = case_of(folder, CHAIN)
-    return case, folder / "out", run(case, folder / "out")
+def finished(text_run):
+    return text_run("sheared", CHAIN)
 
 
 def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
@@ -66,7 +63,7 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     assert drawn.friction == float(law["shear_friction_sample"][3])
     assert "assumed" not in results.macro_result.attrs["cautions"]
     assert results.macro_result["cycle_energy"].values[0] > 0.0
-    page = write_report(out).read_text(encoding="utf-8")
+    page = (out / "report.html").read_text(encoding="utf-8")
     assert "of full slip the cells lose" in page
     assert set(open_run(out)) == set(stages)
     assert "before slip the tangential stiffness of the interface is 0." in page

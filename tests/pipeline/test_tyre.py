@@ -31,10 +31,8 @@ SMALL = (
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("tyre")
-    case = case_of(folder, SMALL)
-    return case, folder / "out", run(case, folder / "out")
+def finished(text_run):
+    return text_run("tread", SMALL)
 
 
 def test_the_friction_of_the_cells_moves_along_the_speed_by_the_shift_factor(tmp_path):
@@ -110,8 +108,9 @@ def test_the_braking_force_is_the_integral_of_friction_times_pressure(finished):
         assert np.ptp(p) > 0.3 * p.mean()  # the pressure of the footprint is uneven
 
 
-def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
+def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished, tmp_path):
     case, out, results = finished
+    out = shutil.copytree(out, tmp_path / "again")
     before = {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
     again = run(case, out, progress=lambda *told: pytest.fail(f"computed {told}"))
     assert before == {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}

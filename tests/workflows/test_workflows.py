@@ -14,15 +14,10 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.schema import GRANULATE, MACRO_RESULT
 
 FOLDER = Path(__file__).parents[2] / "workflows"
-SCRIPTS = (
-    "damage_to_joint.py",
-    "ploughing.py",
-    "roughness_sweep.py",
-    "surfaces_to_joint.py",
-    "tensegrity_grid.py",
-    "three_ways.py",
-)
+SCRIPTS = ("damage_to_joint.py", "ploughing.py", "roughness_sweep.py", "surfaces_to_joint.py")
 SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
+OTHERS = ("tensegrity_grid.py", "three_ways.py")
+"""Scripts that tests of their own run."""
 
 
 def files(pattern):
@@ -30,13 +25,12 @@ def files(pattern):
     return [
         pytest.param(path, marks=[pytest.mark.slow] if path.name in SLOW else [], id=path.stem)
         for path in sorted(FOLDER.glob(pattern))
+        if path.name not in OTHERS
     ]
 
 
 @pytest.mark.parametrize("script", files("*.py"))
 def test_every_workflow_runs(script, tmp_path):
-    text = script.read_text(encoding="utf-8")
-    assert len(text.splitlines()) < 100
     main = runpy.run_path(str(script))["main"]
     assert not main(["--quick", "-o", str(tmp_path)])
     assert list(tmp_path.rglob("*.nc"))
@@ -100,7 +94,7 @@ def test_every_scene_runs(scene, tmp_path):
 
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):
     main = runpy.run_path(str(FOLDER / "tensegrity_grid.py"))["main"]
-    main(["--quick", "-o", str(tmp_path)])
+    assert not main(["--quick", "-o", str(tmp_path)])
     for part, figure in (("static", "sorted_tensions"), ("unloading", "energies")):
         for name in (f"figures/{figure}.png", "figures/deformed_links.png"):
             assert (tmp_path / part / name).read_bytes().startswith(b"\x89PNG")
