@@ -83,10 +83,6 @@ def _drawn(result: Dataset) -> dict[str, str]:
     return {name: str(result["answer_label"].sel(answer=name).item()) for name in names}
 
 
-def _question(result: Dataset) -> str:
-    return f"How do {_and(_drawn(result).values())} depend on {_and(_parameters(result))}?"
-
-
 def _answer(result: Dataset) -> Iterator[str]:
     """Report the range of each answer at the ends of points, with digits that its error leaves."""
     ranges = []
@@ -248,7 +244,9 @@ def _bounds(result: Dataset) -> np.ndarray:
 POINTS = Shown(
     schema=SWEEP,
     cautions=_list_cautions,
-    question=_question,
+    question=lambda result: (
+        f"How do {_and(_drawn(result).values())} depend on {_and(_parameters(result))}?"
+    ),
     answer=_answer,
     sections=_sections,
 )

@@ -1,12 +1,14 @@
 """Case files: what is read, and what a refused one says."""
 
 from functools import partial
+from typing import Annotated
 
 import pytest
 
 from multiscale.errors import CaseError
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.tables.toml_model import Quick, Settings, at_most
 from tests.support import steel_text, write_scene
 
 OTHERS = (
@@ -114,3 +116,24 @@ def test_a_fault_of_a_list_of_tables_or_of_a_sweep_is_shown_where_it_stands(tmp_
     file.write_text(f'title = "x"\n[structure]\nkind = "bodies"\n{text}', encoding="utf-8")
     with pytest.raises(CaseError, match=r"has no key 'low'.*\n  line 7: low = 1\n +\^\^\^"):
         load_case(file)
+
+
+class Inner(Settings):
+    """A table with a limit of quick cases."""
+
+    count: Annotated[int, at_most(3)] = 7
+
+
+class Outer(Settings):
+    """A table with inner tables."""
+
+    inner: Inner = Inner()
+    listed: tuple[Inner, ...] = (Inner(), Inner(count=2))
+    absent: Annotated[int | None, at_most(3)] = None
+    size: Annotated[float, Quick(lambda table, size: size * table.inner.count)] = 2.0
+
+
+def test_quick_values_stand_at_their_fields_and_reach_inner_tables():
+    small = Outer().smaller()
+    assert [inner.count for inner in (small.inner, *small.listed)] == [3, 3, 2]
+    assert (small.absent, small.size) == (None, 14.0)  # of the table before it is smaller

@@ -23,9 +23,9 @@ from multiscale.pipeline.stages.loaded_bodies import NO_COARSER, QUICK_NOTE
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
 from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.tables.cycled_settings import COARSENING
 from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
-from multiscale.pipeline.tables.vibration_settings import COARSENING
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, Dataset, with_cautions

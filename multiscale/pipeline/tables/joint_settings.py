@@ -100,9 +100,6 @@ class StatedAsperities(Settings):
         return AsperityLaw(asperities, friction, stiffness_ratio)
 
 
-LEAST, MOST = 0.1, 3.0
-"""Pressures of a joint that count, relative to the least and the largest preload."""
-
 SLABS, FEW_SLABS = 48, 8
 """Slabs of the law of a joint under cycles, with a loss that is a small difference, and of a joint
 that is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see
@@ -284,11 +281,6 @@ class Preloads(Settings):
 
     preloads: tuple[Pressure, ...] = Field(min_length=1)
     """Pressures on the pressed face, Pa; the last pressure stays."""
-
-    @property
-    def joint_pressures(self) -> tuple[float, float]:
-        """Pressures for which the law of the joints is fine, Pa."""
-        return LEAST * min(self.preloads), MOST * max(self.preloads)
 
     @property
     def even(self) -> list[tuple[float, float]]:

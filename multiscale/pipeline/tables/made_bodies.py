@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
+LEAST, MOST = 0.1, 3.0  # pressures of joints that count, over the least and the largest preload
 QUICK_ELEMENTS = 4  # elements along an edge, at most
 
 Edges = tuple[Length, Length, Length]
@@ -315,7 +316,8 @@ class JointedBodies(Bodies):
 
     def beds(self, case: "Case") -> dict[str, Any]:
         """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""
-        return {"pressures": case.statics.joint_pressures, "slabs": self.source.slabs(case)}
+        preloads, slabs = case.statics.preloads, self.source.slabs(case)
+        return {"pressures": (LEAST * min(preloads), MOST * max(preloads)), "slabs": slabs}
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies and joints, and the path over preload and shear."""

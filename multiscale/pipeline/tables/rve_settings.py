@@ -339,10 +339,4 @@ class RveSettings(Settings):
 
     def voxels_of(self, volume: Volume) -> int:
         """Voxels along the longest edge of a volume; all voxels have the same size."""
-        return round(max(volume.size) / self.spacing) if self.size else 0
-
-    @property
-    def spacing(self) -> float:
-        """Edge of a voxel, m."""
-        assert self.size is not None
-        return max(self.size) / self.voxels
+        return round(max(volume.size) / (max(self.size) / self.voxels)) if self.size else 0

@@ -12,7 +12,11 @@ from multiscale.micro.slide import LONGEST_SLIDE
 from multiscale.pipeline.tables import case_tables, grain_settings, link_settings, tyre_settings
 from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.tables.case_tables import ABSENT
-from multiscale.pipeline.tables.fatigue_settings import FatigueSettings, GrowthSettings
+from multiscale.pipeline.tables.cycled_settings import (
+    FatigueSettings,
+    GrowthSettings,
+    VibrationSettings,
+)
 from multiscale.pipeline.tables.joint_settings import (
     Cycles,
     JointLaw,
@@ -33,7 +37,6 @@ from multiscale.pipeline.tables.rough_bodies import (
 )
 from multiscale.pipeline.tables.rve_settings import RveSettings
 from multiscale.pipeline.tables.toml_model import OneOf, Settings, list_tables
-from multiscale.pipeline.tables.vibration_settings import VibrationSettings
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
 from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
