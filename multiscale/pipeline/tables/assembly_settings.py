@@ -517,11 +517,7 @@ class Bodies(StructureKind):
             shared = factors[:, 0] * sum(bolt.preload for bolt in self.bolts) / area
         pressed = []
         for number, interface in enumerate(self.interfaces):
-            if (
-                interface.asperities is not None
-                or interface.linear is not None
-                or interface.gap is not None
-            ):
+            if interface.asperities or interface.linear or interface.gap:
                 continue  # heights or a gap press it, too, and a constant stiffness has no limits
             faces = faces_of[number]
             smallest = min((face for _, face in faces), key=lambda face: face.area)
@@ -534,30 +530,21 @@ class Bodies(StructureKind):
                         for forces, place in zip(acting, places, strict=True)
                     ]
                     least = np.maximum(least, factors @ on_it / face.area)
-            damaged = 1.0 - interface.damage
-            pressed.append(
-                Pressed(
-                    f"the loads press interface {number}, {interface.name},",
-                    [
-                        (low / damaged, high / damaged)
-                        for low, high in zip(least, most, strict=True)
-                    ],
-                    interface.law,
-                    interface.exponential.pressures if interface.exponential else None,
-                )
-            )
+            loading = f"the loads press interface {number}, {interface.name},"
+            steps = (np.stack([least, most], axis=1) / (1.0 - interface.damage)).tolist()
+            stated = interface.exponential.pressures if interface.exponential else None
+            pressed.append(Pressed(loading, steps, interface.law, stated))
         return pressed
 
     def _hangs_on(self, body: int, number: int) -> bool:
         """Whether an interface is the only support of a body."""
         name = f"{self.bodies[body].name}."
         touching = [
-            interface
-            for interface in self.interfaces
-            if any(s.startswith(name) for s in interface.sides)
+            k
+            for k, interface in enumerate(self.interfaces)
+            if any(side.startswith(name) for side in interface.sides)
         ]
-        only = touching == [self.interfaces[number]] and not self.bodies[body].supports
-        return only and not self.bolts
+        return touching == [number] and not self.bodies[body].supports and not self.bolts
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, if any, by the ratio of the element sizes."""
