@@ -100,7 +100,7 @@ def test_a_bolt_is_not_counted_on_an_interface_that_it_may_not_press(meshes):  #
 def test_pressures_of_a_load_above_an_interface_are_those_of_a_beam():
     """A block of width w under P at the eccentricity e: P/A (1 + 6 e / w) at its edge."""
     mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1))
-    base, top = (Face.at([mesh], (0, name)) for name in ("bottom", "top"))
+    base, top = (Face.at(mesh, name) for name in ("bottom", "top"))
     assert base.area == pytest.approx(4e-4)
     aside = top._replace(centroid=top.centroid + np.array([0.003, 0.0, 0.0]))
     force = np.array([0.0, 0.0, -1e3])
