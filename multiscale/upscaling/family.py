@@ -70,13 +70,11 @@ class Family:
     )
 
 
-def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
-    """Return pressures and gaps to start a normal law from; a stiffness is integrated."""
-    mean = observations.mean
-    p = observations.pressure
+def gaps_of(observations: Observations, values: np.ndarray) -> np.ndarray:
+    """Return gaps, m, of values (..., points); a stiffness is integrated from the top."""
     if observations.quantity == "normal_stiffness":
-        return p, integrate_stiffness(p, mean)
-    return p, mean
+        return integrate_stiffness(observations.pressure, values)
+    return values
 
 
 def integrate_stiffness(pressure: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -101,7 +99,7 @@ def integrate_stiffness(pressure: np.ndarray, stiffness: np.ndarray) -> np.ndarr
 
 def _start_exponential(observations: Observations) -> dict[str, float]:
     """Fit a line through the gap over the logarithm of the pressure."""
-    p, gap = _gaps(observations)
+    p, gap = observations.pressure, gaps_of(observations, observations.mean)
     slope, offset = np.polyfit(np.log(p), gap, 1)
     decay = max(-float(slope), 1e-6 * float(np.ptp(gap)))
     return {"decay_length": decay, "pressure_scale": float(np.exp(min(offset / decay, 700.0)))}
@@ -109,7 +107,7 @@ def _start_exponential(observations: Observations) -> dict[str, float]:
 
 def _start_power(observations: Observations) -> dict[str, float]:
     """Estimate the exponent from the change of the decay length with the pressure."""
-    p, gap = _gaps(observations)
+    p, gap = observations.pressure, gaps_of(observations, observations.mean)
     x = np.log(p)
     decay = -np.diff(gap) / np.diff(x)
     beta = np.polyfit(0.5 * (x[1:] + x[:-1]), np.log(np.maximum(decay, 1e-3 * decay.max())), 1)[0]

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, ConvexDecreasing
-from multiscale.upscaling.family import integrate_stiffness
+from multiscale.upscaling.family import gaps_of
 from multiscale.upscaling.observations import ALLOWED, TWO_SIDED, Observations, list_pressures
 
 N_TERMS = 40
@@ -158,10 +158,10 @@ def fit_convex_decreasing(
     # gaps of the mean and of the samples, and knots over all of them
     mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
-    gap, sample_gap = _gaps(observations, mean), sample_mean
+    gap, sample_gap = gaps_of(observations, mean), sample_mean
     largest = float(np.nanmax(observations.values))
     if observations.quantity == "normal_stiffness":
-        sample_gap = _gaps(observations, np.where(sample_weight > 0.0, sample_mean, mean))
+        sample_gap = gaps_of(observations, np.where(sample_weight > 0.0, sample_mean, mean))
         largest = float(max(gap.max(), sample_gap.max(initial=0.0)))
     factor = observations.widening
     largest += (factor - 1.0) * (largest - float(gap.max()))
@@ -195,7 +195,7 @@ def representable(
     Measured values with independent errors are all used.
     """
     p = observations.pressure
-    _check_falls(p, _gaps(observations, observations.mean[None])[0])
+    _check_falls(p, gaps_of(observations, observations.mean[None])[0])
     if observations.independent:
         return p.size, []
     counted = weights > 0.0
@@ -237,13 +237,6 @@ def _softer_above(observations: Observations) -> np.ndarray:
     stiffness = np.diff(observations.pressure) / mean
     allowed = 2.0 * ALLOWED + np.hypot(chance[1:], chance[:-1])
     return np.asarray(stiffness[1:] < (1.0 - allowed) * stiffness[:-1])
-
-
-def _gaps(observations: Observations, mean: np.ndarray) -> np.ndarray:
-    """Return gaps, m, of mean values (rows, points); a stiffness is integrated from the top."""
-    if observations.quantity == "normal_stiffness":
-        return integrate_stiffness(observations.pressure, mean)
-    return mean
 
 
 def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasing]:

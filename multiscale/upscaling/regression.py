@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.upscaling.family import Family, Parameter, integrate_stiffness
+from multiscale.upscaling.family import Family, Parameter, gaps_of
 from multiscale.upscaling.free_form import FitResult, Values, normal_errors, unseen_errors
 from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.sampling import widening
@@ -251,7 +251,7 @@ def _errors(
     attributes = {"akaike_criterion": criterion, "n_parameters": k}
     if normal:
         p, law = observations.pressure, regression.law(best)
-        gap = mean if observations.quantity == "gap" else integrate_stiffness(p, mean)
+        gap = gaps_of(observations, mean)
         laws = [regression.law(parameters) for parameters in blind]
         errors = normal_errors(law, laws, judged, p, gap)
         return FitResult(errors.values, attributes | errors.attributes)
