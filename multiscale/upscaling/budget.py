@@ -74,20 +74,6 @@ class Term:
             bias=bias[..., steps] if bias.ndim else self.bias,
         )
 
-    def smooth(self, pressure: np.ndarray) -> "Term":
-        """Return the term with a parabola over the logarithm of the pressure (Pa) as bias.
-
-        The half-width contains the distance from the parabola. The bias of few cells differs by
-        chance from step to step, and a law corrected by it would be uneven.
-        """
-        x, bias = np.log(pressure), np.asarray(self.bias)
-        finite = np.isfinite(bias).all(axis=0)
-        degree = max(0, min(2, int(finite.sum()) - 2))
-        powers = np.vander(x - x.mean(), degree + 1)
-        smooth = (powers @ np.linalg.lstsq(powers[finite], bias[:, finite].T, rcond=None)[0]).T
-        half = np.hypot(np.asarray(self.half_width), bias - smooth)
-        return replace(self, bias=smooth, half_width=half)
-
     def taken_out(self, source: str) -> "Term":
         """Return the remaining term where the bias is taken out of an answer."""
         return replace(self, how=f"taken out: {self.how} ({source})", bias=0.0)

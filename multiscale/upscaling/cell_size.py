@@ -55,7 +55,6 @@ def size_term(
     sizes: Mapping[float, Dataset],
     *,
     apart: bool = False,
-    controls: Mapping[float, Dataset | None] = {},
 ) -> Term:
     r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
@@ -67,32 +66,27 @@ def size_term(
     likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
     half-width. Where the response is among the sizes, its error :math:`\epsilon_0` enters twice,
     as :math:`(1 - w_0)\, \epsilon_0`, and the sampling term contains :math:`\epsilon_0`; ensembles
-    ``apart`` from the response have no such share. ``controls`` are cheap cells by ratio.
+    ``apart`` from the response have no such share.
     """
     responses = compared(response, sizes, apart=apart)
     ratios = np.array(sorted(responses))
-    ensembles = [ensembles_of_cells(responses[ratio], controls.get(ratio)) for ratio in ratios]
-    answers = ensembles_of_cells(response, controls.get(1.0))
+    cells = [values_of_cells(responses[ratio]) for ratio in ratios]
     shared = 0.0 if apart else 1.0 * (ratios == 1.0)
     biases, rows, powers = [], [], []
-    for quantity, ((answer, _), *_) in enumerate(answers):
-        # means of the sizes, and variances of the means of their ensembles
-        of_size = [by_quantity[quantity] for by_quantity in ensembles]
-        mean = np.array([np.nanmean(parts[0][0], axis=0) for parts in of_size])
-        size_of = np.repeat(np.arange(ratios.size), [len(parts) for parts in of_size])
-        samples = [values for parts in of_size for values, _ in parts]
+    for answer, *samples in zip(values_of_cells(response), *cells, strict=True):
+        # means of the sizes, and their variances
+        mean = np.array([np.nanmean(values, axis=0) for values in samples])
         count = [np.maximum(np.isfinite(values).sum(axis=0) - 1, 1) for values in samples]
         variance = np.array([np.nanvar(values, axis=0) for values in samples]) / count
-        freedom = np.array([[max(free, 1)] for parts in of_size for _, free in parts])
-        variance = np.maximum(variance, (1e-9 * mean[size_of]) ** 2)
-        error = np.sqrt([variance[size_of == k].sum(axis=0) for k in range(ratios.size)])
+        variance = np.maximum(variance, (1e-9 * mean) ** 2)
+        freedom = np.array([[max(len(values) - 1, 1)] for values in samples])
         # bias, its half-width and the misfit by each power
         bias, noise, misfit = [], [], []
         for order in SIZE_ORDERS:
-            weight, miss = _slope(ratios**-order, mean, error)
+            weight, miss = _slope(ratios**-order, mean, np.sqrt(variance))
             bias.append(np.sum(weight * mean, axis=0))
             counted = weight**2 - 2.0 * np.reshape(shared, (-1, 1)) * weight
-            noise.append(students(counted[size_of] * variance, freedom))
+            noise.append(students(counted * variance, freedom))
             misfit.append(miss)
         # the powers, weighted by their likelihood
         likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))

@@ -84,8 +84,7 @@ def _observe_response(
     if control is None:
         return seen
     numbers = response["realisation"].to_numpy()[np.isfinite(values).any(axis=1)]
-    cheap = paired_first(control, numbers, variable, p)
-    both = Control.of(seen.values, cheap, apart=bool(control.attrs.get("pairs_apart", 0)))
+    both = Control.of(seen.values, paired_first(control, numbers, variable, p))
     mean = seen.mean if both is None else both.mean
     return replace(seen, control=both, scale=error_scale(quantity, (p,), mean))
 

@@ -100,7 +100,7 @@ class Control:
     cheap: np.ndarray  # (M, points), alpha times the distance from the mean; NaN if not counted
 
     @classmethod
-    def of(cls, dear: np.ndarray, cheap: np.ndarray, *, apart: bool = False) -> Self | None:
+    def of(cls, dear: np.ndarray, cheap: np.ndarray) -> Self | None:
         """Combine the values of both ensembles; None if they follow each other by chance only.
 
         Control is of use where the correlation, in the median over the points, is larger than zero
@@ -112,8 +112,6 @@ class Control:
         if n.min() < FEWEST_PAIRS:
             return None
         y, f = (np.where(paired, values, np.nan) for values in (dear, cheap[: len(dear)]))
-        if apart:
-            cheap = np.concatenate([np.full_like(f, np.nan), cheap[len(dear) :]])
         # weight of the control, and the distance of both means of the cheap values
         f_pairs, f_all = np.nanmean(f, axis=0), np.nanmean(cheap, axis=0)
         dy, df = y - np.nanmean(y, axis=0), f - f_pairs

@@ -367,38 +367,6 @@ def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
     assert budget.attrs["how_cell_size"].startswith("taken out: means over the cell size from 3")
 
 
-def test_a_smooth_bias_is_a_parabola_and_its_distance_is_not_lost():
-    x = np.log(PRESSURE)
-    bias = np.array([0.01 + 0.002 * x, 0.003 * x**2, 0.0 * x])
-    half_width = 0.004 * np.ones_like(bias)
-    found = Term("told", half_width, bias).smooth(PRESSURE)
-    np.testing.assert_allclose(found.bias, bias, atol=1e-12)
-    np.testing.assert_allclose(found.half_width, half_width)
-    uneven = bias + 0.003 * (-1.0) ** np.arange(x.size)
-    found = Term("told", half_width, uneven).smooth(PRESSURE)
-    np.testing.assert_allclose(found.half_width, np.hypot(0.004, uneven - found.bias))
-    assert np.all(np.abs(found.bias - bias) < 0.002)
-
-
-def test_control_cells_narrow_what_the_size_leaves():
-    """Flat cells that follow those of both sizes: the interval falls to what the power leaves."""
-
-    def cells(factor, seed):
-        random = np.random.default_rng(seed)
-        scatter = factor * (1.0 + 0.1 * random.standard_normal((400, 1)))
-        near = scatter[:8] * (1.0 + 0.002 * random.standard_normal((8, 1)))
-        return [
-            response_of(one * TRUTH, area=PRESSURE / 5e8 / one) for one in (near, 0.9 * scatter)
-        ]
-
-    (response, control), (small, beside) = cells(1.005, 2), cells(1.04, 3)
-    alone = size_term(response, {0.5: small})
-    found = size_term(response, {0.5: small}, controls={1.0: control, 0.5: beside})
-    assert np.all(found.half_width[:2] < 0.4 * alone.half_width[:2])
-    power = 0.035 / (2.0 ** np.linspace(1.0, 3.0, 11) - 1.0)
-    np.testing.assert_allclose(found.bias[0], power.mean(), atol=0.012)
-
-
 def test_gaps_are_taken_to_the_height_of_the_surface_at_large():
     """Gaps in proportion to heights of their own, which are 10 % too large on average."""
     random = np.random.default_rng(seed=6)

@@ -178,21 +178,6 @@ def test_failed_steps_of_either_ensemble_are_left_out():
     np.testing.assert_allclose(found, whole, rtol=5e-3)
 
 
-def test_pairs_of_another_size_count_by_their_difference_alone():
-    """Small cells, whose gaps are 3 % less: the mean is the one of the large cells."""
-    random = np.random.default_rng(6)
-    small, large = 0.97 + 0.1 * random.standard_normal(6), 1.0 + 0.05 * random.standard_normal(300)
-    dear = 0.9 * small * (1.0 + 1e-4 * random.standard_normal(6))
-    cheap = np.concatenate([small, large])[:, None]
-    found = Control.of(dear[:, None], cheap, apart=True)
-    assert found.mean[0] == pytest.approx(0.9 * large.mean(), rel=3e-4)
-    assert "300 control cells" in str(found)
-    half = np.nanstd(found.cheap, ddof=1) / np.sqrt(300)
-    assert half == pytest.approx(0.9 * large.std(ddof=1) / np.sqrt(300), rel=1e-2)
-    together = Control.of(dear[:, None], cheap)
-    assert together.mean[0] == pytest.approx(0.9 * cheap.mean(), rel=3e-4)
-
-
 def test_a_budget_says_where_cells_do_not_follow():
     dear, cheap = ensembles(3)
     shuffled = cheap["mean_gap"].values.copy()
