@@ -185,9 +185,3 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(command, tmp_path,
     joined = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
     assert list(joined["family"].values) == ["laws"]
     assert joined.attrs["load"].startswith("laws: 1.5 processes before")
-
-
-def test_a_family_that_does_not_exist_is_refused(command, tmp_path):
-    status, _, told = command("bench", "macro", "-o", tmp_path)
-    assert status == 1
-    assert "there is no family 'macro'; choose from chain, damage" in told

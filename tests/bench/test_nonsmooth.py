@@ -6,13 +6,13 @@ import pytest
 from multiscale.bench import bench
 from multiscale.bench.measure import Runner
 from multiscale.bench.nonsmooth import FRICTION_SCENES, LCP_SCENES, judged, nonsmooth, problem_of
-from multiscale.bench.summary import tabulate_runs
 from multiscale.convergence import Solution, Status
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.nonsmooth.friction import FRICTION_METHODS
 from multiscale.nonsmooth.lcp import LCP_METHODS
 from multiscale.plotting.work_precision_figures import plot_history
 from multiscale.schema import WORK_PRECISION
+from tests.support import slow
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_auto_solves_every_scene_and_the_verifier_decides(found):
 
 
 @pytest.mark.parametrize("name", LCP_SCENES)
-@pytest.mark.parametrize("size", ["quick", "full"])
+@pytest.mark.parametrize("size", ["quick", *slow("full")])
 def test_the_complementarity_answers_have_no_natural_map_left(name, size):
     make, full, quick = LCP_SCENES[name]
     matrix, vector = make(quick if size == "quick" else full)
@@ -66,7 +66,7 @@ def test_the_complementarity_answers_have_no_natural_map_left(name, size):
 
 
 @pytest.mark.parametrize("name", FRICTION_SCENES)
-@pytest.mark.parametrize("size", ["quick", "full"])
+@pytest.mark.parametrize("size", ["quick", *slow("full")])
 def test_the_friction_answers_keep_coulombs_law(name, size):
     make, full, quick = FRICTION_SCENES[name]
     W, q, mu = make(quick if size == "quick" else full).condensed()
@@ -92,16 +92,6 @@ def test_histories_go_forward_in_time_and_hold_what_was_reached(found):
         assert seconds[-1] <= float(found["wall_time"][k])
         assert error.size == int(found["iterations"][k]) + 1
         assert error[-1] == pytest.approx(float(found["error"][k]), rel=1e-6)
-
-
-@pytest.mark.slow
-def test_dataset_table_and_figure_can_be_written(found, stored):
-    again = stored(found, 50_000)
-    np.testing.assert_array_equal(again["history_error"], found["history_error"])
-    head, rows = tabulate_runs(again)
-    assert head == ("scene", "code", "unknowns", "time (s)", "CPU (s)", "iterations", "error")
-    assert {len(row) for row in rows} == {len(head)}
-    assert sum("not converged" in row[-1] for row in rows) == int(np.sum(found["converged"] == 0))
 
 
 def test_lines_fall_end_at_the_error_and_show_zero_at_the_bottom(found):

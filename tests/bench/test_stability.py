@@ -246,6 +246,3 @@ def test_the_command_leaves_the_matrix_and_fails_with_its_cases(command, tmp_pat
     assert status == 0
     assert {"largest", "residual"} <= set(said.split())
     assert open_dataset(file, STABILITY).sizes["case"] == 4
-    status, _, told = command("stability", "cake", "-o", file)
-    assert status == 1
-    assert "there is no family 'cake'" in told

@@ -1,12 +1,10 @@
 """Grids of growing size by every method; the verifier and the norms by which they are judged."""
 
-import sys
 from functools import partial
 
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, structures
 from multiscale.bench.measure import measure
 from multiscale.bench.structures import (
     GRID_METHODS,
@@ -16,7 +14,6 @@ from multiscale.bench.structures import (
     solve_grid,
     verify,
 )
-from multiscale.bench.summary import tabulate_runs
 from multiscale.macro import self_stress, solve_static
 from multiscale.macro.links.link_equations import compatibility
 from multiscale.numerics import factorisation
@@ -94,43 +91,3 @@ def test_each_method_has_the_factorisation_of_its_name(name):
     pytest.importorskip("pypardiso")
     task = partial(takes_pardiso, GRID_METHODS[name])
     assert measure(task, task).value == name.endswith("PARDISO")
-
-
-@pytest.fixture
-def without_pardiso(in_this_process, monkeypatch):
-    """Have no PARDISO, and lose one process."""
-    in_this_process.append(
-        lambda system, _, method: system.n_links == 4**2 * 16 and method.method == "interior_point"
-    )
-    monkeypatch.setattr(structures, "QUICK_MODULES", (2, 4))
-    monkeypatch.setitem(sys.modules, "pypardiso", None)
-    factorisation._blank_pardiso.cache_clear()
-    yield
-    factorisation._blank_pardiso.cache_clear()
-
-
-@pytest.mark.usefixtures("without_pardiso")
-def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
-    lines = []
-    found = bench("structures", quick=True, report=lines.append)
-    assert found.attrs["cautions"] == (
-        "Newton, PARDISO is left out because pypardiso is not installed; "
-        "pip install 'multiscale-contact[pardiso]'"
-    )
-    assert "pypardiso" not in found.attrs["versions"]
-    assert len(lines) == found.sizes["run"] == 8
-    newton = found["method"].values == "Newton, SuperLU"
-    lost = ~newton & (found["cables"].values == 4**2 * 12)
-    np.testing.assert_array_equal(found["converged"], np.where(lost, 0, 1))
-    assert np.all(found["residual"][~lost] < 1e-8)
-    assert np.isnan(found["error"][newton]).all()  # no other factorisation to compare with
-    assert np.isfinite(found["iterations"][newton]).all()
-    assert np.all(found["error"].values[~newton & ~lost] < 1e-8)
-    for name in ("error", "residual", "slack_fraction", "wall_time", "iterations"):
-        assert np.isnan(found[name][lost]).all()
-    n = np.sqrt(found["cables"].values / 12)
-    np.testing.assert_array_equal(found["unknowns"], 3 * (n + 1) * (3 * n - 1))
-
-    head, rows = tabulate_runs(stored(found, 20_000))
-    assert "cables" in head
-    assert sum("not converged" in " ".join(row) for row in rows) == 2

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, substructures
 from multiscale.bench.substructures import CUT_METHODS, RIGHT, make_scenes
-from multiscale.bench.summary import tabulate_runs
 from multiscale.macro.substructures import assemble
 
 
@@ -46,26 +44,3 @@ def test_errors_of_bodies_are_those_of_their_stresses(scenes):
     u = scene.solve(CUT_METHODS[0]).value
     assert scene.error(1.003 * u, u) == pytest.approx(3e-3, rel=1e-9)
     assert scene.error(u, u) == 0.0
-
-
-@pytest.mark.slow
-def test_a_lost_process_leaves_a_row_without_values_and_the_rest_is_drawn(
-    in_this_process, monkeypatch, stored
-):
-    in_this_process.append(
-        lambda scene, method, *_: scene.name.startswith("plate") and method == CUT_METHODS[2]
-    )
-    monkeypatch.setattr(substructures, "QUICK_MODULES", (4,))
-    lines = []
-    found = bench("substructures", quick=True, report=lines.append)
-    assert len(lines) == found.sizes["run"] == 9
-    lost = np.arange(9) == 5
-    np.testing.assert_array_equal(found["converged"], np.where(lost, 0, 1))
-    assert np.all(found["error"].values[~lost] <= RIGHT)
-    for name in ("error", "wall_time", "iterations", "unknowns"):
-        assert np.isnan(found[name][lost]).all()
-    assert set(found["history_run"].values) == {1, 2, 4, 7, 8}
-
-    head, rows = tabulate_runs(stored(found, 20_000))
-    assert "unknowns" in head
-    assert sum("not converged" in " ".join(row) for row in rows) == 1
