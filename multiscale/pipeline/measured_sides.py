@@ -131,25 +131,16 @@ def cut_windows(
     of_periodic = of_pieces if same else spectrum(periodic)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
     losses = _losses(stages, of_map, of_periodic, whole.size, cell, share / repeats, chosen)
-    return surfaces, Measured(
-        stages,
-        whole.filled_share,
-        tuple(piece.filled_share for piece in pieces),
-        f"{_length(cutoff)}, {chosen}",
-        (
-            *(
-                [
-                    f"its map is too small for the cells: windows of {_lengths(size)}, which hold "
-                    f"most of its rms height, repeat {repeats} x {repeats} times in a cell"
-                ]
-                if repeats > 1
-                else []
-            ),
-            *losses.values(),
-            *_herringbone(settings, whole, cutoff),
-        ),
-        losses,
-    )
+    cautions = [*losses.values(), *_herringbone(settings, whole, cutoff)]
+    if repeats > 1:
+        cautions = [
+            f"its map is too small for the cells: windows of {_lengths(size)}, which hold most of "
+            f"its rms height, repeat {repeats} x {repeats} times in a cell",
+            *cautions,
+        ]
+    filled = tuple(piece.filled_share for piece in pieces)
+    shortest = f"{_length(cutoff)}, {chosen}"
+    return surfaces, Measured(stages, whole.filled_share, filled, shortest, tuple(cautions), losses)
 
 
 def _cutoff(

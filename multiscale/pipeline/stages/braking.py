@@ -83,14 +83,8 @@ def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
         title=case.title,
         cautions="\n".join(filter(None, [_missed(law), *failures])),
     )
-    pressure_of = np.array(
-        [
-            np.where(ok, -footprint.traction[0], np.nan)
-            for ok, footprint in zip(good, footprints, strict=True)
-        ]
-    )
-    data = np.array(ranges)
-    shares = load_shares(pressure_of, tread.weight, data)[..., None]
+    data, pressures = np.array(ranges), -result["traction"].to_numpy()[..., 0]
+    shares = load_shares(pressures, tread.weight, data)[..., None]
     ends = np.array([[data[:, 0].max(), *data[:, 1:].min(axis=0)]])
     result = with_load_shares(result, shares, ends, extrapolate=case.law.extrapolate)
     ratio = float(np.prod(elements) / np.prod(fewer)) ** (1.0 / 3.0)

@@ -174,12 +174,8 @@ def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
 def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[str], list[str]]:
     """Compare cells and width of the joint, m: adapted law, cautions, and facts."""
     if case.has_cells:
-        scales = joint_scales(case)
-        return (
-            law,
-            scales.cautions if scales else (),
-            [upscaling.cell_share(max(case.cell.size), width)],
-        )
+        scales, share = joint_scales(case), upscaling.cell_share(max(case.cell.size), width)
+        return law, scales.cautions if scales else (), [share]
     of_file = [f"its law: {caution}" for caution in list_cautions(law)]
     if not {"longest_wave", "cell_size"} <= set(law.attrs):
         return law, of_file, real_contact.unknown_cells(law)

@@ -89,16 +89,12 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     roads = make_roads(case)
     options = job.ensemble("micro", identity, len(roads), "roads")
     response = run_realisations(slide_road, [(case, road) for road in roads], **options)
+    steep = caution_steep(response, "road", "friction by small slopes is only an estimate")
     return response.assign_attrs(
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",
         identity=identity,
-        cautions="\n".join(
-            [
-                *case.cautions(),
-                *caution_steep(response, "road", "friction by small slopes is only an estimate"),
-            ]
-        ),
+        cautions="\n".join([*case.cautions(), *steep]),
     )
 
 

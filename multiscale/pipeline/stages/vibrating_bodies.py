@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -69,6 +69,21 @@ class _Vibrating:
     modes: "macro.vibration.TangentModes"
     mass: "csr_array"
 
+    @property
+    def largest(self) -> np.ndarray:
+        """Largest displacement of a node in the shape of every mode, kg^-1/2."""
+        nodal = self.modes.nodal(self.rest.free)
+        return np.asarray(np.linalg.norm(nodal, axis=2).max(axis=1))
+
+    def vibrate(
+        self, reached: "dict[int, macro.vibration.Amplitudes]", damping: float, **options: Any
+    ) -> Dataset:
+        """Follow modes over their amplitudes, with a share of critical damping by the bodies."""
+        momentum = self.mass @ self.modes.shape
+        return macro.vibration.vibrate(
+            self.rest, self.modes, momentum, reached, material_damping=damping, **options
+        )
+
 
 def _press(
     bodies: Bodies,
@@ -125,14 +140,11 @@ def _solve(structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job:
     bodies = structure.with_volumes(case, datasets, job.read_rve)
     laws = bodies.read_laws(case, datasets, job.read_law)
     still, facts = _press(bodies, case, _laws(bodies, case, laws, body_budget.Change()))
-    modes, largest = still.modes, _largest(still)
-    result = macro.vibration.vibrate(
-        still.rest,
-        modes,
-        still.mass @ modes.shape,
-        asked.reach(largest),
-        material_damping=asked.material_damping,
-        progress=lambda finished, total: job.progress(finished, total, "amplitudes"),
+    modes, damping = still.modes, asked.material_damping
+    result = still.vibrate(
+        asked.reach(still.largest),
+        damping,
+        progress=lambda done, total: job.progress(done, total, "amplitudes"),
     )
     values = macro.bodies.list_elements(still.bodies)
     if still.rest.free.bolts:
@@ -150,11 +162,6 @@ def _solve(structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job:
         f"The preload was applied {friction}; shapes and amplitudes are relative to that state.",
     ]
     return result.assign_attrs(facts="\n".join(filter(None, facts)))
-
-
-def _largest(still: _Vibrating) -> np.ndarray:
-    """Largest displacement of a node in the shape of every mode, kg^-1/2."""
-    return np.asarray(np.linalg.norm(still.modes.nodal(still.rest.free), axis=2).max(axis=1))
 
 
 def _with_budget(
@@ -218,16 +225,9 @@ def _solve_changed(
     alike = other.bodies is bodies.bodies
     rest = near.rest if alike else None
     still, _ = _press(other, case, _laws(other, case, laws, change), rest)
-    reached = asked.reach(_largest(near), coarse=True)
     if alike:
         still = _in_order_of(still, near)
-    return macro.vibration.vibrate(
-        still.rest,
-        still.modes,
-        still.mass @ still.modes.shape,
-        reached,
-        material_damping=asked.material_damping,
-    )
+    return still.vibrate(asked.reach(near.largest, coarse=True), asked.material_damping)
 
 
 def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:

@@ -316,9 +316,9 @@ class Bodies(StructureKind):
                 read[key] = None
                 if not interface.is_stated:
                     law = (
-                        case.interface_law(datasets, open_law)
-                        if source.law is None
-                        else source.read(open_law)
+                        source.read(open_law)
+                        if source.law
+                        else case.interface_law(datasets, open_law)
                     )
                     middle = float(np.sqrt(law.attrs["pressure_min"] * law.attrs["pressure_max"]))
                     where = f"interface {number}"
@@ -557,11 +557,9 @@ class Bodies(StructureKind):
             for each in (self.bodies, bodies)
         )
         ratio = (fine / few) ** (1.0 / 3.0)
-        return (
-            {ratio: self.model_copy(update={"bodies": bodies})}
-            if ratio >= assembly_parts.COARSER
-            else {}
-        )
+        if ratio < assembly_parts.COARSER:
+            return {}
+        return {ratio: self.model_copy(update={"bodies": bodies})}
 
     def quick_title(self) -> str:
         """Report whether elements have a lower order than the whole case takes."""

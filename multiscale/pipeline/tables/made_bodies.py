@@ -330,18 +330,14 @@ class JointedBodies(Bodies):
 
     def coarser(self) -> dict[float, Self]:
         """Return the same structure on larger elements, if any, by the ratio of their sizes."""
-        return {
-            ratio: self.model_copy(
-                update={
-                    "source": larger,
-                    "bodies": tuple(
-                        PorousBody.of(new, old.volume_data) if isinstance(old, PorousBody) else new
-                        for new, old in zip(larger.bodies, self.bodies, strict=True)
-                    ),
-                }
+        coarse = {}
+        for ratio, larger in self.source.coarser().items():
+            bodies = tuple(
+                PorousBody.of(new, old.volume_data) if isinstance(old, PorousBody) else new
+                for new, old in zip(larger.bodies, self.bodies, strict=True)
             )
-            for ratio, larger in self.source.coarser().items()
-        }
+            coarse[ratio] = self.model_copy(update={"source": larger, "bodies": bodies})
+        return coarse
 
 
 class StackedBlocks(RoughBodies):
