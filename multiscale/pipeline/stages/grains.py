@@ -146,10 +146,8 @@ def _report_cell(result: Dataset) -> Iterator[str]:
     """Report the largest and the last stress ratio of a strained cell, and its change of volume."""
     curve = granulate.biaxial_curve(result)
     ratio, strain = curve["stress_ratio"].to_numpy(), 100.0 * curve["axial_strain"].to_numpy()
-    volume, known = (
-        100.0 * float(curve["volumetric_strain"][-1]),
-        np.flatnonzero(np.isfinite(ratio)),
-    )
+    volume = 100.0 * float(curve["volumetric_strain"][-1])
+    known = np.flatnonzero(np.isfinite(ratio))
     if known.size:
         peak, last = known[np.argmax(ratio[known])], known[-1]
         end = "at the end" if last == ratio.size - 1 else "in the last step with stress"
