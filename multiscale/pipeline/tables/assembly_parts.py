@@ -15,6 +15,7 @@ from multiscale.fe.mesh_file import load_geometry
 from multiscale.io.csv_tables import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.joint_settings import (
     RUN_QUICK,
     Damage,
@@ -24,21 +25,6 @@ from multiscale.pipeline.tables.joint_settings import (
 )
 from multiscale.pipeline.tables.rve_settings import Direction
 from multiscale.pipeline.tables.structure_kind import Face
-from multiscale.pipeline.tables.toml_model import (
-    Density,
-    Length,
-    Pressure,
-    Quick,
-    Ratio,
-    Settings,
-    UncertainFactor,
-    UncertainLength,
-    UncertainNumber,
-    UncertainPressure,
-    must_rise,
-    quantity,
-    with_unit,
-)
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
@@ -50,8 +36,8 @@ SOLID_DENSITIES = (10.0, 23e3)  # densities of solids, from foams to osmium, kg/
 GROUNDED = "ground"  # first side of an interface with the rigid ground
 QUICK_ELEMENT = 1.5  # element size of quick geometries over the size stated
 
-RUN_QUICK_RVE = Quick(lambda body, _: body.rve is not None)
-FIRST = Quick(lambda body, order: order if body.element else 1)
+RUN_QUICK_RVE = toml.Quick(lambda body, _: body.rve is not None)
+FIRST = toml.Quick(lambda body, order: order if body.element else 1)
 """Keys of quick bodies: whether the case of a volume is run quick, and the order of the elements of
 meshes that are read, which cannot be made coarser."""
 
@@ -90,14 +76,16 @@ def _read_unit(value: object) -> object:
 
 
 Axes = Annotated[str, BeforeValidator(_read_axes)]
-Stress = Annotated[float, BeforeValidator(partial(_read_component, unit="Pa")), with_unit("Pa")]
-Newton = Annotated[float, BeforeValidator(partial(_read_component, unit="N")), with_unit("N")]
-Size = Annotated[float, quantity("N", uncertain=True), Field(gt=0.0), with_unit("N")]
-Stiffness = Annotated[float, quantity("N/m"), Field(gt=0.0), with_unit("N/m")]
-UncertainStiffness = Annotated[
-    float, quantity("Pa/m", uncertain=True), Field(gt=0.0), with_unit("Pa/m")
+Stress = Annotated[
+    float, BeforeValidator(partial(_read_component, unit="Pa")), toml.with_unit("Pa")
 ]
-Unit = Annotated[Length, BeforeValidator(_read_unit)]
+Newton = Annotated[float, BeforeValidator(partial(_read_component, unit="N")), toml.with_unit("N")]
+Size = Annotated[float, toml.quantity("N", uncertain=True), Field(gt=0.0), toml.with_unit("N")]
+Stiffness = Annotated[float, toml.quantity("N/m"), Field(gt=0.0), toml.with_unit("N/m")]
+UncertainStiffness = Annotated[
+    float, toml.quantity("Pa/m", uncertain=True), Field(gt=0.0), toml.with_unit("Pa/m")
+]
+Unit = Annotated[toml.Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
 
 
@@ -112,14 +100,14 @@ def doubt_density(name: str, density: float | None) -> list[str]:
     ]
 
 
-class Material(Settings):
+class Material(toml.Settings):
     """Material of an elastic body: moduli or a representative volume."""
 
-    youngs_modulus: Pressure | None = None
+    youngs_modulus: toml.Pressure | None = None
     """Young's modulus, Pa; the stiffness of a representative volume if not given."""
-    poissons_ratio: Ratio | None = None
+    poissons_ratio: toml.Ratio | None = None
     """Poisson's ratio; together with the modulus."""
-    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
+    density: toml.Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     rve: Path | None = None
     """Representative volume: a dataset `rve`, the folder of a run, or a case, which is run in a
     separate folder; the `[rve]` of this case if neither it nor the moduli are given."""
@@ -177,7 +165,7 @@ class MeshedBody(Material):
     gmsh with physical surfaces, a file `.geo`, which is meshed. Groups and surfaces name faces, and
     a set of nodes names the outer faces with all corners in it. Nodes between the corners are
     dropped; `order` puts them in again, on straight edges."""
-    element: Annotated[Length | None, Quick(lambda _, h: h and QUICK_ELEMENT * h)] = None
+    element: Annotated[toml.Length | None, toml.Quick(lambda _, h: h and QUICK_ELEMENT * h)] = None
     """Largest edge of the elements of a geometry, m; the error of the mesh comes from elements
     twice as large."""
     coarser: Path | None = None
@@ -193,7 +181,7 @@ class MeshedBody(Material):
     """Order of the elements: 2 puts nodes between the corners of the mesh, without which tetrahedra
     bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by incompatible modes, if not
     given."""
-    youngs_modulus: UncertainPressure | None = None
+    youngs_modulus: toml.UncertainPressure | None = None
     """Young's modulus, Pa; the stiffness of a representative volume if not given."""
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     quick: Annotated[bool, RUN_QUICK_RVE] = False
@@ -321,22 +309,22 @@ class MeshedBody(Material):
         return self.order or (2 if mesh.t.shape[0] == 4 else 1)
 
 
-class StatedLaw(Settings):
+class StatedLaw(toml.Settings):
     """A normal law without cells: the pressure p_c exp(-g/u_0) at the gap g."""
 
-    pressure_scale: UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
-    decay_length: UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
-    pressures: tuple[Pressure, Pressure]
+    pressure_scale: toml.UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
+    decay_length: toml.UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
+    pressures: tuple[toml.Pressure, toml.Pressure]
     """Pressures between which the law is meant to hold, Pa, rising."""
 
-    _rise = field_validator("pressures")(must_rise)
+    _rise = field_validator("pressures")(toml.must_rise)
 
     def build(self) -> Exponential:
         """Return the law."""
         return Exponential(self.pressure_scale, self.decay_length, pressure_range=self.pressures)
 
 
-class LinearLaw(Settings):
+class LinearLaw(toml.Settings):
     """A normal law without cells: the pressure K a at the overclosure a, and no tension."""
 
     stiffness: UncertainStiffness = Field(description="Stiffness K of the interface, Pa/m.")
@@ -348,7 +336,7 @@ class LinearLaw(Settings):
         return Tabulated(np.array([0.0, self.stiffness]), np.array([0.0, -1.0]))
 
 
-class StatedGap(Settings):
+class StatedGap(toml.Settings):
     """The initial gap of an interface, added to the gap of its law."""
 
     form: Literal["map"] = Field(description="Where the gap comes from.")
@@ -368,7 +356,7 @@ class StatedGap(Settings):
         return macro.GapMap(np.column_stack([x, y]), gap, str(self.file))
 
 
-class BodyInterface(Settings):
+class BodyInterface(toml.Settings):
     """An interface between two named faces; their meshes need not match."""
 
     sides: tuple[str, str]
@@ -391,9 +379,9 @@ class BodyInterface(Settings):
     """Initial gap over the interface; even if not given."""
     quick: Annotated[bool, RUN_QUICK] = False
     """Whether a case that `law` names is run `--quick`."""
-    friction: UncertainFactor | None = None
+    friction: toml.UncertainFactor | None = None
     """Coefficient of friction, if not the value of `[interface]` or the law."""
-    stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = None
+    stiffness_ratio: Annotated[toml.UncertainNumber, Field(gt=0.0)] | None = None
     """Tangential over normal stiffness, if not the value of `[interface]` or the law."""
     damage: Damage = Field(0.0, description="Damage of the interface: it carries 1 - D of the law.")
     surface_damage: bool = False
@@ -434,7 +422,7 @@ class BodyInterface(Settings):
         return (shared or JointLaw()).model_copy(update=given)
 
 
-class BodyBolt(Settings):
+class BodyBolt(toml.Settings):
     """A bolt between two faces that look away from each other along x, y or z.
 
     Its washers are rigid and tilt, and it carries no shear. A bolt that is meshed is a part of both
@@ -448,10 +436,10 @@ class BodyBolt(Settings):
     """Whether the meshes of the bodies have the bolt, cut across its shank: there both faces move
     alike but along the axis, where the preload acts and stays as it is."""
     preload: Size = Field(description="Force of the bolt at the factor 1 of `preload`, N.")
-    diameter: Length | None = Field(None, description="Diameter of the shank, m.")
-    length: Length | None = None
+    diameter: toml.Length | None = Field(None, description="Diameter of the shank, m.")
+    length: toml.Length | None = None
     """Length of the shank, m; the distance of its washers if not given."""
-    youngs_modulus: Pressure = Field(210e9, description="Young's modulus of the shank, Pa.")
+    youngs_modulus: toml.Pressure = Field(210e9, description="Young's modulus of the shank, Pa.")
     stiffness: Stiffness | None = None
     """Axial stiffness of the shank, N/m, in place of its diameter."""
 
@@ -488,7 +476,7 @@ class BodyBolt(Settings):
         return replace(bolt, stiffness=k), description
 
 
-class NamedLoad(Settings):
+class NamedLoad(toml.Settings):
     """A load on a face, by a name that the path uses: a traction, a force or a pressure."""
 
     name: Name = Field(description="Name of the load.")

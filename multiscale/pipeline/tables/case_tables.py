@@ -10,23 +10,8 @@ from pydantic import Field, Strict, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Recipe
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Duration,
-    Factor,
-    Length,
-    Natural,
-    Number,
-    Positive,
-    Pressure,
-    Quick,
-    Ratio,
-    Settings,
-    at_most,
-    must_rise,
-    quantity,
-    with_unit,
-)
+from multiscale.pipeline.tables import toml_model as toml
+from multiscale.pipeline.tables.toml_model import quantity
 from multiscale.units import readable
 from multiscale.upscaling.sampling import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
@@ -36,18 +21,18 @@ ABSENT: Any = None  # default of optional tables, which are read only where they
 POINTS_PER_WAVE = 8
 """Grid points per shortest wavelength of a measured surface, if the case gives no cut-off."""
 
-Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
-Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
+Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), toml.with_unit("Pa*s")]
+Points = Annotated[toml.Count, Field(ge=4, le=8192, multiple_of=2)]
 
-HALVED = Quick(lambda _, points: tuple(max(4, 2 * ((n + 2) // 4)) for n in points))
-MIDDLE = Quick(lambda _, pressures: pressures[len(pressures) // 2 :][:1])
+HALVED = toml.Quick(lambda _, points: tuple(max(4, 2 * ((n + 2) // 4)) for n in points))
+MIDDLE = toml.Quick(lambda _, pressures: pressures[len(pressures) // 2 :][:1])
 """Half of the points of a grid, and a single pressure, in quick cases."""
 
 
-class GridSettings(Settings):
+class GridSettings(toml.Settings):
     """A rectangle of a surface, and its grid."""
 
-    size: tuple[Length, Length] = Field(description="Edge lengths along x and y, m.")
+    size: tuple[toml.Length, toml.Length] = Field(description="Edge lengths along x and y, m.")
     points: Annotated[tuple[Points, Points], HALVED] = Field(
         description="Grid points along x and y."
     )
@@ -63,24 +48,30 @@ class GridSettings(Settings):
         return f"{self.points[0]} x {self.points[1]} points"
 
 
-class VolumeSettings(Settings):
+class VolumeSettings(toml.Settings):
     """Elastic moduli of a named volume of the mesh of a cell."""
 
-    youngs_modulus: Pressure = Field(description="Young's modulus of the volume, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio of the volume.")
+    youngs_modulus: toml.Pressure = Field(description="Young's modulus of the volume, Pa.")
+    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio of the volume.")
 
 
-class CellPores(Settings):
+class CellPores(toml.Settings):
     """Spherical pores below the surface of a mesh, different in every realisation.
 
     Pores lie entirely between the base and the cover, so that their share of the layer is smaller
     than the porosity.
     """
 
-    porosity: Number = Field(gt=0.0, lt=1.0, description="Volume fraction of pores in the depth.")
-    radius: Length = Field(description="Their median radius, m.")
-    spread: Factor = Field(0.0, description="Standard deviation of the logarithm of their radii.")
-    cover: Length = Field(description="Solid between them and the mean plane of the surface, m.")
+    porosity: toml.Number = Field(
+        gt=0.0, lt=1.0, description="Volume fraction of pores in the depth."
+    )
+    radius: toml.Length = Field(description="Their median radius, m.")
+    spread: toml.Factor = Field(
+        0.0, description="Standard deviation of the logarithm of their radii."
+    )
+    cover: toml.Length = Field(
+        description="Solid between them and the mean plane of the surface, m."
+    )
 
     def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
         """Draw the pores of a layer of a size, m."""
@@ -102,9 +93,9 @@ class CellPores(Settings):
 class CellSettings(GridSettings):
     """The representative surface element."""
 
-    depth: Length | None = None
+    depth: toml.Length | None = None
     """Depth of the layer, m; the longer edge if not given."""
-    layers: Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
+    layers: toml.Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
     geometry: Literal["conforming", "flat", "mesh"] = "conforming"
     """Whether the mesh follows the surface, or the surface is the gap of a flat layer (fast, for
     small slopes), or the cell is a mesh of finite elements of any kind."""
@@ -118,7 +109,7 @@ class CellSettings(GridSettings):
     mesh: Path | None = None
     """File of gmsh, or any that meshio reads, with the mesh of body 1 in place of a surface. It
     fills the cell along x and y; overhangs and pores are allowed."""
-    unit: Length | None = Field(None, description="Length of the unit of the file `mesh`, m.")
+    unit: toml.Length | None = Field(None, description="Length of the unit of the file `mesh`, m.")
     contact_face: str | None = None
     """Name of the contact face in the file `mesh`; `"top"` if not given."""
     base_face: str | None = None
@@ -191,43 +182,45 @@ class CellSettings(GridSettings):
         return self.model_copy(update={"points": points})
 
 
-class ShearSettings(Settings):
+class ShearSettings(toml.Settings):
     """Cells of two deformable, elastic bodies with friction, pressed, sheared and released.
 
     They have the surfaces of the first realisations, and give the law its tangential branch.
     """
 
-    friction_coefficient: Number = Field(gt=0.0, le=10.0)
+    friction_coefficient: toml.Number = Field(gt=0.0, le=10.0)
     """Friction coefficient of points of contact."""
-    pressures: Annotated[tuple[Pressure, ...], MIDDLE] = Field(min_length=1)
+    pressures: Annotated[tuple[toml.Pressure, ...], MIDDLE] = Field(min_length=1)
     """Mean pressures under which they are sheared, Pa, rising, from three times the lowest to the
     highest of the cells."""
-    realisations: Annotated[Positive, at_most(3)] = 3
+    realisations: Annotated[toml.Positive, toml.at_most(3)] = 3
     """Number of these cells, at most all."""
     points: tuple[Points, Points] | None = None
     """Their grid points along x and y, as in [cell] if not given."""
-    layers: Annotated[Count, Field(ge=2, le=1000)] | None = None
+    layers: Annotated[toml.Count, Field(ge=2, le=1000)] | None = None
     """Layers of elements of each body, as in [cell] if not given."""
-    steps: Annotated[Count, at_most(6)] = Field(10, ge=3, le=1000)
+    steps: Annotated[toml.Count, toml.at_most(6)] = Field(10, ge=3, le=1000)
     """Steps from rest to full slip, at each pressure."""
     cycle: bool = True
     """Whether they also go through a closed cycle of partial slip, in four more steps at each
     pressure and direction; without it the error of the loss of a joint is unknown."""
 
-    _rise = field_validator("pressures")(must_rise)
+    _rise = field_validator("pressures")(toml.must_rise)
 
 
-class MicroSettings(Settings):
+class MicroSettings(toml.Settings):
     """The ensemble of cells."""
 
-    realisations: Annotated[Positive, at_most(4)] = Field(description="Number of cells.")
-    pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
-    seed: Natural = Field(
+    realisations: Annotated[toml.Positive, toml.at_most(4)] = Field(description="Number of cells.")
+    pressures: tuple[toml.Pressure, ...] = Field(
+        min_length=3, description="Mean pressures, Pa, rising."
+    )
+    seed: toml.Natural = Field(
         0, description="Seed of the first realisation; realisation k has seed + k."
     )
-    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
+    unload: Annotated[bool, Strict()] | tuple[toml.Pressure, ...] = False
     """Whether to unload through the same pressures, or falling pressures for unloading, Pa."""
-    coarser: Annotated[Natural, at_most(0)] = 0
+    coarser: Annotated[toml.Natural, toml.at_most(0)] = 0
     """Number of the first cells that are also solved on half of their points, pressed and, with
     [micro.shear], sheared, for the error of the grid; each costs an eighth of a cell."""
     control: Literal["flat", False] | None = None
@@ -235,7 +228,7 @@ class MicroSettings(Settings):
     which takes most of the sampling error out of the law. By default cells that are not flat have
     them, on synthetic surfaces and from 4 realisations on, and so does a planner; `false` turns
     them off."""
-    control_realisations: Annotated[Positive | None, Quick(lambda *_: None)] = None
+    control_realisations: Annotated[toml.Positive | None, toml.Quick(lambda *_: None)] = None
     """Number of these flat cells. By default the best number for the time, by the correlation of
     both kinds of cells, with at most about the time of the cells, and at most 256."""
     spots: bool = False
@@ -245,7 +238,7 @@ class MicroSettings(Settings):
     [seal] asks for it."""
     shear: ShearSettings = ABSENT
 
-    _rise = field_validator("pressures")(must_rise)
+    _rise = field_validator("pressures")(toml.must_rise)
 
     @field_validator("unload", mode="before")
     @classmethod
@@ -321,11 +314,11 @@ class MicroSettings(Settings):
         return self.pressures + self.unloading
 
 
-class LawSettings(Settings):
+class LawSettings(toml.Settings):
     """The fit of the interface law."""
 
-    terms: Count = Field(40, ge=6, description="Terms of the normal law.")
-    samples: Annotated[Count, at_most(40)] = Field(200, ge=0)
+    terms: toml.Count = Field(40, ge=6, description="Terms of the normal law.")
+    samples: Annotated[toml.Count, toml.at_most(40)] = Field(200, ge=0)
     """Bootstrap samples behind the bands."""
     apart: bool | None = None
     """Whether the tangential stiffness along x and y are two numbers; if not given, where they
@@ -333,16 +326,16 @@ class LawSettings(Settings):
     extrapolate: bool = False
     """Whether answers stand where more than 5 % of a load lies beyond a factor of 2 outside the
     pressures of the cells; they are unknown otherwise."""
-    roughness: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
+    roughness: Annotated[toml.Number, Field(ge=0.0, lt=1.0)] | None = None
     """Half-width of the 95 % interval of all heights of the surfaces, over them, for the
     calibration by `[[measured]]`; `"20 %"` if not given."""
-    discrepancy: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
+    discrepancy: Annotated[toml.Number, Field(ge=0.0, lt=1.0)] | None = None
     """Half-width of the 95 % interval of the stiffness of joints about the law of their cells, for
     the calibration by `[[measured]]`; of its exponent half as much; `"10 %"` if not given."""
-    friction: Annotated[Number, Field(gt=0.0)] | None = None
+    friction: Annotated[toml.Number, Field(gt=0.0)] | None = None
     """Friction coefficient of the interface before its calibration by `[[measured]]`, with 50 % of
     it as half-width, where the cells are not sheared."""
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = None
+    stiffness_ratio: Annotated[toml.Number, Field(gt=0.0)] | None = None
     """Tangential over normal stiffness before the calibration, with 12 % of it as half-width, where
     the cells are not sheared."""
 
@@ -353,13 +346,13 @@ class LawSettings(Settings):
         return [name for name in names if getattr(self, name) is not None]
 
 
-class SealSettings(Settings):
+class SealSettings(toml.Settings):
     """A ring that is pressed on a face by the pressures of the cells, against a liquid."""
 
-    diameter: Length = Field(description="Mean diameter of the ring, m.")
-    width: Length = Field(description="Width of its contact, over which the liquid leaks, m.")
+    diameter: toml.Length = Field(description="Mean diameter of the ring, m.")
+    width: toml.Length = Field(description="Width of its contact, over which the liquid leaks, m.")
     viscosity: Viscosity = Field(description="Dynamic viscosity of the liquid, Pa s.")
-    pressure_difference: Pressure
+    pressure_difference: toml.Pressure
     """Pressure difference of the liquid between both sides, Pa."""
     direction: Literal["x", "y"] | None = None
     """Axis of the cells across the ring, along which the liquid leaks; both are taken as alike if
@@ -387,22 +380,24 @@ class SealSettings(Settings):
         return aperture**3 / (12.0 * self.viscosity) * gradient * np.pi * self.diameter
 
 
-class SlideSettings(Settings):
+class SlideSettings(toml.Settings):
     """Body 2 slides over body 1 along x: friction against pressure and distance.
 
     Both bodies are deformable, at large strain, with the surfaces of the first realisation. The
     resistance beyond the friction of points of contact is ploughing.
     """
 
-    distance: Length = Field(description="Length of the slide, m; at most 20 lengths of the cell.")
-    friction_coefficient: Number = Field(0.0, ge=0.0, le=10.0)
+    distance: toml.Length = Field(
+        description="Length of the slide, m; at most 20 lengths of the cell."
+    )
+    friction_coefficient: toml.Number = Field(0.0, ge=0.0, le=10.0)
     """Friction coefficient of points of contact."""
-    pressures: tuple[Pressure, ...] = ()
+    pressures: tuple[toml.Pressure, ...] = ()
     """Mean pressures, Pa, rising; all pressures of the cells if not given."""
-    steps: Annotated[Count, at_most(4)] = Field(16, ge=1, le=10_000)
+    steps: Annotated[toml.Count, toml.at_most(4)] = Field(16, ge=1, le=10_000)
     """Steps of the result over the distance."""
 
-    _rise = field_validator("pressures")(must_rise)
+    _rise = field_validator("pressures")(toml.must_rise)
 
     def within(self, cell: CellSettings, micro: MicroSettings) -> Self:
         """Return a quarter of a length of the cell at most, under one pressure."""
@@ -411,10 +406,10 @@ class SlideSettings(Settings):
         return self.model_copy(update={"distance": distance, "pressures": pressures})
 
 
-class AccuracySettings(Settings):
+class AccuracySettings(toml.Settings):
     """Target for the error of an answer; the other tables are then the start of a planner."""
 
-    target: Annotated[Number, Field(gt=0.0, le=0.5)] | None = None
+    target: Annotated[toml.Number, Field(gt=0.0, le=0.5)] | None = None
     """Largest 95 % error of the answer over it, such as `"2 %"`; the least error within `time` if
     not given."""
     of: str | None = None
@@ -423,7 +418,7 @@ class AccuracySettings(Settings):
     quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] | None = None
     """Answer with this error as in earlier versions: of the joint at every preload, the last three
     of the interface at every pressure."""
-    time: Duration | None = None
+    time: toml.Duration | None = None
     """Time of the planner, s; it ends with the answer that it has."""
 
     @model_validator(mode="after")

@@ -9,34 +9,19 @@ from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Microcracks
 from multiscale.micro.damage.fatigue import FatigueMaterial
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.rve_settings import RveSettings
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Factor,
-    Length,
-    Number,
-    Positive,
-    Pressure,
-    Quick,
-    Settings,
-    Share,
-    Tolerance,
-    at_most,
-    must_rise,
-    quantity,
-    with_unit,
-)
 
 FEW = 3  # amplitudes of quick runs, at most
 
 
-def _some(_: Settings, values: tuple[float, ...]) -> tuple[float, ...]:
+def _some(_: toml.Settings, values: tuple[float, ...]) -> tuple[float, ...]:
     """Return a few values, evenly spread."""
     places = np.linspace(0, len(values) - 1, min(FEW, len(values))).round().astype(int)
     return tuple(values[place] for place in places)
 
 
-SOME = Quick(_some)
+SOME = toml.Quick(_some)
 
 COARSENING = 2.0
 """Exponent by which the largest ratio of neighbouring amplitudes grows in coarser paths."""
@@ -44,38 +29,38 @@ COARSENING = 2.0
 RATIO = 1.5  # largest ratio of neighbouring amplitudes of a loading curve
 
 
-class VibrationSettings(Settings):
+class VibrationSettings(toml.Settings):
     """Modes of the bodies about their preload, and their amplitudes.
 
     The steps of `[statics]` are the preload. Every body has a `density`; supports may leave the
     structure as a whole free.
     """
 
-    modes: Annotated[tuple[Positive, ...], Quick(lambda _, modes: modes[:1])] = Field(
+    modes: Annotated[tuple[toml.Positive, ...], toml.Quick(lambda _, modes: modes[:1])] = Field(
         (1,), min_length=1
     )
     """Numbers of the modes, from 1, in the order of their frequencies; rigid motions do not
     count."""
-    amplitudes: Annotated[tuple[Length, ...], SOME] = ()
+    amplitudes: Annotated[tuple[toml.Length, ...], SOME] = ()
     """Amplitudes as the largest displacement of a node in the mode, m, rising."""
-    modal_amplitudes: Annotated[tuple[Annotated[Number, Field(gt=0.0)], ...], SOME] = ()
+    modal_amplitudes: Annotated[tuple[Annotated[toml.Number, Field(gt=0.0)], ...], SOME] = ()
     """Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or `amplitudes` are given."""
-    material_damping: Share = 0.0
+    material_damping: toml.Share = 0.0
     """Share of critical damping that the bodies give every mode."""
     cycle: Literal["masing", "full"] = "masing"
     """Loss of a cycle by Masing's rule from the loading curve, in both directions, or from a full
     cycle at every amplitude. Where contact opens, or the preload leaves shear, full cycles are
     solved in any case."""
-    steps: Annotated[Positive, at_most(4)] = 10
+    steps: Annotated[toml.Positive, toml.at_most(4)] = 10
     """Steps from the middle of a full cycle to its amplitude."""
     preload_friction: bool = True
     """Whether interfaces have friction while the preload is brought up."""
-    slabs: Annotated[Count, Field(ge=8, le=10_000), at_most(192)] = 512
+    slabs: Annotated[toml.Count, Field(ge=8, le=10_000), toml.at_most(192)] = 512
     """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is lost."""
 
     _whole: "VibrationSettings | None" = PrivateAttr(None)
 
-    _rise = field_validator("amplitudes", "modal_amplitudes")(must_rise)
+    _rise = field_validator("amplitudes", "modal_amplitudes")(toml.must_rise)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -121,11 +106,11 @@ class VibrationSettings(Settings):
         return f"--quick leaves out {' and '.join(omitted)}." if omitted else ""
 
 
-Modulus = Annotated[float, quantity("Pa"), Field(ge=0.0), with_unit("Pa")]
-Deviation = Annotated[Number, Field(ge=0.0, lt=0.5)]
+Modulus = Annotated[float, toml.quantity("Pa"), Field(ge=0.0), toml.with_unit("Pa")]
+Deviation = Annotated[toml.Number, Field(ge=0.0, lt=0.5)]
 
 
-class FatigueSettings(Settings):
+class FatigueSettings(toml.Settings):
     """Life of a body under the cycles of its structure, by the two-scale model in every element.
 
     Inclusions of each element flow above the fatigue limit, are damaged and crack.
@@ -133,19 +118,19 @@ class FatigueSettings(Settings):
 
     body: str | None = None
     """Name of the body that is followed; needed if there are several."""
-    fatigue_limit: Pressure
+    fatigue_limit: toml.Pressure
     """Yield stress of the inclusions, the amplitude below which nothing cracks, Pa."""
-    strength: Pressure
+    strength: toml.Pressure
     """Static strength, Pa; a von Mises stress of an element above it is refused."""
-    damage_strength: Pressure = Field(description="Strength S of the damage law, Pa.")
-    damage_exponent: Annotated[Number, Field(gt=0.0)] = 1.0
+    damage_strength: toml.Pressure = Field(description="Strength S of the damage law, Pa.")
+    damage_exponent: Annotated[toml.Number, Field(gt=0.0)] = 1.0
     """Exponent s of the damage law."""
     hardening: Modulus = Field(0.0, description="Kinematic hardening C of the inclusions, Pa.")
-    threshold: Factor = 0.0
+    threshold: toml.Factor = 0.0
     """Accumulated plastic strain p_D at which damage begins."""
-    critical_damage: Annotated[Share, Field(gt=0.0)] = 0.3
+    critical_damage: Annotated[toml.Share, Field(gt=0.0)] = 0.3
     """Damage D_c at which an inclusion cracks."""
-    closure: Share = Field(1.0, description="Share h of the damage that acts in compression.")
+    closure: toml.Share = Field(1.0, description="Share h of the damage that acts in compression.")
     feedback: bool = True
     """Whether the damage of an inclusion changes its stress."""
     scatter: Deviation = 0.0
@@ -156,10 +141,10 @@ class FatigueSettings(Settings):
     next part."""
     limit_error: Deviation | None = None
     """Relative standard error of the mean fatigue limit, for both intervals."""
-    tolerance: Tolerance = 0.05
+    tolerance: toml.Tolerance = 0.05
     """Bound on the relative error of the change of damage over a jump of cycles between two solves
     of the structure."""
-    max_cycles: Annotated[Number, Field(ge=1.0, le=1e12)] = 1e9
+    max_cycles: Annotated[toml.Number, Field(ge=1.0, le=1e12)] = 1e9
     """Number of cycles up to which the life is followed."""
 
     @model_validator(mode="after")
@@ -181,10 +166,10 @@ class FatigueSettings(Settings):
 
 
 UNIT = "Pa*m^0.5"
-Toughness = Annotated[float, quantity(UNIT), Field(gt=0.0), with_unit(UNIT)]
+Toughness = Annotated[float, toml.quantity(UNIT), Field(gt=0.0), toml.with_unit(UNIT)]
 
 
-class GrowthSettings(Settings):
+class GrowthSettings(toml.Settings):
     """Penny-shaped cracks of [rve] that grow where K_I reaches K_Ic, under tension along an axis.
 
     The body of a structure cracks by their softening law.
@@ -192,9 +177,9 @@ class GrowthSettings(Settings):
 
     toughness: Toughness
     """Toughness K_Ic where a crack begins to grow, such as `"0.5 MPa*m^0.5"`."""
-    rise: Factor = 0.0
+    rise: toml.Factor = 0.0
     """Share by which the toughness rises as grains bridge the faces of a crack."""
-    bridging: Length | None = None
+    bridging: toml.Length | None = None
     """Growth of a crack over which it rises, m; together with `rise`."""
     pull: Literal["x", "y", "z"] = Field("z", description="Axis of the tension.")
     through: bool = False

@@ -8,24 +8,8 @@ from pydantic import Field, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.structure_kind import StructureKind
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Density,
-    Duration,
-    Factor,
-    Length,
-    Natural,
-    Positive,
-    Pressure,
-    Settings,
-    Share,
-    TimeSteps,
-    Tolerance,
-    at_most,
-    quantity,
-    with_unit,
-)
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
@@ -34,22 +18,22 @@ if TYPE_CHECKING:
 QUICK_STEPS = 40  # of a motion
 COARSEST = 2.5  # longest step of pressed grains, over the step that resolves how they rearrange
 
-Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
-StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")]
+Speed = Annotated[float, toml.quantity("m/s"), Field(ge=0.0), toml.with_unit("m/s")]
+StrainRate = Annotated[float, toml.quantity("s^-1"), Field(gt=0.0), toml.with_unit("s^-1")]
 
 
-class GrainSettings(Settings):
+class GrainSettings(toml.Settings):
     """The grains and their contacts."""
 
-    number: Annotated[Positive, at_most(60)] = Field(description="Number of grains.")
-    radius: tuple[Length, Length]
+    number: Annotated[toml.Positive, toml.at_most(60)] = Field(description="Number of grains.")
+    radius: tuple[toml.Length, toml.Length]
     """Smallest and largest radius, m; every interval has its share of volume."""
-    density: Density = Field(2600.0, description="Density of the material, kg/m3.")
-    friction: Factor = Field(0.5, description="Friction coefficient between grains.")
-    restitution: Share = Field(0.0, description="Share of the closing speed given back.")
-    compliance: Factor = 0.0
+    density: toml.Density = Field(2600.0, description="Density of the material, kg/m3.")
+    friction: toml.Factor = Field(0.5, description="Friction coefficient between grains.")
+    restitution: toml.Share = Field(0.0, description="Share of the closing speed given back.")
+    compliance: toml.Factor = 0.0
     """Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`."""
-    seed: Natural = Field(0, description="Seed of radii and places.")
+    seed: toml.Natural = Field(0, description="Seed of radii and places.")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -73,14 +57,14 @@ class GrainSettings(Settings):
         return granulate.draw_radii(self.number, *self.radius, seed=self.seed)
 
 
-class Motion(TimeSteps):
+class Motion(toml.TimeSteps):
     """Steps and solver of the motion; see :func:`multiscale.macro.granulate.simulate_grains`."""
 
-    accuracy: Tolerance | None = None
+    accuracy: toml.Tolerance | None = None
     """Approach in the step of an impact, over the smaller radius."""
-    tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
-    max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")
-    frames: Count = Field(11, ge=2, description="Instants with stored grains and forces.")
+    tolerance: toml.Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
+    max_iterations: toml.Positive = Field(1000, description="Largest number of sweeps in a step.")
+    frames: toml.Count = Field(11, ge=2, description="Instants with stored grains and forces.")
 
     @property
     def solver(self) -> "granulate.Solver":
@@ -123,7 +107,7 @@ class Deposit(Granulate):
     question: ClassVar[str] = "Which walls bear the weight of the grains, and what costs a step?"
 
     kind: Literal["deposit"]
-    size: tuple[Length, Length] = Field(description="Edges of the box along x and y, m.")
+    size: tuple[toml.Length, toml.Length] = Field(description="Edges of the box along x and y, m.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Build the grains above the box, into which they fall."""
@@ -140,8 +124,8 @@ class Silo(Granulate):
     question: ClassVar[str] = "How much of the weight of the grains does the wall bear?"
 
     kind: Literal["silo"]
-    diameter: Length = Field(description="Inner diameter, m.")
-    wall_friction: Factor = Field(0.5, description="Friction coefficient of the wall.")
+    diameter: toml.Length = Field(description="Inner diameter, m.")
+    wall_friction: toml.Factor = Field(0.5, description="Friction coefficient of the wall.")
     sinking: Speed = Field(0.0, description="Speed of the bottom, m/s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
@@ -165,8 +149,8 @@ class ColumnCollapse(Granulate):
     question: ClassVar[str] = "How far do the grains run beyond the gate?"
 
     kind: Literal["column_collapse"]
-    width: Length = Field(description="Width of the column, m.")
-    settling: Duration = Field(description="Time before the gate is taken away, s.")
+    width: toml.Length = Field(description="Width of the column, m.")
+    settling: toml.Duration = Field(description="Time before the gate is taken away, s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Settle the column, and remove the gate."""
@@ -189,8 +173,8 @@ class ShearCell(Granulate):
     question: ClassVar[str] = "Which shear stress does the layer of grains bear?"
 
     kind: Literal["shear_cell"]
-    size: tuple[Length, Length] = Field(description="Periods along x and y, m.")
-    pressure: Pressure = Field(description="Pressure on the plates, Pa.")
+    size: tuple[toml.Length, toml.Length] = Field(description="Periods along x and y, m.")
+    pressure: toml.Pressure = Field(description="Pressure on the plates, Pa.")
     speed: Speed = Field(description="Speed of the upper plate, m/s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
@@ -213,7 +197,9 @@ class Biaxial(Granulate):
     question: ClassVar[str] = "Which stress ratio do the grains bear, and do they dilate?"
 
     kind: Literal["biaxial"]
-    pressure: Pressure = Field(description="Pressure of the compaction, and then on the sides, Pa.")
+    pressure: toml.Pressure = Field(
+        description="Pressure of the compaction, and then on the sides, Pa."
+    )
     strain_rate: StrainRate
     """Rate of the axial strain, 1/s; see `multiscale.macro.granulate.biaxial_cell`."""
     planar: bool = Field(False, description="Discs in place of spheres.")

@@ -13,23 +13,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import Asperities, AsperityLaw, class_densities, gaussian_asperities
 from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
-from multiscale.pipeline.tables.toml_model import (
-    Factor,
-    Number,
-    Positive,
-    Pressure,
-    Quick,
-    Ratio,
-    Settings,
-    Tolerance,
-    UncertainFactor,
-    UncertainLength,
-    UncertainPressure,
-    at_most,
-    must_rise,
-    quantity,
-    with_unit,
-)
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling.branches import state_shear, take_sliding_friction
 from multiscale.upscaling.fit import branch_origins
@@ -39,35 +23,41 @@ from multiscale.upscaling.tables import with_stated_error
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
-PerArea = Annotated[float, quantity("1/m^2", uncertain=True), Field(gt=0.0), with_unit("1/m^2")]
-Height = Annotated[float, quantity("m"), with_unit("m")]
+PerArea = Annotated[
+    float, toml.quantity("1/m^2", uncertain=True), Field(gt=0.0), toml.with_unit("1/m^2")
+]
+Height = Annotated[float, toml.quantity("m"), toml.with_unit("m")]
 
 
-class StatedAsperities(Settings):
+class StatedAsperities(toml.Settings):
     """Statistics of the asperities between two alike bodies, from published surfaces.
 
     Single values may have a half-width of 95 %, such as `"1.4 mm +- 10 %"`.
     """
 
     density: PerArea = Field(description="Asperities per area, 1/m².")
-    radius: UncertainLength = Field(description="Composite radius of both surfaces, m.")
-    rms_height: UncertainLength | None = None
+    radius: toml.UncertainLength = Field(description="Composite radius of both surfaces, m.")
+    rms_height: toml.UncertainLength | None = None
     """Root mean square of Gaussian heights about their mean plane, m."""
     heights: tuple[Height, ...] = ()
     """Rising heights of asperities above the plane from which the gap counts, m, in place of
     `rms_height`; contact begins at the highest."""
-    weights: tuple[Factor, ...] = ()
+    weights: tuple[toml.Factor, ...] = ()
     """Probability density at every one of `heights`, in any unit."""
-    height_factor: UncertainFactor = 1.0
+    height_factor: toml.UncertainFactor = 1.0
     """Factor of all heights, which may have the half-width of the roughness."""
-    youngs_modulus: UncertainPressure = Field(description="Young's modulus of both bodies, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio of both bodies.")
-    yield_stress: UncertainPressure | None = None
+    youngs_modulus: toml.UncertainPressure = Field(
+        description="Young's modulus of both bodies, Pa."
+    )
+    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio of both bodies.")
+    yield_stress: toml.UncertainPressure | None = None
     """Yield stress, Pa; the asperities are elastic if not given."""
-    tangent_modulus: Annotated[Number, quantity("Pa"), Field(ge=0.0), with_unit("Pa")] = 0.0
+    tangent_modulus: Annotated[
+        toml.Number, toml.quantity("Pa"), Field(ge=0.0), toml.with_unit("Pa")
+    ] = 0.0
     """Slope of the stress over the strain after yield, Pa."""
 
-    _rise = field_validator("heights")(must_rise)
+    _rise = field_validator("heights")(toml.must_rise)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -108,7 +98,7 @@ that is only pressed: the shear errs by up to .5 and 8 % of the friction limit; 
 OpenLaw = Callable[[Path, bool], Dataset]
 """Maps a file, and whether a case is run quick, to an interface law, or to a volume."""
 
-Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
+Damage = Annotated[toml.Number, Field(ge=0.0, lt=1.0)]
 
 
 UNKNOWN_ERROR = (
@@ -116,23 +106,25 @@ UNKNOWN_ERROR = (
     'law_error = "10 %"'
 )
 
-LawError = Annotated[Number, Field(gt=0.0, lt=1.0)]
+LawError = Annotated[toml.Number, Field(gt=0.0, lt=1.0)]
 
 
-FEW_PARTS = Quick(lambda _, parts: tuple(min(2, number) for number in parts))
-RUN_QUICK = Quick(lambda table, _: table.law is not None)
+FEW_PARTS = toml.Quick(lambda _, parts: tuple(min(2, number) for number in parts))
+RUN_QUICK = toml.Quick(lambda table, _: table.law is not None)
 """Keys of quick cases: substructures along an axis, and whether the case of a law is run quick."""
 
 
-class Substructures(Settings):
+class Substructures(toml.Settings):
     """The cut, and the solver of the substructures; see :func:`multiscale.macro.solve_latin`."""
 
-    parts: Annotated[tuple[Positive, Positive], FEW_PARTS] = (1, 1)
+    parts: Annotated[tuple[toml.Positive, toml.Positive], FEW_PARTS] = (1, 1)
     """Substructures along x and y, of every body."""
     coarse: bool = True
     """Whether a coarse problem balances interface resultants."""
-    tolerance: Tolerance = Field(1e-8, description="Relative residual of a solved step.")
-    max_iterations: Positive = Field(400, description="Largest number of iterations of a step.")
+    tolerance: toml.Tolerance = Field(1e-8, description="Relative residual of a solved step.")
+    max_iterations: toml.Positive = Field(
+        400, description="Largest number of iterations of a step."
+    )
     homogenise: bool = False
     """Writes the stiffness of substructures against their interface resultants, before and after
     slackening, to `NAME-homogenised.nc`; see `multiscale.macro.homogenise`."""
@@ -151,7 +143,7 @@ class Substructures(Settings):
         return macro.LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
 
 
-class SolverChoice(Settings):
+class SolverChoice(toml.Settings):
     """The solver of the bodies of a case."""
 
     method: Literal["newton", "latin"] | None = None
@@ -159,7 +151,7 @@ class SolverChoice(Settings):
     substructures, which `[substructures]` may cut; if not given, the cheaper method."""
 
 
-class LawSource(Settings):
+class LawSource(toml.Settings):
     """The law of the interface between blocks, if the case has no cells."""
 
     law: Path | None = None
@@ -196,10 +188,10 @@ class LawSource(Settings):
 class JointLaw(LawSource):
     """The law of the interfaces between bodies of the user: a normal law with friction."""
 
-    friction: Factor | None = None
+    friction: toml.Factor | None = None
     """Friction coefficient of Coulomb's law; if not given, the law has it, from sheared cells, or
     else from a sliding cell at the last preload."""
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = None
+    stiffness_ratio: Annotated[toml.Number, Field(gt=0.0)] | None = None
     """Tangential over normal stiffness, of springs slipping in turn; if not given, the ratio of the
     law, or else 2 (1 - nu)/(2 - nu), with a caution."""
 
@@ -276,10 +268,10 @@ def _lay_caution(law: Dataset) -> list[str]:
     ]
 
 
-class Preloads(Settings):
+class Preloads(toml.Settings):
     """Pressures on the pressed face of stacked blocks and lap joints."""
 
-    preloads: tuple[Pressure, ...] = Field(min_length=1)
+    preloads: tuple[toml.Pressure, ...] = Field(min_length=1)
     """Pressures on the pressed face, Pa; the last pressure stays."""
 
     @property
@@ -295,22 +287,24 @@ class JointPreloads(SolverChoice, Preloads):
 class RisingPreloads(Preloads):
     """Even pressures between blocks."""
 
-    preloads: tuple[Pressure, ...] = Field(min_length=1)
+    preloads: tuple[toml.Pressure, ...] = Field(min_length=1)
     """Nominal pressures, Pa, rising; best within the data of the law."""
 
-    _rise = field_validator("preloads")(must_rise)
+    _rise = field_validator("preloads")(toml.must_rise)
 
 
-class Cycles(Settings):
+class Cycles(toml.Settings):
     """Cycles of shear after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
 
-    shear: Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
-    amplitudes: Annotated[tuple[Pressure, ...], Quick(lambda _, smaller: smaller[:1])] = ()
+    shear: toml.Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
+    amplitudes: Annotated[
+        tuple[toml.Pressure, ...], toml.Quick(lambda _, smaller: smaller[:1])
+    ] = ()
     """Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle are solved at
     these and at `shear`, at every preload."""
-    cycles: Annotated[Positive, at_most(1)]
+    cycles: Annotated[toml.Positive, toml.at_most(1)]
     """Closed cycles after the first loading."""
-    steps: Annotated[Positive, at_most(2)] = 10
+    steps: Annotated[toml.Positive, toml.at_most(2)] = 10
     """Load steps from zero to the amplitude."""
 
     @model_validator(mode="after")

@@ -16,19 +16,8 @@ from multiscale.io.csv_tables import finite, read_table
 from multiscale.io.meshes import open_mesh
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
 from multiscale.macro import substructures
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.structure_kind import StructureKind
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Length,
-    Number,
-    Quick,
-    Settings,
-    Share,
-    TimeSteps,
-    at_most,
-    quantity,
-    with_unit,
-)
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
@@ -49,28 +38,28 @@ def _read_rigidity(value: object, *, unit: str) -> float:
         raise ValueError(f'{error}, or "inextensible"') from error
 
 
-Force = Annotated[float, quantity("N"), with_unit("N")]
+Force = Annotated[float, toml.quantity("N"), toml.with_unit("N")]
 Prestress = Annotated[Force, Field(ge=0.0)]
 Size = Annotated[Force, Field(gt=0.0)]
-Modules = Annotated[Count, Field(ge=1, le=2048)]  # 2048 x 2048 take some 50 GB
-Several = Annotated[Count, Field(ge=2, le=4096)]
+Modules = Annotated[toml.Count, Field(ge=1, le=2048)]  # 2048 x 2048 take some 50 GB
+Several = Annotated[toml.Count, Field(ge=2, le=4096)]
 Rigidity = Annotated[
     float,
     BeforeValidator(partial(_read_rigidity, unit="N")),
     Field(gt=0.0),
     PlainSerializer(lambda value: f"{value!r} N" if isfinite(value) else "inextensible"),
 ]
-OF_SPAN = Quick(lambda grid, tension: tension * (min(QUICK, grid.n) / grid.n) ** 2)
+OF_SPAN = toml.Quick(lambda grid, tension: tension * (min(QUICK, grid.n) / grid.n) ** 2)
 """Prestress of quick grids: with the square of the span, as the tensions under the load, so that as
 many of a hundred cables go slack."""
-Instant = Annotated[float, quantity("s"), Field(ge=0.0), with_unit("s")]
-Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
+Instant = Annotated[float, toml.quantity("s"), Field(ge=0.0), toml.with_unit("s")]
+Mass = Annotated[float, toml.quantity("kg"), Field(gt=0.0), toml.with_unit("kg")]
 
 
-class Statics(Settings):
+class Statics(toml.Settings):
     """Loads on bars, cables and plates; see :func:`multiscale.macro.solve_static`."""
 
-    load_factors: tuple[Number, ...] = Field(min_length=1)
+    load_factors: tuple[toml.Number, ...] = Field(min_length=1)
     """Load of every step over the whole load."""
     exact: bool = False
     """Whether elongations and directions follow the moved nodes exactly."""
@@ -88,7 +77,7 @@ class LinkStructure(StructureKind):
 
     stage: ClassVar[str] = "links"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("dynamics",))
-    models: ClassVar[Mapping[str, type[Settings]]] = {"statics": Statics}
+    models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": Statics}
 
     @abstractmethod
     def build(self) -> "macro.LinkSystem":
@@ -117,13 +106,13 @@ class TensegrityGrid(LinkStructure):
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["tensegrity_grid"]
-    n: Annotated[Modules, at_most(QUICK)] = Field(description="Modules along x.")
-    m: Annotated[Modules | None, at_most(QUICK)] = None
+    n: Annotated[Modules, toml.at_most(QUICK)] = Field(description="Modules along x.")
+    m: Annotated[Modules | None, toml.at_most(QUICK)] = None
     """Modules along y; n if not given."""
     prestress: Annotated[Prestress, OF_SPAN] = 2550.0
     """Tension of the upper cables at load factor 0, N."""
-    size: Length = Field(1.0, description="Edge of a module, m.")
-    height: Length = Field(0.5, description="Height of a module, m.")
+    size: toml.Length = Field(1.0, description="Edge of a module, m.")
+    height: toml.Length = Field(0.5, description="Height of a module, m.")
     cable_rigidity: Rigidity = Field(4e6, description='EA of the cables, N, or `"inextensible"`.')
     bar_rigidity: Rigidity = Field(8e7, description='EA of the bars, N, or `"inextensible"`.')
     nodal_load: Force = Field(40.0, description="Weight on every node at load factor 1, N.")
@@ -140,11 +129,11 @@ class CableNet(LinkStructure):
     """A prestressed saddle; see :func:`multiscale.macro.cable_net`."""
 
     kind: Literal["cable_net"]
-    n: Annotated[Several, at_most(QUICK)] = Field(description="Meshes along x.")
-    m: Annotated[Several | None, at_most(QUICK)] = None
+    n: Annotated[Several, toml.at_most(QUICK)] = Field(description="Meshes along x.")
+    m: Annotated[Several | None, toml.at_most(QUICK)] = None
     """Meshes along y; n if not given."""
-    mesh: Length = Field(1.0, description="Distance of the cables in plan, m.")
-    rise: Length = Field(1.0, description="Height of the saddle, m.")
+    mesh: toml.Length = Field(1.0, description="Distance of the cables in plan, m.")
+    rise: toml.Length = Field(1.0, description="Height of the saddle, m.")
     prestress: Size = 10e3
     """Horizontal part of every tension at load factor 0, N."""
     cable_rigidity: Rigidity = Field(1e7, description='EA of the cables, N, or `"inextensible"`.')
@@ -157,7 +146,7 @@ class CableNet(LinkStructure):
         return macro.cable_net(cable=Cable(self.cable_rigidity), **same)
 
 
-class LinkLawSettings(Settings):
+class LinkLawSettings(toml.Settings):
     """The law of some links."""
 
     kind: Literal["bar", "cable", "strut"]
@@ -220,7 +209,7 @@ class LinkMesh(GivenLinks):
     kind: Literal["mesh"]
     file: Path
     """Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."""
-    unit: Length = Field(description="Length of the unit of the file, m.")
+    unit: toml.Length = Field(description="Length of the unit of the file, m.")
     supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are fixed.")
     load: tuple[Force, Force, Force]
     """Force on every free node at load factor 1, N."""
@@ -232,16 +221,18 @@ class LinkMesh(GivenLinks):
         )
 
 
-class Dynamics(TimeSteps):
+class Dynamics(toml.TimeSteps):
     """Motion from a static equilibrium; see :func:`multiscale.macro.simulate`."""
 
     mass: Mass = Field(description="Mass of each node, kg.")
-    start_load_factor: Number = Field(0.0, description="Load factor of the first equilibrium.")
-    load_history: tuple[tuple[Instant, Number], ...] = Field(min_length=1)
+    start_load_factor: toml.Number = Field(0.0, description="Load factor of the first equilibrium.")
+    load_history: tuple[tuple[Instant, toml.Number], ...] = Field(min_length=1)
     """Time, s, and load factor; straight between, constant outside."""
-    theta: Number = Field(1.0, ge=0.5, le=1.0)
+    theta: toml.Number = Field(1.0, ge=0.5, le=1.0)
     """Time scheme: 1/2 (no numerical damping) to 1 (fully implicit)."""
-    restitution: Share = Field(0.0, description="Share of speed that inextensible links give back.")
+    restitution: toml.Share = Field(
+        0.0, description="Share of speed that inextensible links give back."
+    )
 
     @field_validator("load_history")
     @classmethod

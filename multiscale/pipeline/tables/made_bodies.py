@@ -17,6 +17,7 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.tables import assembly_parts, joint_settings
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts, check_bodies
 from multiscale.pipeline.tables.link_settings import Statics
 from multiscale.pipeline.tables.porous_body import PorousBody
@@ -25,15 +26,6 @@ from multiscale.pipeline.tables.structure_kind import (
     Pressed,
     StructureKind,
     refuse_far_cells,
-)
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Length,
-    Positive,
-    Pressure,
-    Quick,
-    Ratio,
-    Settings,
 )
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 from multiscale.upscaling.branches import with_damage
@@ -47,10 +39,10 @@ if TYPE_CHECKING:
 LEAST, MOST = 0.1, 3.0  # pressures of joints that count, over the least and the largest preload
 QUICK_ELEMENTS = 4  # elements along an edge, at most
 
-Edges = tuple[Length, Length, Length]
+Edges = tuple[toml.Length, toml.Length, toml.Length]
 Elements = Annotated[
-    tuple[Positive, Positive, Positive],
-    Quick(lambda _, elements: tuple(min(QUICK_ELEMENTS, number) for number in elements)),
+    tuple[toml.Positive, toml.Positive, toml.Positive],
+    toml.Quick(lambda _, elements: tuple(min(QUICK_ELEMENTS, number) for number in elements)),
 ]
 
 
@@ -59,15 +51,15 @@ class Blocks(StructureKind):
 
     stage: ClassVar[str] = "joint"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("interface", "statics"))
-    models: ClassVar[Mapping[str, type[Settings]]] = {
+    models: ClassVar[Mapping[str, type[toml.Settings]]] = {
         "interface": joint_settings.LawSource,
         "statics": joint_settings.RisingPreloads,
     }
     of_bodies: ClassVar[bool] = True
 
     kind: Literal["blocks"]
-    height: Length = Field(description="Height of each block, m.")
-    width: Length = Field(description="Edge of their square section, m.")
+    height: toml.Length = Field(description="Height of each block, m.")
+    width: toml.Length = Field(description="Edge of their square section, m.")
 
     @property
     def interface_width(self) -> float:
@@ -99,15 +91,15 @@ class Plate(StructureKind):
 
     stage: ClassVar[str] = "plate"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
-    models: ClassVar[Mapping[str, type[Settings]]] = {"statics": Statics}
+    models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": Statics}
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["plate"]
     size: Edges = Field(description="Lengths along x, y and z, m.")
     elements: Elements = Field(description="Hexahedra along x, y and z.")
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    pressure: Pressure = Field(description="Pressure on the top at load factor 1, Pa.")
+    youngs_modulus: toml.Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio.")
+    pressure: toml.Pressure = Field(description="Pressure on the top at load factor 1, Pa.")
 
     def build(self) -> "macro.Assembly":
         """Clamp the plate and load it."""
@@ -151,7 +143,7 @@ class RoughBodies(StructureKind, assembly_parts.Material):
         ("interface", "statics", "cycles"),
         ("interface", "statics", "vibration"),
     )
-    models: ClassVar[Mapping[str, type[Settings]]] = {
+    models: ClassVar[Mapping[str, type[toml.Settings]]] = {
         "interface": joint_settings.RoughInterface,
         "statics": joint_settings.JointPreloads,
         "cycles": joint_settings.Cycles,
@@ -346,7 +338,7 @@ class StackedBlocks(RoughBodies):
     kind: Literal["stacked_blocks"]
     size: Edges = Field(description="Lengths of a block along x, y and z, m.")
     elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
-    blocks: Count = Field(2, ge=2, description="Number of blocks, stacked along z.")
+    blocks: toml.Count = Field(2, ge=2, description="Number of blocks, stacked along z.")
 
     @property
     def joints(self) -> int:
@@ -387,18 +379,20 @@ class LapJoint(RoughBodies):
     mesher: ClassVar[tuple[str, ...]] = ("gmsh",)
 
     kind: Literal["lap_joint"]
-    length: Length = Field(description="Length of each plate along x, m.")
-    width: Length = Field(description="Width of each plate, m.")
-    thickness: Length = Field(description="Thickness of each plate, m.")
-    overlap: Length = Field(description="Length over which the plates lie on each other, m.")
-    hole: Length = Field(description="Diameter of the hole, m.")
-    washer: Length = Field(description="Diameter of the washer, m.")
-    bolt: Length | None = None
+    length: toml.Length = Field(description="Length of each plate along x, m.")
+    width: toml.Length = Field(description="Width of each plate, m.")
+    thickness: toml.Length = Field(description="Thickness of each plate, m.")
+    overlap: toml.Length = Field(description="Length over which the plates lie on each other, m.")
+    hole: toml.Length = Field(description="Diameter of the hole, m.")
+    washer: toml.Length = Field(description="Diameter of the washer, m.")
+    bolt: toml.Length | None = None
     """Diameter of the shank of a bolt of the modulus of the plates, m: its force changes with the
     load; the force is constant if not given."""
-    element: Annotated[Length, Quick(lambda joint, h: max(h, joint.overlap / QUICK_ELEMENTS))]
+    element: Annotated[
+        toml.Length, toml.Quick(lambda joint, h: max(h, joint.overlap / QUICK_ELEMENTS))
+    ]
     """Edge of an element in plan, m."""
-    layers: Positive = Field(2, description="Elements through each thickness.")
+    layers: toml.Positive = Field(2, description="Elements through each thickness.")
 
     @property
     def joints(self) -> int:

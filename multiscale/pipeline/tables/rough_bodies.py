@@ -6,17 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Length,
-    Number,
-    Pressure,
-    Ratio,
-    Settings,
-    Share,
-    quantity,
-    with_unit,
-)
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.surfaces import Anisotropy
 
 if TYPE_CHECKING:
@@ -27,35 +17,37 @@ TABOR, INDENTED = 2.8, 0.08
 Hardness of Metals, Oxford 1951)."""
 
 
-Slope = Annotated[Number, Field(gt=0.0)]
-Angle = Annotated[float, quantity("rad"), with_unit("rad")]
+Slope = Annotated[toml.Number, Field(gt=0.0)]
+Angle = Annotated[float, toml.quantity("rad"), toml.with_unit("rad")]
 UnitOfLength = Annotated[
-    Length, BeforeValidator(lambda value: f"1 {value}" if str(value)[:1].isalpha() else value)
+    toml.Length, BeforeValidator(lambda value: f"1 {value}" if str(value)[:1].isalpha() else value)
 ]
 
 
-class AnisotropySettings(Settings):
+class AnisotropySettings(toml.Settings):
     """Lay of a synthetic surface, along which its wavelengths are longer."""
 
-    ratio: Annotated[Number, Field(ge=1.0, le=100.0)]
+    ratio: Annotated[toml.Number, Field(ge=1.0, le=100.0)]
     """Wavelength along the lay over the wavelength across it."""
     direction: Angle = 0.0
     """Angle of ridges and grooves to the x axis, rad; it may be `"30 deg"`."""
 
 
-class SyntheticSurface(Settings):
+class SyntheticSurface(toml.Settings):
     """A self-affine surface; see :func:`multiscale.micro.self_affine`."""
 
-    rms_height: Length | None = None
+    rms_height: toml.Length | None = None
     """Root mean square height, m; this or `rms_slope`."""
     rms_slope: Slope | None = None
     """Root mean square slope; this or `rms_height`."""
-    hurst_exponent: Share
+    hurst_exponent: toml.Share
     """Hurst exponent: 0 rough at every scale, 1 smooth in the small; often 0.8."""
-    long_cutoff: Length = Field(description="Longest wavelength, m; cells should be several wide.")
-    short_cutoff: Length
+    long_cutoff: toml.Length = Field(
+        description="Longest wavelength, m; cells should be several wide."
+    )
+    short_cutoff: toml.Length
     """Shortest wavelength, m; it needs eight grid points or more."""
-    roll_off: Length | None = None
+    roll_off: toml.Length | None = None
     """Wavelength above which the spectrum is flat, m; the longest if not given."""
     anisotropy: AnisotropySettings | None = None
     """Lay, across which the wavelengths above hold; none if not given."""
@@ -83,7 +75,7 @@ class SyntheticSurface(Settings):
         return self.model_dump() | {"anisotropy": lay}
 
 
-class InstrumentSurface(Settings):
+class InstrumentSurface(toml.Settings):
     """A measured map, cut into a window for each realisation."""
 
     file: Path
@@ -91,7 +83,7 @@ class InstrumentSurface(Settings):
     matrix, or with points `x y z`."""
     channel: int | str | None = None
     """Number, from 0, or name of a channel; the only channel of heights if not given."""
-    size: tuple[Length, ...] | None = Field(None, min_length=1, max_length=2)
+    size: tuple[toml.Length, ...] | None = Field(None, min_length=1, max_length=2)
     """Edge lengths along x and y, or the length of a line scan, m, in place of the size in the
     file."""
     unit: UnitOfLength | None = None
@@ -102,16 +94,16 @@ class InstrumentSurface(Settings):
     profile: Literal["isotropic", "one_directional"] | None = None
     """Surface made from a line scan: `isotropic` with its spectrum, or grooves along y with the
     scan across them."""
-    detrend_order: Count = Field(2, ge=0, le=2)
+    detrend_order: toml.Count = Field(2, ge=0, le=2)
     """0 mean, 1 plane, 2 curvature of the map; also the plane of windows."""
     fill_undefined: bool = Field(False, description="Fills undefined points; refused otherwise.")
     spikes: Literal["keep", "remove"] = "keep"
     """`remove` fills points that stand out of their surroundings, by the median test of
     `multiscale.surfaces.find_spikes`, and reports their number."""
-    filled: Share = Field(0.1, description="Largest share of filled points in a window.")
+    filled: toml.Share = Field(0.1, description="Largest share of filled points in a window.")
     periodic: Literal["mirror", "window"] = "mirror"
     """Reflects a window (into a quarter of the cell) or fades its edges."""
-    short_cutoff: Length | None = None
+    short_cutoff: toml.Length | None = None
     """Shortest wavelength, m; eight points of the grid of the cell if not given, so that another
     grid has another surface."""
 
@@ -133,34 +125,36 @@ def _kind_of_surface(value: Any) -> str:
     return "instrument" if "file" in named else "synthetic"
 
 
-Conductivity = Annotated[float, quantity("W/m/K"), Field(gt=0.0), with_unit("W/m/K")]
-ElectricalConductivity = Annotated[float, quantity("S/m"), Field(gt=0.0), with_unit("S/m")]
-Hardening = Annotated[float, quantity("Pa"), with_unit("Pa")]
+Conductivity = Annotated[float, toml.quantity("W/m/K"), Field(gt=0.0), toml.with_unit("W/m/K")]
+ElectricalConductivity = Annotated[
+    float, toml.quantity("S/m"), Field(gt=0.0), toml.with_unit("S/m")
+]
+Hardening = Annotated[float, toml.quantity("Pa"), toml.with_unit("Pa")]
 Rough = Annotated[
     Annotated[SyntheticSurface, Tag("synthetic")] | Annotated[InstrumentSurface, Tag("instrument")],
     Discriminator(_kind_of_surface),
 ]
 
 
-class CoatingSettings(Settings):
+class CoatingSettings(toml.Settings):
     """One layer of another material on a body, outermost first, bonded and everywhere as thick."""
 
-    thickness: Length = Field(description="Thickness, m.")
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    hardness: Pressure | None = None
+    thickness: toml.Length = Field(description="Thickness, m.")
+    youngs_modulus: toml.Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio.")
+    hardness: toml.Pressure | None = None
     """Hardness, Pa, the largest local pressure of flat cells; if not given, the hardness of the
     layer below, or of the body."""
 
 
-class RoughBody(Settings):
+class RoughBody(toml.Settings):
     """A body of the interface."""
 
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    youngs_modulus: toml.Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio.")
     surface: Rough | None = None
     """Synthetic or measured roughness; smooth if not given."""
-    hardness: Pressure | None = None
+    hardness: toml.Pressure | None = None
     """Hardness H of a metal, Pa; the hardness of the softer body counts. In flat cells the largest
     local pressure; in conforming cells H/2.8 is the flow stress at a plastic strain of .08. Elastic
     if not given."""

@@ -13,30 +13,16 @@ from multiscale.io.images import VoxelImage, read_images
 from multiscale.micro.damage import Cavities, Recipe, penny_cracks, spheres
 from multiscale.micro.damage.cavities import CavityShapes
 from multiscale.micro.damage.sections import Volume
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Factor,
-    Length,
-    Natural,
-    Number,
-    Positive,
-    Pressure,
-    Ratio,
-    Settings,
-    at_most,
-    must_rise,
-    quantity,
-    with_unit,
-)
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.units import readable
 
 MOST = 20_000  # pores and cracks of a volume, at most; thousands are representative already
 
-Coordinate = Annotated[float, quantity("m"), with_unit("m")]
+Coordinate = Annotated[float, toml.quantity("m"), toml.with_unit("m")]
 Point = tuple[Coordinate, Coordinate, Coordinate]
-Direction = tuple[Number, Number, Number]
-Voxels = Annotated[Count, Field(ge=4, le=512)]
-Part = Annotated[Number, Field(ge=0.2, lt=1.0)]
+Direction = tuple[toml.Number, toml.Number, toml.Number]
+Voxels = Annotated[toml.Count, Field(ge=4, le=512)]
+Part = Annotated[toml.Number, Field(ge=0.2, lt=1.0)]
 
 
 FEWEST = 10  # pores, or cracks, below which a volume does not represent its material
@@ -60,11 +46,11 @@ def read_direction(value: Direction) -> Direction:
     return value
 
 
-class Pore(Settings):
+class Pore(toml.Settings):
     """A spherical pore of a listed volume, which continues periodically."""
 
     centre: Point = Field(description="Centre along x, y and z from a corner of the volume, m.")
-    radius: Length = Field(description="Radius, m.")
+    radius: toml.Length = Field(description="Radius, m.")
 
 
 class Crack(Pore):
@@ -79,25 +65,25 @@ LARGEST_SPREAD = 2.0
 """Largest spread of radii: 95 % of them lie between a fiftieth and fifty times the median."""
 
 
-class RecipeSettings(Settings):
+class RecipeSettings(toml.Settings):
     """Statistics of random volumes."""
 
-    porosity: Factor = Field(0.0, description="Volume fraction of spherical pores.")
-    pore_radius: Length | None = Field(None, description="Median radius of the pores, m.")
-    pore_spread: Factor = Field(0.0, le=LARGEST_SPREAD)
+    porosity: toml.Factor = Field(0.0, description="Volume fraction of spherical pores.")
+    pore_radius: toml.Length | None = Field(None, description="Median radius of the pores, m.")
+    pore_spread: toml.Factor = Field(0.0, le=LARGEST_SPREAD)
     """Standard deviation of the logarithm of their radii."""
     overlap: bool = False
     """Whether pores may overlap, as they must above a porosity of about .38."""
-    crack_density: Factor = 0.0
+    crack_density: toml.Factor = 0.0
     """Number of circular cracks times mean cubed radius, over the volume."""
-    crack_radius: Length | None = Field(None, description="Median radius of the cracks, m.")
-    crack_spread: Factor = Field(0.0, le=LARGEST_SPREAD)
+    crack_radius: toml.Length | None = Field(None, description="Median radius of the cracks, m.")
+    crack_spread: toml.Factor = Field(0.0, le=LARGEST_SPREAD)
     """Standard deviation of the logarithm of their radii."""
     crack_normal: Direction | None = None
     """Normal of all cracks; evenly distributed directions if not given."""
-    realisations: Annotated[Positive, at_most(3)] = 6
+    realisations: Annotated[toml.Positive, toml.at_most(3)] = 6
     """Number of volumes of every size."""
-    seed: Natural = Field(0, description="Seed of the first volume; volume k has seed + k.")
+    seed: toml.Natural = Field(0, description="Seed of the first volume; volume k has seed + k.")
 
     @field_validator("crack_normal")
     @classmethod
@@ -156,13 +142,13 @@ class RecipeSettings(Settings):
         return Recipe(**options)
 
 
-class ImageStack(Settings):
+class ImageStack(toml.Settings):
     """A binary image of a volume, by a tomograph."""
 
     file: Path
     """TIFF file of many pages, or folder of TIFF slices, with only two values."""
-    void_value: Number = Field(0.0, description="Value of voxels without material.")
-    voxel_size: Length | tuple[Length, Length, Length] | None = None
+    void_value: toml.Number = Field(0.0, description="Value of voxels without material.")
+    voxel_size: toml.Length | tuple[toml.Length, toml.Length, toml.Length] | None = None
     """Edge of cubic voxels, or edges along x, y and z, m; from the file if not given."""
 
     def read(self) -> VoxelImage:
@@ -170,32 +156,32 @@ class ImageStack(Settings):
         return read_images(self.file, void_value=self.void_value, voxel_size=self.voxel_size)
 
 
-class RveSettings(Settings):
+class RveSettings(toml.Settings):
     """A representative volume of a solid with pores and cracks.
 
     They come from a random recipe, from lists, or from an image.
     """
 
-    youngs_modulus: Pressure = Field(description="Young's modulus of the solid, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio of the solid.")
-    size: tuple[Length, Length, Length] | None = None
+    youngs_modulus: toml.Pressure = Field(description="Young's modulus of the solid, Pa.")
+    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio of the solid.")
+    size: tuple[toml.Length, toml.Length, toml.Length] | None = None
     """Lengths along x, y and z, m, or the edge of a cube; not for an image."""
     recipe: RecipeSettings | None = None
     pores: tuple[Pore, ...] = ()
     cracks: tuple[Crack, ...] = ()
     image: ImageStack | None = None
-    voxels: Annotated[Voxels, at_most(24)] = 48
+    voxels: Annotated[Voxels, toml.at_most(24)] = 48
     """Voxels along the longest edge, for the stiffness; a crack is a voxel thick."""
     parts: tuple[Part, ...] = (0.5,)
     """Sizes of smaller volumes over `size`, rising, of the size study."""
-    level: Annotated[Natural, Field(le=4), at_most(1)] = 2
+    level: Annotated[toml.Natural, Field(le=4), toml.at_most(1)] = 2
     """Refinement of the sphere of normals: 1, 2, 3 give about 30, 90, 330."""
-    sections: Annotated[Positive, at_most(17)] = 33
+    sections: Annotated[toml.Positive, toml.at_most(17)] = 33
     """Plane sections for each normal."""
     slab: Annotated[Coordinate, Field(ge=0.0)] = 0.0
     """Thickness about a section in which cracks count, m; with 0 only cracks cut by the section
     count."""
-    accept: Annotated[Number, Field(gt=0.0, lt=1.0)] = 0.05
+    accept: Annotated[toml.Number, Field(gt=0.0, lt=1.0)] = 0.05
     """Largest distance of the bounds, and largest scatter, of a representative volume, over its
     stiffness."""
 
@@ -214,7 +200,7 @@ class RveSettings(Settings):
     def _read_size(cls, value: object) -> object:
         return (value,) * 3 if isinstance(value, str) else value
 
-    _rise = field_validator("parts")(must_rise)
+    _rise = field_validator("parts")(toml.must_rise)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

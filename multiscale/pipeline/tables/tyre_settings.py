@@ -7,25 +7,9 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.flat.viscoelastic import RelaxingSolid
+from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE
 from multiscale.pipeline.tables.structure_kind import Pressed, report_far
-from multiscale.pipeline.tables.toml_model import (
-    Count,
-    Duration,
-    Length,
-    Natural,
-    Number,
-    Positive,
-    Pressure,
-    Quick,
-    Ratio,
-    Settings,
-    at_most,
-    list_tables,
-    must_rise,
-    quantity,
-    with_unit,
-)
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
@@ -42,23 +26,25 @@ TABLES = ("rubber", "road", "cell", "sliding", "tread")
 KEYS = {"cell": ("size", "points"), "law": ("samples", "extrapolate")}
 """Keys of tables of joints that rubber on a road takes, too."""
 
-COARSE = Quick(lambda *_: (6, 4, 2))  # elements of the tread of a quick case
+COARSE = toml.Quick(lambda *_: (6, 4, 2))  # elements of the tread of a quick case
 
-Temperature = Annotated[float, quantity("K"), Field(gt=0.0), with_unit("K")]
-Speed = Annotated[float, quantity("m/s"), Field(gt=0.0, le=FASTEST), with_unit("m/s")]
+Temperature = Annotated[float, toml.quantity("K"), Field(gt=0.0), toml.with_unit("K")]
+Speed = Annotated[float, toml.quantity("m/s"), Field(gt=0.0, le=FASTEST), toml.with_unit("m/s")]
 
 
-class Rubber(Settings):
+class Rubber(toml.Settings):
     """A linear viscoelastic solid; see :class:`multiscale.micro.RelaxingSolid`."""
 
-    relaxed_modulus: Pressure = Field(description="Young's modulus after a long time, Pa.")
-    poissons_ratio: Ratio = Field(0.49, description="Poisson's ratio at all times.")
-    moduli: tuple[Pressure, ...] = Field((), description="Young's moduli of the Prony series, Pa.")
-    times: tuple[Duration, ...] = ()
+    relaxed_modulus: toml.Pressure = Field(description="Young's modulus after a long time, Pa.")
+    poissons_ratio: toml.Ratio = Field(0.49, description="Poisson's ratio at all times.")
+    moduli: tuple[toml.Pressure, ...] = Field(
+        (), description="Young's moduli of the Prony series, Pa."
+    )
+    times: tuple[toml.Duration, ...] = ()
     """Relaxation times, s, of the moduli."""
     reference_temperature: Temperature
     """Temperature of the times, K, as `"20 degC"`."""
-    wlf_c1: Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
+    wlf_c1: toml.Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
     wlf_c2: Temperature = Field(description="Second constant, K; see `multiscale.laws.wlf_shift`.")
 
     @model_validator(mode="after")
@@ -85,29 +71,31 @@ class Rubber(Settings):
         return wlf_shift(temperature, self.reference_temperature, self.wlf_c1, self.wlf_c2)
 
 
-class Slides(Settings):
+class Slides(toml.Settings):
     """The ensemble of cells: each slides at every pressure, speed and temperature."""
 
-    realisations: Annotated[Positive, at_most(4)] = Field(description="Number of cells.")
-    pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
+    realisations: Annotated[toml.Positive, toml.at_most(4)] = Field(description="Number of cells.")
+    pressures: tuple[toml.Pressure, ...] = Field(
+        min_length=3, description="Mean pressures, Pa, rising."
+    )
     speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
     temperatures: tuple[Temperature, ...] = Field(min_length=3)
     """Temperatures, K, rising; such as `"20 degC"`."""
-    seed: Natural = Field(
+    seed: toml.Natural = Field(
         0, description="Seed of the first realisation; realisation k has seed + k."
     )
 
-    _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
+    _rise = field_validator("pressures", "speeds", "temperatures")(toml.must_rise)
 
 
-class Tread(Settings):
+class Tread(toml.Settings):
     """The tread block; see :class:`multiscale.macro.joint.TreadBlock`."""
 
-    length: Length = Field(description="Length along the motion, m.")
-    width: Length = Field(description="Width across the motion, m.")
-    height: Length = Field(description="Height from the road to the carcass, m.")
-    pressure: Pressure = Field(description="Nominal pressure on the road, Pa.")
-    elements: Annotated[tuple[Annotated[Count, Field(ge=1, le=40)], ...], COARSE] = Field(
+    length: toml.Length = Field(description="Length along the motion, m.")
+    width: toml.Length = Field(description="Width across the motion, m.")
+    height: toml.Length = Field(description="Height from the road to the carcass, m.")
+    pressure: toml.Pressure = Field(description="Nominal pressure on the road, Pa.")
+    elements: Annotated[tuple[Annotated[toml.Count, Field(ge=1, le=40)], ...], COARSE] = Field(
         (8, 5, 2), min_length=3, max_length=3
     )
     """Elements along the motion, across and upwards."""
@@ -117,7 +105,8 @@ def check_rubber(case: "Case") -> None:
     """Refuse missing tables of rubber on a road, and tables and keys of joints."""
     if missing := [name for name in TABLES if getattr(case, name) is None]:
         raise ValueError(
-            f"rubber on a road takes {list_tables(TABLES)}, and there is no {list_tables(missing)}"
+            f"rubber on a road takes {toml.list_tables(TABLES)}, and there is no "
+            f"{toml.list_tables(missing)}"
         )
     stray = [
         name for name, value in case if value and name not in ("title", "law", "accuracy", *TABLES)
