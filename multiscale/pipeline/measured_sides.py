@@ -33,12 +33,8 @@ from multiscale.units import readable
 STAGES = ("map", "windows", "cells")  # labels of the dimension ``stage`` of the roughness of a body
 FEWEST_PIXELS = 16  # measured points across a window
 HELD = 0.9  # share of the rms height and slope of a map below which its cells need a caution
-
-MINOR = 0.99
-"""Share of the roughness of both bodies above which the loss of a single body needs no caution."""
-
-OBLIQUE = 1.0 / 3.0
-"""Share of the lay lost in a mirror image that needs a caution: ridges 10 degrees off an axis."""
+MINOR = 0.99  # share of the roughness of both bodies above which the loss of one needs no caution
+OBLIQUE = 1.0 / 3.0  # share of the lay lost in a mirror image that needs a caution: 10 degrees off
 
 
 @dataclass(frozen=True, eq=False)

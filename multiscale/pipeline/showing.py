@@ -29,22 +29,13 @@ Rows: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]  # head and rows
 INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 """Both intervals of an answer; see :func:`multiscale.upscaling.with_intervals`."""
 
-TWO_DIGITS = 3.55
-"""Leading digits of an error up to which two digits are written, by the rule of the PDG."""
-
+TWO_DIGITS = 3.55  # leading digits of an error with two digits, at most, by the rule of the PDG
 REPORTED = 0.1  # share of the error of an answer above which a sensitivity is shown
 MOST_BUDGETS = 6  # largest number of steps in the table of an error budget
-
-NEGLIGIBLE = 1e-5
-"""Relative error below which an error budget shows an upper bound instead of the number."""
-
+NEGLIGIBLE = 1e-5  # relative error below which a budget shows a bound in place of the number
 ROUNDING = 1e-9  # relative error up to which an error is rounding only
-
-FOUR_DIGITS = 5e-4
-"""Relative error below which an answer has four digits if a term of its error is not known."""
-
-LOWER_BOUND = " + ?"
-"""Mark of errors and intervals that are lower bounds, because a term is not known."""
+FOUR_DIGITS = 5e-4  # relative error below which an answer with unknown terms has four digits
+LOWER_BOUND = " + ?"  # mark of errors and intervals without a term that is not known
 
 
 @dataclass(frozen=True, eq=False)

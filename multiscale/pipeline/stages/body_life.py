@@ -42,8 +42,7 @@ SOLVES = 40  # number of solves while the inclusions crack one after the other, 
 STATES, CYCLE_SECONDS = 5, 5e-4
 """States of an inclusion in memory at once, and CPU seconds of its life, about; few yield."""
 
-CLOSED = 0.02
-"""Stress between both ends of a cycle over its largest range, up to which the cycle is closed."""
+CLOSED = 0.02  # stress between the ends of a closed cycle over its largest range, at most
 
 ELEMENT_MEANS = (
     "the stress of an element is its mean, and the life depends on it by a high power: intervals "
@@ -374,8 +373,7 @@ BODY_FATIGUE = Stage(
 )
 
 
-EVENT_SECONDS = 2e-6
-"""CPU seconds of an element in an event; there are about 20 events of an element that cracks."""
+EVENT_SECONDS = 2e-6  # CPU seconds of an element in an event; about 20 events crack it
 
 NO_MESH = "intervals do not count the error of the mesh, which is not known: give coarser"
 

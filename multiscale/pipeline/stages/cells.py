@@ -43,9 +43,7 @@ MESH_CAUTION = (
 
 STEEP = 0.3  # root mean square slope
 MAP = (4.7, 4.0)  # width and height of a figure of a square map with its colour bar, inches
-
-SLOPE_OF_PAIR = 8.0
-"""Error of the second order in the slope, over its change times the slope; 6 to 11 measured."""
+SLOPE_OF_PAIR = 8.0  # error of the second order over its change times the slope; 6 to 11 measured
 
 MEASURED = Table(
     (

@@ -28,8 +28,7 @@ from multiscale.plotting.link_figures import (
 )
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, SHOWN, Dataset
 
-FURTHEST = 0.05
-"""Relative displacement of the ends of a link, over its length, up to which it is small."""
+FURTHEST = 0.05  # displacement of the ends of a link, over its length, up to which it is small
 
 OF_MOTION = "How do the links move, which tensions do they carry, and where does the energy go?"
 """Question of a motion."""

@@ -31,9 +31,7 @@ from multiscale.upscaling.sampling import Control, best_ratio
 SHEARED, COARSER, FLAT = "micro-shear", "micro-coarser", "micro-control"
 """Folders of a run; sheared and flat cells have a subfolder for each set of their keys."""
 
-POINT_FRICTION = "friction_coefficient"
-"""Attribute of the response: friction coefficient of points of contact, from the case."""
-
+POINT_FRICTION = "friction_coefficient"  # attribute of the response: friction of points of contact
 AMPLITUDE = 1.0  # of the closed cycle, relative to the slip at which a joint begins to slide
 BATCH = 16  # cells of a job and its file; a job with windows of a map has a single cell
 

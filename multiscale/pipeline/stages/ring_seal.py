@@ -14,11 +14,8 @@ from multiscale.schema import INTERFACE_LAW, SEAL, Dataset
 from multiscale.units import readable
 from multiscale.upscaling import area_from_dataset, say_sealing
 
-LIFTING = 0.1
-"""Mean pressure of the liquid over contact pressure from which lifting of the ring matters."""
-
-FEWEST_CELLS = 4.0
-"""Cells over the width of a ring below which a patchwork of cells does not represent it."""
+LIFTING = 0.1  # mean pressure of the liquid over contact pressure from which lifting matters
+FEWEST_CELLS = 4.0  # cells over the width of a ring that a patchwork of cells needs
 
 ANSWERS = (
     "nominal_pressure",

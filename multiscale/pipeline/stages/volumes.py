@@ -339,8 +339,7 @@ REPRESENTATIVE_VOLUME = Stage(
 )
 
 
-GROWTH_SECONDS = 1e-6
-"""CPU seconds of a crack in an event; there are about 150 events of a crack that cuts a volume."""
+GROWTH_SECONDS = 1e-6  # CPU seconds of a crack in an event; about 150 events cut a volume
 
 
 def _grow(case: Case, datasets: Datasets, job: Job) -> Dataset:

@@ -17,9 +17,7 @@ from multiscale.upscaling.sampling import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 ABSENT: Any = None  # default of optional tables, which are read only where they are given
-
-POINTS_PER_WAVE = 8
-"""Grid points per shortest wavelength of a measured surface, if the case gives no cut-off."""
+POINTS_PER_WAVE = 8  # grid points per shortest wavelength of a map without a cut-off
 
 Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), toml.with_unit("Pa*s")]
 Points = Annotated[toml.Count, Field(ge=4, le=8192, multiple_of=2)]

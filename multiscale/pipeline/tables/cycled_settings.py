@@ -23,9 +23,7 @@ def _some(_: toml.Settings, values: tuple[float, ...]) -> tuple[float, ...]:
 
 SOME = toml.Quick(_some)
 
-COARSENING = 2.0
-"""Exponent by which the largest ratio of neighbouring amplitudes grows in coarser paths."""
-
+COARSENING = 2.0  # exponent of the largest ratio of neighbouring amplitudes in coarser paths
 RATIO = 1.5  # largest ratio of neighbouring amplitudes of a loading curve
 
 

@@ -61,8 +61,7 @@ class Crack(Pore):
     _point = field_validator("normal")(read_direction)
 
 
-LARGEST_SPREAD = 2.0
-"""Largest spread of radii: 95 % of them lie between a fiftieth and fifty times the median."""
+LARGEST_SPREAD = 2.0  # of radii: 95 % lie between a fiftieth and fifty times the median
 
 
 class RecipeSettings(toml.Settings):

@@ -76,11 +76,8 @@ OTHER_MICRO_KEYS = {"realisations", "coarser", "shear", "control", "control_real
 CELLS = ("body_1", "body_2", "cell", "micro")
 """Tables of cells; a case has all of them, or neither of the last two."""
 
-OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal")
-"""Tables that only a case with cells has."""
-
-OF_RUBBER = ("rubber", "road", "sliding", "tread")
-"""Tables that only a case of rubber on a road has."""
+OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal")  # of cases with cells
+OF_RUBBER = ("rubber", "road", "sliding", "tread")  # tables of cases of rubber on a road
 
 WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "vibration", "grains", "motion")
 """Tables that a kind of structure may ask for."""

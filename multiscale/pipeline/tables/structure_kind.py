@@ -20,11 +20,8 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
-SPREAD = tan(radians(30.0))
-"""Slope of the cone in which a force spreads from the face that it presses."""
-
-BENDING = 6.0
-"""Pressure at the edge by a moment, over the moment per area and width, of a rectangle."""
+SPREAD = tan(radians(30.0))  # slope of the cone in which a force spreads from its face
+BENDING = 6.0  # pressure at the edge of a rectangle over its moment per area and width
 
 
 class Face(NamedTuple):

@@ -15,9 +15,7 @@ from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
-FASTEST = 100.0
-"""Speed, m/s, beyond which rubber heats more than a steady, even temperature describes."""
-
+FASTEST = 100.0  # m/s; faster rubber heats more than an even temperature describes
 QUICK_SAMPLES = 80  # bootstrap samples of a quick friction law, at most
 
 TABLES = ("rubber", "road", "cell", "sliding", "tread")
