@@ -197,17 +197,15 @@ def _with_intervals(
     values: dict[str, Any] = {}
     for kind, deviation in deviations.items():
         logs = []
-        for sign in (-1.0, 1.0):
-            shift = np.exp(sign * NORMAL * deviation) if np.isfinite(deviation) else np.nan
-            if np.isnan(shift):
-                logs.append(np.nan)
-                continue
-            changed = replace(material, fatigue_limit=float(shift) * material.fatigue_limit)
+        for sign in (-1.0, 1.0) if np.isfinite(deviation) else ():
+            shift = float(np.exp(sign * NORMAL * deviation))
+            changed = replace(material, fatigue_limit=shift * material.fatigue_limit)
             lives = first(stress, changed)
             places.append(int(np.argmin(lives)))
             limit = np.log(lives.min() / middle)
             logs.append(sign * np.sqrt(limit**2 + law_errors[kind] ** 2 + mesh**2))
-        values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * np.exp(logs)
+        ends = np.exp(logs or [np.nan, np.nan])
+        values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * ends
     centre = life["position"].to_numpy()[life["corners"].to_numpy().astype(int)].mean(axis=1)
     start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
     values["crack_distance"] = np.linalg.norm(centre[places] - start, axis=1).max()

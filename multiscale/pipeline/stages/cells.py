@@ -120,6 +120,16 @@ def _press(case: Case, job: Job) -> Dataset:
         response = with_slope_errors(
             response, pair, folder, identity, composite, sparing=job.sparing
         )
+    beyond = "one elastic body no longer stands for two"
+    of_mesh = case.cell.mesh is not None
+    cautions = [
+        *case.cautions(),
+        *case_cells.coating_caution(case),
+        *([MESH_CAUTION] if of_mesh else caution_steep(response, "composite surface", beyond)),
+        *_missing_roughness(measured),
+        *_increments(response),
+        *str(response.attrs.get("ended", "")).splitlines(),
+    ]
     response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(case_cells.composite_material(case)),
@@ -127,24 +137,9 @@ def _press(case: Case, job: Job) -> Dataset:
         coatings=" and ".join(f"body_{k}" for k, body in enumerate(case.bodies, 1) if body.coating),
         longest_wave=case_cells.longest_wave(case),
         cell_size=max(case.cell.size),
-        bodies=(COMPOSITE if case.cell.mesh is None else MESHED),
+        bodies=MESHED if of_mesh else COMPOSITE,
         identity=identity,
-        cautions="\n".join(
-            [
-                *case.cautions(),
-                *case_cells.coating_caution(case),
-                *(
-                    [MESH_CAUTION]
-                    if case.cell.mesh is not None
-                    else caution_steep(
-                        response, "composite surface", "one elastic body no longer stands for two"
-                    )
-                ),
-                *_missing_roughness(measured),
-                *_increments(response),
-                *str(response.attrs.get("ended", "")).splitlines(),
-            ]
-        ),
+        cautions="\n".join(cautions),
     )
     return with_real_pressure(case, response)
 
