@@ -18,13 +18,14 @@ from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.joint_settings import SLABS
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
-from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
+from multiscale.upscaling import limits, over_steps, with_budget, with_intervals
 from multiscale.upscaling.budget import (
     FEW_CELLS,
     MACRO,
     Term,
     has_budget,
     how_attribute,
+    interval_errors,
     known_terms,
 )
 from multiscale.upscaling.propagation import STRETCH

@@ -14,7 +14,8 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.tables.joint_settings import LawSource
 from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, report_far
-from multiscale.upscaling import law_from_dataset, read_law
+from multiscale.upscaling import law_from_dataset
+from multiscale.upscaling.tables import read_law
 
 
 def prepare(case: Case) -> None:

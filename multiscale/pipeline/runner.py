@@ -21,7 +21,7 @@ from multiscale.pipeline.stages import ACCURACY_STAGE, COMPUTED, stages_of
 from multiscale.pipeline.stages.accuracy import planned_case
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE, Dataset
-from multiscale.upscaling import read_law
+from multiscale.upscaling.tables import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup

@@ -14,7 +14,6 @@ import numpy as np
 from multiscale.plotting.budget_figures import estimated_steps, step_labels
 from multiscale.schema import SHOWN, Dataset, unit_in
 from multiscale.units import Unit
-from multiscale.upscaling import Prediction
 from multiscale.upscaling.budget import (
     has_budget,
     how_attribute,
@@ -23,6 +22,7 @@ from multiscale.upscaling.budget import (
     total_error,
     unknown_terms,
 )
+from multiscale.upscaling.fit import Prediction
 
 Rows: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]  # head and rows of text
 

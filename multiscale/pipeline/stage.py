@@ -11,7 +11,7 @@ from multiscale import __version__
 from multiscale.io import make_folder, open_dataset
 from multiscale.needs import Needs
 from multiscale.schema import RVE, Dataset, Schema
-from multiscale.upscaling import read_law
+from multiscale.upscaling.tables import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup

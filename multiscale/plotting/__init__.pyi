@@ -23,14 +23,12 @@ from .lines import plot_lines as plot_lines
 from .link_figures import plot_deformed_links as plot_deformed_links
 from .link_figures import plot_energies as plot_energies
 from .link_figures import plot_sorted_tensions as plot_sorted_tensions
-from .rve_figures import plot_crack_damage as plot_crack_damage
 from .rve_figures import plot_cracked_load as plot_cracked_load
 from .rve_figures import plot_modulus_surface as plot_modulus_surface
 from .rve_figures import plot_rve as plot_rve
 from .rve_figures import plot_rve_damage as plot_rve_damage
 from .rve_figures import plot_size_damage as plot_size_damage
 from .rve_figures import plot_size_stiffness as plot_size_stiffness
-from .rve_figures import plot_size_study as plot_size_study
 from .rve_figures import plot_softening as plot_softening
 from .surface_figures import plot_bearing_curve as plot_bearing_curve
 from .surface_figures import plot_contact_map as plot_contact_map
@@ -40,7 +38,6 @@ from .surface_figures import plot_surface as plot_surface
 from .sweep_figures import plot_sweep as plot_sweep
 from .sweep_figures import sweep_ends as sweep_ends
 from .vibration_figures import plot_backbone as plot_backbone
-from .vibration_figures import plot_mode_shape as plot_mode_shape
 from .vibration_figures import vibration_pictures as vibration_pictures
 from .work_precision_figures import draw_work_precision as draw_work_precision
 from .work_precision_figures import plot_work_precision as plot_work_precision

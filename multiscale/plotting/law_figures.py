@@ -24,7 +24,7 @@ from multiscale.upscaling import (
     law_band,
     loading_branch,
 )
-from multiscale.upscaling.reading import friction_at
+from multiscale.upscaling.reading import frictions_at
 
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
@@ -207,7 +207,7 @@ def plot_friction_bell(
     p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
     nearest = float(p[np.argmin(np.abs(np.log(p / pressure)))])
     along = np.geomspace(speed.min(), speed.max(), 200)
-    reference = friction_at(law, float(law.attrs["reference_temperature"]))
+    (reference,) = frictions_at(law, float(law.attrs["reference_temperature"]), [None])
     for temperature, colour in _temperatures(response):
         at = (p == nearest) & (response["temperature"].values == temperature)
         shear = response["traction"].isel(component=1).where(response["converged"] == 1)
@@ -221,7 +221,8 @@ def plot_friction_bell(
             elinewidth=0.8,
             color=colour,
         )
-        shift = friction_at(law, temperature).peak_speed / reference.peak_speed
+        (at_temperature,) = frictions_at(law, temperature, [None])
+        shift = at_temperature.peak_speed / reference.peak_speed
 
         def bell(sample: Any, shift: float = shift) -> np.ndarray:
             return np.asarray(sample.coefficient(nearest, along / shift))
@@ -231,7 +232,7 @@ def plot_friction_bell(
             ax.fill_between(along, low, high, color=colour, alpha=0.25, linewidth=0)
         except CaseError:  # too few realisations for a band
             pass
-        mean = friction_at(law, temperature).coefficient(np.array(nearest), along)
+        mean = at_temperature.coefficient(np.array(nearest), along)
         ax.plot(along, mean, color=colour, label=f"{temperature - ZERO_CELSIUS:.4g} °C")
     ax.set(xscale="log", xlabel="sliding speed (m/s)", ylabel="friction coefficient")
     ax.set_ylim(bottom=0.0)

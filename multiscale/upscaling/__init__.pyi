@@ -4,7 +4,6 @@ from .branches import hysteretic_from_dataset as hysteretic_from_dataset
 from .branches import sliders_from_dataset as sliders_from_dataset
 from .branches import tangential_values as tangential_values
 from .budget import estimate_grid_error as estimate_grid_error
-from .budget import interval_errors as interval_errors
 from .budget import limits as limits
 from .budget import over_steps as over_steps
 from .budget import with_budget as with_budget
@@ -14,14 +13,12 @@ from .calibration import by_differences as by_differences
 from .calibration import calibrate as calibrate
 from .calibration import predict_measured as predict_measured
 from .cell_size import at_rms_height as at_rms_height
-from .cell_size import without_bias as without_bias
 from .export import write_law_table as write_law_table
 from .export import write_pressure_overclosure as write_pressure_overclosure
 from .family import FAMILIES as FAMILIES
 from .family import Family as Family
 from .family import Parameter as Parameter
 from .family import unloading_family as unloading_family
-from .fit import Prediction as Prediction
 from .fit import best_family as best_family
 from .fit import compare_laws as compare_laws
 from .fit import fit_law as fit_law
@@ -44,14 +41,12 @@ from .reading import area_from_dataset as area_from_dataset
 from .reading import areas_from_dataset as areas_from_dataset
 from .reading import fitted_law as fitted_law
 from .reading import fitted_laws as fitted_laws
-from .reading import friction_at as friction_at
 from .reading import law_band as law_band
 from .reading import law_from_dataset as law_from_dataset
 from .reading import require_law as require_law
 from .response_observations import friction_observations as friction_observations
 from .response_observations import loading_branch as loading_branch
 from .scales import cell_share as cell_share
-from .tables import read_law as read_law
 from .tables import read_observations as read_observations
 from .transport import CONDUCTANCES as CONDUCTANCES
 from .transport import conductance_ratios as conductance_ratios

@@ -392,19 +392,12 @@ def compare_laws(
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Values of a law at pressures, with 95 % intervals, NaN where they are not known.
+    """Values of a law at pressures, with 95 % intervals, NaN where they are not known."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (points,), SI unit of the quantity
-    mean_law, next_specimen : ndarray, shape (2, points), ends of both intervals
-    unknown : tuple of str, why an interval is not known, a sentence each
-    """
-
-    value: np.ndarray
-    mean_law: np.ndarray
-    next_specimen: np.ndarray
-    unknown: tuple[str, ...]
+    value: np.ndarray  # (points,), SI unit of the quantity
+    mean_law: np.ndarray  # (2, points), ends of the interval of the mean
+    next_specimen: np.ndarray  # (2, points), ends of the interval of a further specimen
+    unknown: tuple[str, ...]  # why an interval is not known, a sentence each
 
 
 def best_family(observations: Observations) -> tuple[str, Dataset]:

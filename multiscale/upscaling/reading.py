@@ -98,15 +98,10 @@ def fitted_laws(
         ) from None
 
 
-def friction_at(law: Dataset, temperature: float) -> BellFriction:
-    """Return the friction law at a temperature, K, from a fitted bell; other laws are refused."""
-    return frictions_at(law, temperature, [None])[0]
-
-
 def frictions_at(
     law: Dataset, temperature: float, samples: Sequence[int | None]
 ) -> list[BellFriction]:
-    """Build the mean law (None) and samples of it; see :func:`friction_at`."""
+    """Build the friction laws at a temperature, K: the mean bell (None), and samples of it."""
     bells = fitted_laws(law, samples)
     if not isinstance(bells[0], BellFriction):
         raise CaseError(

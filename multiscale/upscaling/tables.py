@@ -185,26 +185,10 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
 
 
 def read_law(path: str | PathLike[str]) -> Dataset:
-    """Read an interface law: a dataset, or a table with a name that ends in ``.csv``.
+    """Read an interface law: a dataset, or a ``.csv`` table of pressures and overclosures.
 
-    Parameters
-    ----------
-    path : path
-        A dataset as of :func:`multiscale.io.open_law`; or a table with the columns ``pressure``
-        and ``overclosure``, such as ``pressure (MPa), overclosure (um)``, in Pa and m where the
-        head has no units. Its first row has zero pressure; both rise from row to row, and the law
-        is linear between rows. Rows where it would soften are left out, if they are within 1 % of
-        the pressure of the others, as in rounded tables.
-
-    Returns
-    -------
-    Dataset
-        Follows ``INTERFACE_LAW``. A table has no error budget; see :func:`with_stated_error`.
-
-    Raises
-    ------
-    MultiscaleError
-        If a file is refused, or a table does not begin at zero, rise and stiffen.
+    The law is linear between rows, which begin at zero pressure and rise. Rows where it would
+    soften are left out, within 1 % of the pressure of the others, as in rounded tables.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv":

@@ -9,12 +9,8 @@ from multiscale.io import save_law
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.showing import tabulate_budget
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.upscaling import (
-    fit_law,
-    law_from_dataset,
-    read_law,
-    read_observations,
-)
+from multiscale.upscaling import fit_law, law_from_dataset, read_observations
+from multiscale.upscaling.tables import read_law
 from tests.support import case_text, write_body, write_law, write_scene
 
 TABLE = "pressure (MPa), overclosure (um)\n0, 0\n1, 0.1\n10, 0.5\n100, 1.2\n"

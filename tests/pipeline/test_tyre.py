@@ -13,7 +13,8 @@ from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.braking import solve_treads
 from multiscale.pipeline.stages.rubber_friction import make_roads, slide_road
 from multiscale.report import draw_figures, write_report
-from multiscale.upscaling import fit_law, friction_at, friction_observations
+from multiscale.upscaling import fit_law, friction_observations
+from multiscale.upscaling.reading import frictions_at
 from tests.support import case_of, slow
 
 TEXT = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
@@ -56,7 +57,7 @@ def test_the_friction_of_the_cells_moves_along_the_speed_by_the_shift_factor(tmp
 def test_the_law_is_one_bell_that_the_temperature_shifts(finished):
     case, out, results = finished
     law = open_law(out / "interface_law.nc")
-    cold, warm = (friction_at(law, T) for T in case.sliding.temperatures[::2])
+    cold, warm = (frictions_at(law, T, [None])[0] for T in case.sliding.temperatures[::2])
     shift = [wlf_shift(T, 293.15, 8.86, 101.6) for T in case.sliding.temperatures[::2]]
     assert warm.peak_speed / cold.peak_speed == pytest.approx(shift[0] / shift[1])
     p, v = np.array(2e5), np.geomspace(1e-3, 10.0, 5)
@@ -89,7 +90,7 @@ def test_a_law_of_another_family_is_no_friction_of_rubber(finished):
     _, _, results = finished
     seen = friction_observations(results.micro_response.isel(step=range(4)))
     with pytest.raises(CaseError, match="a law of the family 'coulomb', expected a bell"):
-        friction_at(fit_law(seen, family="coulomb", n_samples=0), 300.0)
+        frictions_at(fit_law(seen, family="coulomb", n_samples=0), 300.0, [None])
 
 
 def test_the_braking_force_is_the_integral_of_friction_times_pressure(finished):
@@ -102,7 +103,7 @@ def test_the_braking_force_is_the_integral_of_friction_times_pressure(finished):
         step = result.isel(step=k)
         p = -step["traction"].values[:, 0]
         assert area @ p == pytest.approx(load, rel=1e-7)
-        friction = friction_at(law, float(step["temperature"]))
+        (friction,) = frictions_at(law, float(step["temperature"]), [None])
         mu = friction.coefficient(p, np.full(p.shape, float(step["sliding_speed"])))
         assert float(step["braking_force"]) == pytest.approx(area @ (mu * p), rel=1e-9)
         assert np.ptp(p) > 0.3 * p.mean()  # the pressure of the footprint is uneven

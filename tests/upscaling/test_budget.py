@@ -21,7 +21,6 @@ from multiscale.upscaling import (
     propagate,
     with_budget,
     with_scales,
-    without_bias,
 )
 from multiscale.upscaling.budget import (
     ALWAYS,
@@ -34,7 +33,7 @@ from multiscale.upscaling.budget import (
     mean_law_error,
     total_error,
 )
-from multiscale.upscaling.cell_size import size_term
+from multiscale.upscaling.cell_size import size_term, without_bias
 from multiscale.upscaling.free_form import decay_share
 from multiscale.upscaling.scales import compare_scales, effective_cells
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of

@@ -12,11 +12,11 @@ from multiscale.upscaling import (
     by_differences,
     calibrate,
     fit_branches,
-    interval_errors,
     law_from_dataset,
     predict_measured,
     read_measured,
 )
+from multiscale.upscaling.budget import interval_errors
 from multiscale.upscaling.calibration import HEIGHTS
 from multiscale.upscaling.measured_data import (
     Curve,

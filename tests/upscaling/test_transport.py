@@ -5,16 +5,11 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
-from multiscale.upscaling import (
-    conductances,
-    elastic_source,
-    fit_law,
-    say_sealing,
-    write_law_table,
-    write_pressure_overclosure,
-)
+from multiscale.upscaling import fit_law, say_sealing, write_law_table, write_pressure_overclosure
 from multiscale.upscaling.transport import (
+    conductances,
     effective_permeability,
+    elastic_source,
     sealing_pressures,
     with_conductance,
     with_leakage,

@@ -28,9 +28,8 @@ from multiscale.upscaling import (
     propagate,
     with_budget,
     with_scales,
-    without_bias,
 )
-from multiscale.upscaling.cell_size import size_term
+from multiscale.upscaling.cell_size import size_term, without_bias
 from multiscale.upscaling.law_budget import grid_term
 from multiscale.upscaling.scales import compare_scales
 from tests.pressed_joint import press_blocks

@@ -34,8 +34,8 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
-from multiscale.upscaling import interval_errors, propagate
-from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, unknown_terms
+from multiscale.upscaling import propagate
+from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, interval_errors, unknown_terms
 
 SOLVES = 40  # number of solves while the inclusions crack one after the other, about
 
