@@ -78,8 +78,7 @@ SIZE, LONGEST, SHORTEST = 80e-6, 20e-6, 10e-6
 POINTS = 64
 LOWEST, ASKED, HIGHEST = 0.2e9, 1e9, 4e9
 """Range of the pressures of the cells, and the pressure of the measured stiffness, Pa."""
-MOST = 32
-"""Largest number of realisations of a law."""
+MOST = 32  # largest number of realisations of a law
 SHARES = 8
 """Number of equal shares of the realisations of the truth; their scatter is the uncertainty."""
 
@@ -192,8 +191,7 @@ DAMAGE_SCENES = (
     "tension and torsion",
     "blocks of three kinds",
 )
-SUBSTEPS = 16
-"""Number of substeps of every piece of a cycle; four times as many give their error."""
+SUBSTEPS = 16  # number of substeps of every piece of a cycle; four times as many give their error
 
 
 def stress_history(scene: str) -> np.ndarray:

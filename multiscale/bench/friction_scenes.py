@@ -11,8 +11,7 @@ GRAVITY = 9.81  # m/s²
 UP = (0.0, 0.0, 1.0)
 
 
-TIME_STEP = 1e-2
-"""Time step, s."""
+TIME_STEP = 1e-2  # time step, s
 
 Touch = tuple[ArrayLike, ArrayLike, int, int]
 """A contact: point, m, normal, body above, body below or -1 for the ground."""

@@ -24,8 +24,7 @@ from multiscale.executors import thread_count
 from multiscale.executors import threads as kernel_threads
 from multiscale.schema import WORK_PRECISION, Dataset
 
-THREADS = 2
-"""Number of threads that a measured code may use by default."""
+THREADS = 2  # number of threads that a measured code may use by default
 
 Row = dict[str, Any]
 """Variables of ``WORK_PRECISION`` in a row of the table; ``value``, the answer, which is not

@@ -17,11 +17,8 @@ from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY, Dataset
 
-OUTCOMES = ("failed", "refused", "converged")
-"""Meanings of the flag ``outcome``: 0, 1, 2."""
-
-LONGEST = 1800
-"""Seconds after which a case hangs."""
+OUTCOMES = ("failed", "refused", "converged")  # meanings of the flag outcome: 0, 1, 2
+LONGEST = 1800  # seconds after which a case hangs
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from multiscale.surfaces.surface import Surface
 
 
-MODULES = 8
-"""Number of modules along an edge of the grids."""
+MODULES = 8  # number of modules along an edge of the grids
 REFERENCE_PRESTRESS, CABLE_RIGIDITY = 600.0, 4e6
 """Prestress and axial rigidity of the cables of the grids, N."""
 YOUNG, POISSON = 210e9, 0.3  # Pa, 1
@@ -29,8 +28,7 @@ EDGE, PRESSURE = 0.02, 20e6  # of blocks, m, and on them, Pa
 SHORT = 4.0 * np.finfo(float).eps / 1e-9
 """Stretch over the largest displacement, with a rounding of 1e-9 by the displacements, which is the
 tolerance of ``motion``: where links are that stiff, stretches are judged instead of forces."""
-POINTS, LAYERS = 16, 6
-"""Points along an edge and layers of the cells."""
+POINTS, LAYERS = 16, 6  # points along an edge and layers of the cells
 
 
 def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":

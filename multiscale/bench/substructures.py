@@ -35,16 +35,12 @@ from multiscale.schema import Dataset
 CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
 """Methods: the first is the reference of the others, and the second of the first."""
 
-MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
-"""Modules along an edge of the grid."""
-EDGE = 8
-"""Modules along an edge of a substructure, at most: half of the smallest grid."""
-TOLERANCE = 1e-8
-"""Tolerance of the substructured solvers."""
+MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)  # modules along an edge of the grid
+EDGE = 8  # modules along an edge of a substructure, at most: half of the smallest grid
+TOLERANCE = 1e-8  # tolerance of the substructured solvers
 RIGHT = 1e-7
 """Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
-ONCE = 64
-"""Modules along an edge from which each method runs once."""
+ONCE = 64  # modules along an edge from which each method runs once
 
 
 class CutAnswer(NamedTuple):

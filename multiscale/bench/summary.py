@@ -6,8 +6,7 @@ import numpy as np
 
 from multiscale.schema import WORK_PRECISION, Dataset
 
-TARGETS = (0.1, 0.05, 0.02, 0.01)
-"""Relative errors of the table of cheapest answers."""
+TARGETS = (0.1, 0.05, 0.02, 0.01)  # relative errors of the table of cheapest answers
 
 SETTINGS: Mapping[str, str] = {
     "points": "{:.0f} points",

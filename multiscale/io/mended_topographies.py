@@ -10,14 +10,9 @@ import numpy as np
 
 TRUEMAP, ZYGO, ZIP = b"Binary TrueMap Data File v2.0\r\n\0", b"Zygo XYZ Data File", b"PK\x03\x04"
 
-COMMENT = 24
-"""Bytes of the comment of a TrueMap file that its reader expects."""
-
-ROUND = 1e-3
-"""Distance of points from a regular grid, over its spacing, that is round-off."""
-
-MOST_MISSING = 0.9
-"""Largest share of the points of a grid that a file may leave out."""
+COMMENT = 24  # bytes of the comment of a TrueMap file that its reader expects
+ROUND = 1e-3  # distance of points from a regular grid, over its spacing, that is round-off
+MOST_MISSING = 0.9  # largest share of the points of a grid that a file may leave out
 
 
 def mend(content: bytes) -> BytesIO | None:

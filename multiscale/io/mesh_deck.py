@@ -37,8 +37,7 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
 }
 """Corners of the faces S1, S2 and so on."""
 
-FACETS = {2: "line", 3: "triangle", 4: "quad"}
-"""Kinds of faces by their number of corners."""
+FACETS = {2: "line", 3: "triangle", 4: "quad"}  # kinds of faces by their number of corners
 
 GENERATING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 """Keywords that move nodes, or make nodes and elements."""
@@ -52,8 +51,7 @@ class Block(NamedTuple):
     rows: list[tuple[int, list[str]]]
 
 
-Elements = dict[str, list[list[int]]]
-"""Nodes of the elements of every kind."""
+Elements = dict[str, list[list[int]]]  # nodes of the elements of every kind
 
 Places = dict[int, tuple[str, int]]
 """Kind of every element, by its number, and its row among the elements of that kind."""

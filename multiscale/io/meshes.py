@@ -27,8 +27,7 @@ SHAPES = {
 FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
 """Bodies and their facets."""
 
-CURVED = ("hexahedron20", "hexahedron27", "tetra10")
-"""Solids of second order."""
+CURVED = ("hexahedron20", "hexahedron27", "tetra10")  # solids of second order
 
 SOLIDS, PLATES = ("hexahedron", "tetra", "wedge", "pyramid", "poly"), ("quad", "triangle")
 """Beginnings of the kinds of elements of three and of two dimensions."""

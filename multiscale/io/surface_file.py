@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 _TRENDS = ("mean", "plane", "curvature")
 
 NPY = b"\x93NUMPY"
-MOST_SPIKES = 0.01
-"""Largest share of points that are spikes."""
+MOST_SPIKES = 0.01  # largest share of points that are spikes
 
 BOM = b"\xef\xbb\xbf"
 

@@ -19,14 +19,9 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-MOST_DRAWN = 4
-"""Largest number of drawn interfaces, from the first."""
-
-SHOWN = 0.04
-"""Largest displacement in the figure, over the size of the bodies."""
-
-BRIGHTEST = 0.995
-"""Quantile of the stress at the end of the colour scale."""
+MOST_DRAWN = 4  # largest number of drawn interfaces, from the first
+SHOWN = 0.04  # largest displacement in the figure, over the size of the bodies
+BRIGHTEST = 0.995  # quantile of the stress at the end of the colour scale
 
 
 def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3D":

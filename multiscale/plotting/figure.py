@@ -21,14 +21,9 @@ else:  # a name for annotations, without the slow import
 
 DOTS_PER_INCH = 150
 
-PROGRAM = "multiscale"
-"""Program in the metadata of figure files."""
-
-SIZE = (5.2, 4.0)
-"""Default width and height of a figure, inches."""
-
-WIDE = (8.6, 4.2)
-"""Width and height of a figure as wide as a page, inches."""
+PROGRAM = "multiscale"  # program in the metadata of figure files
+SIZE = (5.2, 4.0)  # default width and height of a figure, inches
+WIDE = (8.6, 4.2)  # width and height of a figure as wide as a page, inches
 
 MARGIN = 8  # rows of pixels above and below the drawing
 
@@ -49,8 +44,7 @@ SPACE_TICKS, FLATTEST, SPACE_ZOOM = 5, 0.05, 0.9
 """Ticks on the longest edge of a box in space, smallest ratio of its edges, and its size over the
 size that matplotlib chooses."""
 
-WIDE_ASPECT = 1.5
-"""Width over height of axes above which a colour bar is below them."""
+WIDE_ASPECT = 1.5  # width over height of axes above which a colour bar is below them
 
 BAR_THICKNESS, BAR_BESIDE, BAR_BELOW = 0.12, 0.08, 0.65
 """Thickness of a colour bar, its distance to axes at its left and above it, inches."""
@@ -221,5 +215,4 @@ def on_axes(
     return draw
 
 
-in_space = partial(on_axes, projection="3d")
-"""As :func:`on_axes`, with axes in space."""
+in_space = partial(on_axes, projection="3d")  # as on_axes, with axes in space

@@ -20,21 +20,13 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from matplotlib.collections import Collection
 
-ZONES = ("open", "stick", "sliding")
-"""Names of the values 0, 1 and 2 of ``contact_state``."""
-
-ZONE_COLOURS = ("0.8", "C0", "C3")
-"""Colours of the zones."""
+ZONES = ("open", "stick", "sliding")  # names of the values 0, 1 and 2 of contact_state
+ZONE_COLOURS = ("0.8", "C0", "C3")  # colours of the zones
 
 
-LEGEND_BELOW = 0.45
-"""Distance of the legend of the zones below the axes, inches."""
-
-BESIDE = 0.05
-"""Width of the drawn margin of a joint, over its longer edge."""
-
-LEVEL = 1e-6
-"""Height, relative to a body, up to which corners lie on its top."""
+LEGEND_BELOW = 0.45  # distance of the legend of the zones below the axes, inches
+BESIDE = 0.05  # width of the drawn margin of a joint, over its longer edge
+LEVEL = 1e-6  # height, relative to a body, up to which corners lie on its top
 
 QUANTITIES = {
     "pressure": "pressure (MPa)",

@@ -26,14 +26,9 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.reading import frictions_at
 
-BAND_PERCENTILES = (2.5, 97.5)
-"""Percentiles of the 95 % bands."""
-
-LEAST = 0.1
-"""Lower end of a band on a logarithmic axis over the smallest value, if the end is zero."""
-
-STATISTICS = ("mean", "std")
-"""Statistics over realisations, drawn as markers with bars."""
+BAND_PERCENTILES = (2.5, 97.5)  # percentiles of the 95 % bands
+LEAST = 0.1  # lower end of a band on a logarithmic axis over the smallest value, if the end is zero
+STATISTICS = ("mean", "std")  # statistics over realisations, drawn as markers with bars
 
 
 def plot_gap_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:

@@ -10,8 +10,7 @@ from multiscale.schema import SHOWN, Dataset, unit_in
 BANDS = {"one_part": 0.2, "mean_law": 0.45}
 """Both intervals of an answer, and the opacity of their bands."""
 
-STYLES = ("o-", "s--", "--", ":")
-"""Line styles of several variables."""
+STYLES = ("o-", "s--", "--", ":")  # line styles of several variables
 
 MOST_COLOURS, LARGEST_LEGEND = 10, 10
 """Largest numbers of lines with different colours, and with a legend."""

@@ -17,11 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-MOST_FACES = 15_000
-"""Faces of voxels above which an image is drawn at half its resolution."""
-
-LIGHT = np.array([0.35, -0.55, 0.76])
-"""Unit vector towards the light."""
+MOST_FACES = 15_000  # faces of voxels above which an image is drawn at half its resolution
+LIGHT = np.array([0.35, -0.55, 0.76])  # unit vector towards the light
 
 COLOURS = {"traction": "C0", "periodic": "black", "displacement": "C3"}
 

@@ -23,8 +23,7 @@ SHOWN = (0.002, 0.998)
 SHOWN_DENSITY = 1e9
 """Largest over smallest shown density; smaller densities are rounding beyond the cut-offs."""
 
-FAINT = 1e-2
-"""Flow over its mean below which a channel is not drawn."""
+FAINT = 1e-2  # flow over its mean below which a channel is not drawn
 
 
 def plot_surface(fields: Dataset, *, ax: Axes | None = None) -> Axes:

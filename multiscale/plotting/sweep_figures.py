@@ -6,8 +6,7 @@ from multiscale.plotting.figure import Axes, axes_or_current
 from multiscale.plotting.lines import BANDS, LARGEST_LEGEND, draw_band, draw_bands
 from multiscale.schema import Dataset
 
-DECADE = 10.0
-"""Largest over smallest value of a key from which its axis is logarithmic."""
+DECADE = 10.0  # largest over smallest value of a key from which its axis is logarithmic
 
 
 def key_in_words(key: str) -> str:

@@ -18,8 +18,7 @@ from multiscale.units import Unit, length_unit
 LEAN = 0.12
 """Largest displacement in a figure of a mode, relative to the longest edge of the structure."""
 
-QUANTITIES = ("frequency", "damping")
-"""Quantities of backbones."""
+QUANTITIES = ("frequency", "damping")  # quantities of backbones
 
 AT_POINTS = {
     "pressure": ("pressure", Unit("MPa", 1e-6)),

@@ -17,11 +17,8 @@ QUANTITIES = {"wall_time": ("wall time (s)", 1.0), "peak_memory": ("peak memory 
 SETTINGS = ("points", "realisations", "time_step", "tolerance")
 """Variables that label the runs of a method; the first in the dataset is used."""
 
-SMALLEST_ERROR = 1e-17
-"""Value at which an error of zero is drawn, dimensionless."""
-
-LEGEND_ROOM = 3.0
-"""Factor by which the axis extends above the lines of growth, for the legend."""
+SMALLEST_ERROR = 1e-17  # value at which an error of zero is drawn, dimensionless
+LEGEND_ROOM = 3.0  # factor by which the axis extends above the lines of growth, for the legend
 
 
 def plot_work_precision(

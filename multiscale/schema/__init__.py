@@ -15,8 +15,7 @@ from multiscale.schema.shown import SHOWN as SHOWN
 from multiscale.schema.shown import Show as Show
 from multiscale.schema.shown import unit_in as unit_in
 
-SCHEMAS = read_schemas()
-"""Kinds of datasets by their names, as in ``datasets.toml``."""
+SCHEMAS = read_schemas()  # kinds of datasets by their names, as in datasets.toml
 
 SURFACE_STATISTICS = SCHEMAS["surface_statistics"]
 MICRO_RESPONSE = SCHEMAS["micro_response"]

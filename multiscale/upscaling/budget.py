@@ -12,13 +12,11 @@ from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 FEW_CELLS = "few cells"
 """Term of a single specimen with few cells in its interface; the mean law does not have it."""
 
-STATED = "stated values"
-"""Term of values that a case states with a half-width."""
+STATED = "stated values"  # term of values that a case states with a half-width
 
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 
-MACRO = "macro discretisation"
-"""Term of the mesh and of the steps of a structure."""
+MACRO = "macro discretisation"  # term of the mesh and of the steps of a structure
 
 ERROR_TERMS = (
     "sampling",
@@ -43,8 +41,7 @@ ONE_SIDED = 6.0  # standard deviations from which a bias leaves a single tail
 
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
-LABELS = ("quantity", "error_term", "parameter")
-"""Labels of the dimensions of a budget."""
+LABELS = ("quantity", "error_term", "parameter")  # labels of the dimensions of a budget
 
 ORDERS = (0.5, 3.0)  # of believed observed orders
 

@@ -10,8 +10,7 @@ from multiscale.laws import AreaLaw, ConvexDecreasing
 from multiscale.upscaling.family import gaps_of
 from multiscale.upscaling.observations import ALLOWED, TWO_SIDED, Observations, list_pressures
 
-N_TERMS = 40
-"""Default number of knots of a law."""
+N_TERMS = 40  # default number of knots of a law
 
 RIDGE = 3e-4  # weight of the smoothness of a law, dimensionless
 

@@ -19,8 +19,7 @@ from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.family import FAMILIES, Family
 from multiscale.upscaling.sampling import most_confident, widening
 
-TABLE = "table"
-"""Family of laws that are linear between the points of a table of the user."""
+TABLE = "table"  # family of laws that are linear between the points of a table of the user
 
 
 def law_from_dataset(

@@ -43,8 +43,7 @@ LOWEST = 1e-3
 ROUNDED = 0.01
 """Distance of a row from the convex law of the others, over its pressure, allowed as rounding."""
 
-COLUMNS = {"pressure": "Pa", "overclosure": "m"}
-"""Columns of a table and their units."""
+COLUMNS = {"pressure": "Pa", "overclosure": "m"}  # columns of a table and their units
 
 
 def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
