@@ -26,12 +26,8 @@ from multiscale.upscaling.observations import QUANTITIES, Observations, observe
 from multiscale.upscaling.reading import TABLE
 
 _COLUMN = {
-    "gap": "gap",
-    "normal_stiffness": "stiffness",
-    "contact_fraction": "contact fraction",
-    "tangential_stiffness": "stiffness",
-    "friction_coefficient": "friction coefficient",
-    "recovery": "recovery",
+    name: "stiffness" if name.endswith("stiffness") else name.replace("_", " ")
+    for name in QUANTITIES
 }
 _PINT = {"m": "m", "Pa": "Pa", "Pa m-1": "Pa/m", "m s-1": "m/s", "1": "1"}
 _EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "1": "1"}
@@ -192,8 +188,6 @@ def read_law(path: str | PathLike[str]) -> Dataset:
     path = Path(path)
     if path.suffix.lower() != ".csv":
         return open_law(path)
-    from multiscale.upscaling.tables import read_columns
-
     columns, _, bare = read_columns(path, COLUMNS, signed=COLUMNS, bare=True)
     p, closed = columns.values()
     _refuse_rows(path, p, closed)
