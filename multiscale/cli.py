@@ -291,6 +291,8 @@ def fit_command(
     _warn(law.attrs["cautions"].splitlines())
     for table in calibration_tables(law):
         _print_table(*table)
+    if case is not None:
+        typer.echo(f"{law.attrs['effective_draws']:.3g} independent draws")
     typer.echo(law.attrs["branches"])
     _print_lines(describe_shear(law))
 

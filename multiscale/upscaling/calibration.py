@@ -195,6 +195,7 @@ def calibrate(
     parameters = tuple(prior.parameters(mode))
     sentences = tuple(_sentences(mode, prior, rows, draws))
     calibrated = _posterior_law(law, prior, np.vstack([mode.theta, draws.theta]), sentences)
+    calibrated.attrs["effective_draws"] = draws.effective
     return Calibration(calibrated, parameters, rows, sentences, draws.effective, mode.solves)
 
 

@@ -8,7 +8,7 @@ sensors and the frame of the machine are compliances :math:`c` in series.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from os import PathLike
@@ -277,13 +277,14 @@ def _first_loading(
     """
     curve, kappa, mu = interface
     total, rates = curve.closure(p)
+    plain = replace(curve, rates=np.empty((0, curve.x.size)))
     low, high = np.full(p.size, curve.x[0]), np.log(p)
 
     def displacement(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement less the given one at q = exp(y), and its derivative by y."""
         q = np.exp(y)
-        delta = mu / kappa * (total - curve.closure(q)[0]) + series * mu * (p - q)
-        slope = -q * mu * (np.exp(-curve.at(q)[0]) / kappa + series)
+        delta = mu / kappa * (total - plain.closure(q)[0]) + series * mu * (p - q)
+        slope = -q * mu * (np.exp(-plain.at(q)[0]) / kappa + series)
         return delta - amplitude, slope
 
     # q by Newton's method between ends that are halved; full slip below the lowest pressure

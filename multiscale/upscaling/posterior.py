@@ -20,7 +20,7 @@ PROPOSAL = 7.0  # degrees of freedom of the draws
 
 MOST_STEPS = 60
 
-SETTLED = 1e-6  # length of a step in posterior standard deviations
+NEAR, SETTLED = 0.1, 1e-3  # lengths of a step in posterior standard deviations
 
 Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps parameters to residuals (data,) and their derivatives (data, parameters)."""
@@ -72,7 +72,7 @@ def find_mode(residual: Residual, n: int) -> Mode:
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
             else:
                 damping = max(10.0 * damping, 1e-2)
-            settled = np.sqrt(step @ H @ step) < SETTLED * np.sqrt(n)
+            settled = np.sqrt(step @ H @ step) < (SETTLED if robust else NEAR) * np.sqrt(n)
             if settled:
                 break
     weight = _weights(r)

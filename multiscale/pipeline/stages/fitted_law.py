@@ -183,7 +183,8 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
         )
     yield Section("Interface law", lines, figures=figures, files=files)
     for title, head, rows in calibration_tables(law):
-        yield Section(title, str(attributes["calibration"]).splitlines(), head, rows)
+        drawn = f"The samples stand for {attributes['effective_draws']:.3g} independent draws."
+        yield Section(title, [*str(attributes["calibration"]).splitlines(), drawn], head, rows)
 
 
 def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
