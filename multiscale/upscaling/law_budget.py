@@ -198,20 +198,10 @@ def sampling_term(
 ) -> Sampling:
     r"""Estimate the half-widths from the scatter of the realisations.
 
-    All quantities and numbers of realisations have Student's interval of the mean. Gap and contact
-    fraction are means over the realisations, and so is the compliance :math:`1/K` of a law through
-    mean gaps, which has the relative interval of the stiffness; each realisation has a separate
-    law. Two realisations give an interval, a single realisation gives NaN.
-
-    With a control, the mean is a sum of the independent means of two ensembles, see
-    :class:`~.sampling.Control`: the residuals of the pairs, and the cheap cells. The
-    squares of their intervals add up, and so do their variances to the scatter of single cells.
-    The interval of a sum by Welch and Satterthwaite covers less where pairs are few: 92 % of 1500
-    repeats with 4 pairs and a correlation of .98, where the sum of squares covers 96 %.
-
-    The scatter of ``sizes``, cells of other sizes apart from the response, counts too, unless
-    there is a control. It falls as :math:`1/L`, so that with :math:`\nu_i = N_i - 1` and the sizes
-    :math:`r_i` relative to the response
+    Student's interval of the mean of gap, contact fraction and compliance :math:`1/K`; the squares
+    of the intervals of residuals of pairs and of cheap cells, see :class:`~.sampling.Control`, add
+    up. The scatter of ``sizes`` counts too, unless there is a control: it falls as :math:`1/L`, so
+    that with :math:`\nu_i = N_i - 1` and the sizes :math:`r_i` relative to the response
 
     .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
         \qquad w = t_{0.975,\, \sum \nu_i}\, \mathrm{CoV} / \sqrt{N_0}.
@@ -260,16 +250,11 @@ def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np
 def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
     """Estimate the half-widths from the errors at left out steps.
 
-    The half-width is the root mean square of these errors, times the share that the decay with the
-    spacing leaves, see :func:`~.free_form.decay_share`, times Student's factor of their number,
-    since few are small by chance; fewer than :data:`FEWEST_UNSEEN` show no decay, and count with
-    their whole error. A family with parameters does not decay. At the ends of the data, with a
-    neighbour on one side only, the error of the gap at the next step counts whole. A stiffness
-    counts the error of the step itself as well, and at the ends its distance from the continued
-    slopes of the gap, see :func:`_end_error`. The observed gaps lie within the half-width, and so
-    does the stiffness by the gaps on both sides where it falls, which no convex law follows. Where
-    some gaps are negative, their errors are not relative to the gaps, which pass through zero, but
-    to the distance in which the pressure changes by a factor e.
+    Their root mean square times the share that the decay with the spacing leaves, see
+    :func:`~.free_form.decay_share`, and Student's factor; fewer than :data:`FEWEST_UNSEEN` count
+    whole. At the ends the error of the gap at the next step counts whole, and so does the distance
+    of the stiffness from the continued slopes of the gap, see :func:`_end_error`. Where some gaps
+    are negative, errors are relative to the distance in which the pressure changes by a factor e.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
     from scipy.special import stdtrit
@@ -326,12 +311,9 @@ def grid_term(
 ) -> Term:
     """Estimate bias and half-widths from the same realisations on several grids.
 
-    The bias is the difference from the grid of the response, or the nearest compared grid, to the
-    finest solved grid: the sum of the mean differences between neighbouring grids, each over the
-    realisations of the finer grid. The half-width is the error of the finest grid by the observed
-    order, or the lowest. The mean difference of few realisations may pass through zero: the
-    intervals of the differences are added, and their variance is subtracted from the square of the
-    mean, which contains it.
+    The bias is the sum of the mean differences between neighbouring grids, down to the finest; the
+    half-width is the error of the finest grid by the observed order, with the intervals of the
+    differences, without the variance that the square of a mean difference contains.
     """
     from scipy.special import stdtrit
 
