@@ -76,7 +76,8 @@ def find_mode(residual: Residual, n: int) -> Mode:
             if settled:
                 break
     weight = _weights(r)
-    covariance = np.linalg.inv(np.eye(n) + J.T @ (weight[:, None] * J))
+    counted = np.minimum(weight, 1.0)  # errors are not smaller than stated
+    covariance = np.linalg.inv(np.eye(n) + J.T @ (counted[:, None] * J))
     return Mode(theta, covariance, r, weight, solves, bool(settled))
 
 
