@@ -11,34 +11,23 @@ stiffness ratio and friction, and the nuisances of every table.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
+from multiscale.executors import run_jobs
+from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling.branches import tangential_values
-from multiscale.upscaling.budget import (
-    ALWAYS,
-    ERROR_TERMS,
-    NORMAL,
-    Term,
-    assemble_budget,
-    has_budget,
-    how_attribute,
-    with_budget,
-)
-from multiscale.upscaling.family import integrate_stiffness
-from multiscale.upscaling.fit import with_branch
-from multiscale.upscaling.free_form import N_TERMS, fit_spline, place_knots
-from multiscale.upscaling.law_budget import LAW_QUANTITIES
+from multiscale.upscaling.budget import NORMAL
+from multiscale.upscaling.calibrated_law import law_of_interfaces
 from multiscale.upscaling.measured_data import Curve, Interface, Measured
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, draw, find_mode
 from multiscale.upscaling.reading import fitted_laws, pick, refuse_band, require_law
-from multiscale.upscaling.sampling import half_range
 
 FRICTION, RATIO = 0.5, 0.12
 """Half-widths of the prior of friction and stiffness ratio of cells, over them: the friction of
@@ -194,7 +183,14 @@ def calibrate(
     rows = tuple(_rows(mode, prior, measured, answer))
     parameters = tuple(prior.parameters(mode))
     sentences = tuple(_sentences(mode, prior, rows, draws))
-    calibrated = _posterior_law(law, prior, np.vstack([mode.theta, draws.theta]), sentences)
+    theta = np.vstack([mode.theta, draws.theta])
+    calibrated = law_of_interfaces(
+        law,
+        [prior.interface(one) for one in theta],
+        prior.heights(theta),
+        sentences,
+        sheared=STIFFNESS_RATIO in prior.names,
+    )
     calibrated.attrs["effective_draws"] = draws.effective
     return Calibration(calibrated, parameters, rows, sentences, draws.effective, mode.solves)
 
@@ -244,12 +240,20 @@ def predict_measured(law: Dataset, table: Measured) -> tuple[np.ndarray, np.ndar
 
 
 def by_differences(
-    values: Callable[[Measured, Interface, Mapping[str, float]], np.ndarray], step: float = 1e-3
+    values: Callable[[Measured, Interface, Mapping[str, float]], np.ndarray],
+    step: float = 1e-3,
+    executor: Executor | None = None,
 ) -> Answer:
     """Return an answer with its gradient by central differences, two solves a parameter.
 
-    The curve changes by ``step`` along its rates, the logarithms of ratio and friction by ``step``,
-    and nuisances by this share of their standard deviation.
+    Parameters
+    ----------
+    values : callable
+        Values of a table by a law and by its nuisances; workers must be able to import it.
+    step : float
+        Change of the curve along its rates, of the logarithms of stiffness ratio and friction, and
+        of nuisances over their standard deviations.
+    executor : Executor, optional, see :func:`multiscale.executors.run_jobs`
     """
 
     def answer(
@@ -259,17 +263,21 @@ def by_differences(
 
         def moved(h: float) -> Iterator[tuple[Interface, Mapping[str, float]]]:
             for rate in curve.rates:
-                softer = replace(curve, log_stiffness=curve.log_stiffness + h * rate)
-                yield Interface(softer, ratio, friction), nuisances
+                stiffer = replace(curve, log_stiffness=curve.log_stiffness + h * rate)
+                yield Interface(stiffer, ratio, friction), nuisances
             yield Interface(curve, ratio * np.exp(h), friction), nuisances
             yield Interface(curve, ratio, friction * np.exp(h)), nuisances
             for name, width in table.nuisances.items():
                 yield interface, {**nuisances, name: nuisances[name] + h * width}
 
-        up, down = (np.array([values(table, *given) for given in moved(h)]) for h in (step, -step))
+        inputs = [(interface, nuisances), *moved(step), *moved(-step)]
+        solved: dict[int, np.ndarray] = {}
+        jobs = ((k, (table, *given)) for k, given in enumerate(inputs))
+        run_jobs(values, jobs, executor, solved.__setitem__)
+        value, *changed = (solved[k] for k in range(len(inputs)))
+        up, down = np.reshape(changed, (2, -1, value.size))
         widths = [1.0] * (len(curve.rates) + 2) + list(table.nuisances.values())
-        gradient = (up - down) / (2.0 * step * np.array(widths)[:, None])
-        return values(table, interface, nuisances), gradient.T
+        return value, ((up - down) / (2.0 * step * np.array(widths)[:, None])).T
 
     return answer
 
@@ -505,91 +513,3 @@ def _sentences(
             f"the weights of the draws are uneven (Pareto shape {draws.tail:.2g}); the samples "
             f"stand for {draws.effective:.3g} independent draws, and intervals are rough"
         )
-
-
-def _posterior_law(
-    law: Dataset, prior: _Prior, theta: np.ndarray, sentences: Sequence[str]
-) -> Dataset:
-    """Return the law with the mode and the samples of the posterior, shape (1 + samples, n)."""
-    interfaces = [prior.interface(one) for one in theta]
-    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    p = np.geomspace(low, high, DATA_POINTS)
-    stiffness = np.array([np.exp(one.curve.at(p)[0]) for one in interfaces])
-    # gaps up to a constant, which scales with the heights; laws meet the mode at a middle pressure,
-    # so that the same knots serve all
-    scaled = prior.heights(theta)
-    top = scaled * fitted_laws(law, [None])[0].gap_at(high / scaled)
-    gap = integrate_stiffness(p, stiffness) + top[:, None]
-    apart = gap[:, DATA_POINTS // 2] - gap[0, DATA_POINTS // 2]
-    gap -= apart[:, None]
-    knot, level = place_knots(p, gap[0], N_TERMS, float(gap.max()))
-    coefficient = fit_spline(p, gap, np.ones_like(gap), knot, level)
-    values = {"knot": knot, "coefficient": coefficient[0], "coefficient_sample": coefficient[1:]}
-    data = law["fit_pressure"].to_numpy()
-    at_data = np.array([np.interp(np.log(data), np.log(p), row) for row in gap])
-    values["fit_mean_gap"] = at_data[0]
-    count = len(theta) - 1
-    if "area_fraction" in law and "area_fraction_sample" not in law:
-        values["area_fraction_sample"] = np.tile(law["area_fraction"].to_numpy(), (count, 1))
-    gone = [name for name in law.variables if str(name).startswith(REPLACED)]
-    after = law.drop_dims(("quantity", "error_term", "parameter"), errors="ignore")
-    after = INTERFACE_LAW.assign(after.drop_vars(gone, errors="ignore"), values)
-    after.attrs = {
-        name: text
-        for name, text in after.attrs.items()
-        if not name.startswith(("how_", "unknown", "cell_ratio"))
-    } | {
-        "family": "convex_decreasing",
-        "uncertainty": "posterior of measured joints",
-        "n_samples": count,
-        "calibration": "\n".join(sentences),
-    }
-    after = with_branch(after, "loading", "calibrated by measured joints", {})
-    if STIFFNESS_RATIO in prior.names:
-        after = _with_shear(after, interfaces)
-    drawn = at_data + apart[:, None], np.exp([one.curve.at(data)[0] for one in interfaces])
-    return with_cautions(with_budget(after, _budget(law, after, *drawn)), *sentences)
-
-
-REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit", "stiffness_fit")
-"""Variables of the normal law of the cells."""
-
-
-def _with_shear(law: Dataset, interfaces: Sequence[Interface]) -> Dataset:
-    """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean."""
-    ratio = np.array([[one.ratio] * 2 for one in interfaces])
-    friction = np.array([one.friction for one in interfaces])
-    values = {
-        "shear_stiffness_ratio": ratio[0],
-        "shear_stiffness_ratio_sample": ratio[1:],
-        "shear_friction": friction[0],
-        "shear_friction_sample": friction[1:],
-    }
-    if "shear_loss_ratio_sample" in law:
-        lost = law["shear_loss_ratio_sample"].to_numpy()
-        values["shear_loss_ratio_sample"] = np.resize(lost, (len(interfaces) - 1, 2))
-    law = with_branch(law.drop_dims("shear_sample", errors="ignore"), "shear", "measured", values)
-    return law.assign_attrs(n_sheared=int(law.attrs.get("n_sheared", 1)))
-
-
-def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndarray) -> Dataset:
-    """Return the budget: the posterior of gap and stiffness, and the terms of the cells' area.
-
-    Gaps and stiffnesses are of mode and samples at the pressures of the law.
-    """
-    p = after["fit_pressure"].to_numpy()
-    terms = {}
-    for term in ERROR_TERMS:
-        half, bias = np.zeros((2, 3, p.size))
-        how = "nothing besides the posterior"
-        if has_budget(before):
-            of_area = before.sel(quantity="contact_fraction", error_term=term)
-            half[1], bias[1] = (of_area[f"error_{kind}"] for kind in ("half_width", "bias"))
-            how = f"of the contact area: {before.attrs[how_attribute(term)]}"
-        elif term in ALWAYS:
-            half[1] = np.nan
-        if term == "sampling":
-            half[[0, 2]] = [half_range(rows[1:]) / np.abs(rows[0]) for rows in (gap, stiffness)]
-            how = f"{len(gap) - 1} samples of the posterior of measured joints"
-        terms[term] = Term(how, half, bias)
-    return assemble_budget(terms, LAW_QUANTITIES, p)

@@ -48,6 +48,7 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
     np.testing.assert_allclose(joint["interface_stiffness"], [1.2e12, 5.7e12], rtol=0.15)
     low, high = joint["interface_stiffness_mean_law"].values
     assert np.all((high - low) / joint["interface_stiffness"].values < 0.25)
+    assert np.isfinite(joint["tangential_stiffness_one_part"]).all()
     response, out = tmp_path / "out" / "micro_response.nc", tmp_path / "law.nc"
     case = str(next(tmp_path.glob("*.toml")))
     app(["fit", str(response), "--measured", case, "-o", str(out)], standalone_mode=False)

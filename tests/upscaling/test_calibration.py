@@ -87,7 +87,7 @@ def test_gradients_are_the_differences(name):
     table, at = TABLES[name], {"frame": 7e-16, "offset": 4e5, "zero": 2e-8}
     at = {nuisance: at[nuisance] for nuisance in table.nuisances}
     value, gradient = table.answer(interface(), at)
-    by_steps = by_differences(lambda table, *given: table.answer(*given)[0], 1e-4)
+    by_steps = by_differences(lambda table, *given: table.answer(*given)[0], step=1e-4)
     same, differences = by_steps(table, interface(), at)
     np.testing.assert_array_equal(same, value)
     scale = np.abs(gradient).max(axis=0)

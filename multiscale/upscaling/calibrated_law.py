@@ -1,0 +1,117 @@
+"""The dataset of a calibrated law: mode and samples of its posterior, and its budget."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
+from multiscale.upscaling.budget import (
+    ALWAYS,
+    ERROR_TERMS,
+    FEW_CELLS,
+    Term,
+    assemble_budget,
+    has_budget,
+    how_attribute,
+    with_budget,
+)
+from multiscale.upscaling.family import integrate_stiffness
+from multiscale.upscaling.fit import with_branch
+from multiscale.upscaling.free_form import N_TERMS, fit_spline, place_knots
+from multiscale.upscaling.law_budget import LAW_QUANTITIES
+from multiscale.upscaling.measured_data import Interface
+from multiscale.upscaling.reading import law_from_dataset
+from multiscale.upscaling.sampling import half_range
+
+POINTS = 48  # of the law within its data
+
+REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit", "stiffness_fit")
+"""Variables of the normal law of the cells."""
+
+
+def law_of_interfaces(
+    law: Dataset,
+    interfaces: Sequence[Interface],
+    heights: np.ndarray,
+    sentences: Sequence[str],
+    *,
+    sheared: bool,
+) -> Dataset:
+    """Return a law of cells with a mode and its samples, which have factors of the heights."""
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    p = np.geomspace(low, high, POINTS)
+    stiffness = np.array([np.exp(one.curve.at(p)[0]) for one in interfaces])
+    # gaps up to a constant, which scales with the heights; laws meet the mode at a middle pressure,
+    # so that the same knots serve all
+    top = heights * law_from_dataset(law).gap_at(high / heights)
+    gap = integrate_stiffness(p, stiffness) + top[:, None]
+    apart = gap[:, POINTS // 2] - gap[0, POINTS // 2]
+    gap -= apart[:, None]
+    knot, level = place_knots(p, gap[0], N_TERMS, float(gap.max()))
+    coefficient = fit_spline(p, gap, np.ones_like(gap), knot, level)
+    values = {"knot": knot, "coefficient": coefficient[0], "coefficient_sample": coefficient[1:]}
+    data = law["fit_pressure"].to_numpy()
+    at_data = np.array([np.interp(np.log(data), np.log(p), row) for row in gap])
+    values["fit_mean_gap"] = at_data[0]
+    count = len(interfaces) - 1
+    if "area_fraction" in law and "area_fraction_sample" not in law:
+        values["area_fraction_sample"] = np.tile(law["area_fraction"].to_numpy(), (count, 1))
+    gone = [name for name in law.variables if str(name).startswith(REPLACED)]
+    after = law.drop_dims(("quantity", "error_term", "parameter"), errors="ignore")
+    after = INTERFACE_LAW.assign(after.drop_vars(gone, errors="ignore"), values)
+    after.attrs = {
+        name: text
+        for name, text in after.attrs.items()
+        if not name.startswith(("how_", "unknown", "cell_ratio"))
+    } | {
+        "family": "convex_decreasing",
+        "uncertainty": "posterior of measured joints",
+        "n_samples": count,
+        "calibration": "\n".join(sentences),
+    }
+    after = with_branch(after, "loading", "calibrated by measured joints", {})
+    if sheared:
+        after = _with_shear(after, interfaces)
+    drawn = at_data + apart[:, None], np.exp([one.curve.at(data)[0] for one in interfaces])
+    return with_cautions(with_budget(after, _budget(law, after, *drawn)), *sentences)
+
+
+def _with_shear(law: Dataset, interfaces: Sequence[Interface]) -> Dataset:
+    """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean."""
+    ratio = np.array([[one.ratio] * 2 for one in interfaces])
+    friction = np.array([one.friction for one in interfaces])
+    values = {
+        "shear_stiffness_ratio": ratio[0],
+        "shear_stiffness_ratio_sample": ratio[1:],
+        "shear_friction": friction[0],
+        "shear_friction_sample": friction[1:],
+    }
+    if "shear_loss_ratio_sample" in law:
+        lost = law["shear_loss_ratio_sample"].to_numpy()
+        values["shear_loss_ratio_sample"] = np.resize(lost, (len(interfaces) - 1, 2))
+    law = with_branch(law.drop_dims("shear_sample", errors="ignore"), "shear", "measured", values)
+    return law.assign_attrs(n_sheared=int(law.attrs.get("n_sheared", 1)))
+
+
+def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndarray) -> Dataset:
+    """Return the budget: the posterior of gap and stiffness, and the terms of the cells' area.
+
+    Gaps and stiffnesses are of mode and samples at the pressures of the law.
+    """
+    p = after["fit_pressure"].to_numpy()
+    terms = {}
+    for term in ERROR_TERMS:
+        half, bias = np.zeros((2, 3, p.size))
+        how = "nothing besides the posterior"
+        if has_budget(before):
+            of_area = before.sel(quantity="contact_fraction", error_term=term)
+            half[1], bias[1] = (of_area[f"error_{kind}"] for kind in ("half_width", "bias"))
+            how = f"of the contact area: {before.attrs[how_attribute(term)]}"
+        elif term in ALWAYS:
+            half[1] = np.nan
+        if term == "sampling":
+            half[[0, 2]] = [half_range(rows[1:]) / np.abs(rows[0]) for rows in (gap, stiffness)]
+            how = f"{len(gap) - 1} samples of the posterior of measured joints"
+        terms[term] = Term(how, half, bias)
+    terms[FEW_CELLS] = Term("not in a law of a measured joint: it has no scatter of further parts")
+    return assemble_budget(terms, LAW_QUANTITIES, p)
