@@ -87,14 +87,15 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
     )
 
 
-def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> float:
-    """Solve a cut grid by LATIN: distance of its tensions from the uncut grid."""
+def cut_structure(bar_over_cable: float, load_factor: float, parts: int, method: str) -> float:
+    """Solve a cut grid: distance of its tensions from the uncut grid."""
     from multiscale.bench.structures import distance
-    from multiscale.macro import cut_links, solve_latin, solve_static
+    from multiscale.macro import cut_links, solve_static
     from multiscale.macro.substructures import split_grid
 
     grid = _grid(bar_over_cable, 1.0)
-    cut = solve_latin(cut_links(grid, split_grid(grid, (parts, parts))), load_factor)
+    problem = cut_links(grid, split_grid(grid, (parts, parts)))
+    cut = _method(method, parts).solve(problem, load_factor)
     _refuse_failure(cut)
     whole = solve_static(grid, load_factor)["tension"].values
     return distance(grid, cut["tension"].values.reshape(-1), whole.reshape(-1))

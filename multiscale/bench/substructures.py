@@ -14,12 +14,13 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
+    AssembledNewton,
     Assembly,
     Body,
+    LatinMethod,
     LinkSystem,
+    NewtonSchur,
     cut_links,
-    solve_latin,
-    solve_schur,
     solve_static,
 )
 from multiscale.macro.bodies import stacked_blocks
@@ -27,7 +28,6 @@ from multiscale.macro.substructures import (
     CutProblem,
     assemble,
     cut_assembly,
-    solve_whole,
     split_grid,
 )
 from multiscale.schema import Dataset
@@ -86,7 +86,7 @@ class CutScene:
             else whole
         )
         if method == CUT_METHODS[0]:
-            return _answer(problem, solve_whole(problem, self.factor), [])
+            return _answer(problem, AssembledNewton().solve(problem, self.factor), [])
         latin = method == CUT_METHODS[2]
         numbers = [body.links.number for body in problem.substructures if body.links]
 
@@ -101,8 +101,9 @@ class CutScene:
                 value = problem.average(state.u) if latin else state.displacement()
             samples.append((perf_counter() - begin, self.error(value, reference.value)))
 
-        solve = solve_latin if latin else solve_schur
-        result = solve(problem, self.factor, tolerance=TOLERANCE, callback=record)
+        solver = LatinMethod if latin else NewtonSchur
+        chosen = solver(tolerance=TOLERANCE, callback=record)
+        result = chosen.solve(problem, self.factor)
         return _answer(problem, result, samples)
 
 

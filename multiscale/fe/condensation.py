@@ -10,7 +10,7 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csc_array, csr_array, issparse
 
 from multiscale.numerics.factorisation import Solve, factorise
 
@@ -49,8 +49,8 @@ class CondensedStiffness:
     split: Split
     blocks: list[np.ndarray]  # S of every body, N/m
     solve: Solve  # applies the inverse of K_ii of all bodies
-    out: csr_array  # K_bi, N/m
-    back: csr_array  # K_ib, N/m
+    out: csr_array | np.ndarray  # K_bi, N/m
+    back: csr_array | np.ndarray  # K_ib, N/m
 
     def reduce(self, force: np.ndarray) -> np.ndarray:
         """Force on the retained unknowns that is equivalent to a force on all unknowns, N."""
@@ -66,13 +66,15 @@ class CondensedStiffness:
 
 
 def condense(
-    matrix: csr_array, unknowns: Split, factorise: Callable[[csr_array], Solve]
+    matrix: csr_array | np.ndarray, unknowns: Split, factorise: Callable[..., Solve]
 ) -> CondensedStiffness:
-    """Condense a block-diagonal matrix."""
+    """Condense a block-diagonal matrix; the dense matrix of a single body stays dense."""
     rows, edge_rows = matrix[unknowns.inside], matrix[unknowns.edge]
-    back, out = csr_array(rows[:, unknowns.edge]), csr_array(edge_rows[:, unknowns.inside])
-    retained = csr_array(edge_rows[:, unknowns.edge])
-    solve = factorise(csr_array(rows[:, unknowns.inside]))
+    back, out = rows[:, unknowns.edge], edge_rows[:, unknowns.inside]
+    retained = edge_rows[:, unknowns.edge]
+    solve = factorise(rows[:, unknowns.inside])
+    if not issparse(matrix):
+        return CondensedStiffness(unknowns, [retained - out @ solve(back)], solve, out, back)
     inner = _inverse_between(solve, out, back, unknowns.edge_start)
     bounds = pairwise(unknowns.edge_start)
     blocks = [

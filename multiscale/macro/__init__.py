@@ -9,7 +9,7 @@ structure                              solvers
 ``FiniteAssembly``: bodies of any bulk :func:`solve_contact`: Newton on displacement and reaction
 law, Coulomb contact, large            together, or only on the reactions if the bodies are linear
 displacement and sliding
-links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`: any interface law
+links or elastic bodies, cut           :func:`solve_latin`, :class:`NewtonSchur`: any interface law
 (:func:`cut_links`, ``cut_assembly``)  between the bodies, many substructures, several processes
 ``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
 interface law, rigid plates, bolts

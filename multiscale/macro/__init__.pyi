@@ -41,4 +41,3 @@ from .substructures import cut_links as cut_links
 from .substructures import homogenise as homogenise
 from .substructures import solve_assembly as solve_assembly
 from .substructures import solve_latin as solve_latin
-from .substructures import solve_schur as solve_schur

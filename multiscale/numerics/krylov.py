@@ -1,9 +1,10 @@
 """Conjugate gradients, flexible minimal residuals, and Anderson acceleration of fixed points."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.linalg import norm
+from scipy.linalg import eigvalsh_tridiagonal
 
 WORSE, DAMPED = 10.0, 0.5
 """Residual, relative to the best, above which the iterates are dropped; relaxation after that."""
@@ -20,8 +21,13 @@ def conjugate_gradients(
     *,
     goal: float,
     limit: int,
+    note: Callable[[float, float], object] = lambda length, share: None,
 ) -> tuple[np.ndarray, int]:
-    r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape."""
+    r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape.
+
+    ``note`` is called with the length of every step and the share of the last direction in it, for
+    :func:`ritz_values`.
+    """
     x, r, p = np.zeros_like(right_hand_side), right_hand_side.copy(), np.zeros_like(right_hand_side)
     rz_old = 1.0
     for iteration in range(limit):
@@ -32,10 +38,34 @@ def conjugate_gradients(
         p = z + (rz / rz_old) * p
         q = apply(p)
         alpha = rz / float(np.vdot(p, q))
+        note(alpha, rz / rz_old)
         x += alpha * p
         r -= alpha * q
         rz_old = rz
     return x, limit
+
+
+def ritz_values(steps: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Eigenvalues of the tridiagonal matrix of conjugate gradients, rising.
+
+    The first and the last approximate the extreme eigenvalues of the preconditioned matrix.
+
+    >>> matrix, steps = np.diag([1.0, 2.0, 4.0]), []
+    >>> _ = conjugate_gradients(
+    ...     lambda v: matrix @ v, np.ones(3), np.copy, goal=1e-12, limit=9,
+    ...     note=lambda *step: steps.append(step),
+    ... )
+    >>> ritz_values(steps).round(6)
+    array([1., 2., 4.])
+    """
+    if not steps:
+        return np.zeros(0)
+    length, share = np.array(steps).T
+    if length.min() <= 0.0:  # the matrix is not positive
+        return np.full(2, np.nan)
+    diagonal = 1.0 / length
+    diagonal[1:] += share[1:] / length[:-1]
+    return np.asarray(eigvalsh_tridiagonal(diagonal, np.sqrt(share[1:]) / length[:-1]))
 
 
 def minimal_residual(

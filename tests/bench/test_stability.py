@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import replace
-from importlib import import_module
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -175,8 +175,7 @@ def test_an_extreme_case_of_a_family_converges(one):
 
 def change(place, name, factor):
     """Multiply the later entries of a result, as a fault in a solver would."""
-    module, function = place.rsplit(".", 1)
-    solve = getattr(import_module(module), function)
+    solve = resolve_name(place)
 
     def wrong(*arguments, **options):
         found = solve(*arguments, **options)
@@ -195,7 +194,7 @@ def change(place, name, factor):
 SCENES = {
     "structure": {"bar_over_cable": 1.0, "prestress": 1.0, "load_factor": 4.0},
     "motion": {"bar_over_cable": 1.0, "prestress": 1.0, "step": 1e-3},
-    "cut_structure": {"bar_over_cable": 1.0, "load_factor": 4.0, "parts": 2},
+    "cut_structure": {"bar_over_cable": 1.0, "load_factor": 4.0, "parts": 2, "method": "Schur"},
     "joint": {"law_over_block": 1.0, "friction": 0.2, "parts": 1},
     "stiff joint": {"law_over_block": 1e12, "friction": 1.5, "parts": 1},
     "friction": {"mass_ratio": 1.0, "coefficient": 0.3, "boxes": 2},
@@ -215,7 +214,7 @@ SCENES = {
         ("motion", "macro.simulate", "velocity", 1.01),
         ("motion", "macro.simulate", "tension", 1.01),
         ("motion", "macro.simulate", "elastic_energy", 1.01),
-        ("cut_structure", "macro.solve_latin", "tension", 1.01),
+        ("cut_structure", "macro.NewtonSchur.solve", "tension", 1.01),
         ("joint", "macro.substructures.load_joint", "traction", -7.0),
         ("joint", "macro.substructures.load_joint", "traction", 1.0001),
         ("joint", "macro.substructures.load_joint", "jump", 1.0001),

@@ -14,7 +14,7 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
-from multiscale.macro.substructures import LatinMethod, cut_assembly, solve_whole
+from multiscale.macro.substructures import AssembledNewton, LatinMethod, cut_assembly
 from multiscale.macro.substructures.error import Admissible, indicate_error
 from multiscale.macro.substructures.latin_solver import LatinSolver
 from multiscale.macro.substructures.stepping import JointState
@@ -82,7 +82,7 @@ def effectivities(scene):
     solver, state = LatinSolver(problem, options, judged=False), JointState.at_rest(problem)
     admissible = Admissible(solver.iteration)
     K = solver.iteration.stack.stiffness
-    whole = solve_whole(problem, np.eye(len(TIMES)))
+    whole = AssembledNewton().solve(problem, np.eye(len(TIMES)))
     numbers = np.concatenate([part.unknown for part in problem.substructures])
     found = []
     for step in range(len(TIMES)):

@@ -25,7 +25,6 @@ from .problem import CutProblem as CutProblem
 from .problem import Links as Links
 from .problem import Substructure as Substructure
 from .schur import NewtonSchur as NewtonSchur
-from .schur import solve_schur as solve_schur
 from .stack import Alone as Alone
 from .stack import ProcessGroup as ProcessGroup
 from .stack import Ranks as Ranks
@@ -39,4 +38,3 @@ from .whole import AssembledNewton as AssembledNewton
 from .whole import CondensedProblem as CondensedProblem
 from .whole import assemble as assemble
 from .whole import condense_assembly as condense_assembly
-from .whole import solve_whole as solve_whole

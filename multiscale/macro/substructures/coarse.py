@@ -1,15 +1,13 @@
-"""Coarse motions of interfaces: coarse problem, homogenised stiffness, BDDC preconditioner."""
+"""Coarse motions of interfaces: coarse problem of LATIN, homogenised stiffness."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.condensation import Split, compliances
+from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import (
     Factors,
@@ -19,7 +17,6 @@ from multiscale.macro.substructures.stack import (
     lay_out_sides,
     split_columns,
     stack_substructures,
-    together,
 )
 from multiscale.numerics.factorisation import Solve, on_diagonal
 from multiscale.schema import HOMOGENISED, Dataset
@@ -37,11 +34,11 @@ def coarse_basis(problem: CutProblem) -> csr_array:
     The resultants of an interface between two substructures, and every force of a weak
     cross-point, where three or more meet: without them the method diverges.
     """
-    blocks = [_basis_of(face, problem) for face in problem.interfaces]
+    blocks = [interface_motions(face, problem) for face in problem.interfaces]
     return on_diagonal(blocks) if blocks else csr_array((0, 0))
 
 
-def _basis_of(face: CutInterface, problem: CutProblem) -> np.ndarray:
+def interface_motions(face: CutInterface, problem: CutProblem) -> np.ndarray:
     """Orthonormal motions of an interface."""
     if len(face.sides) > 2:
         return np.eye(face.size)
@@ -228,181 +225,3 @@ def _condensed(
         stiffness = np.linalg.inv(flexibility) - kappa * np.eye(size)
         place[:size, :size] = 0.5 * (stiffness + stiffness.T)
     return condensed
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """Shared and coarse unknowns of the p substructures of a process, in padded tables.
-
-    Rows with fewer than w shared or c coarse unknowns are filled up by ``n_shared`` and
-    ``n_coarse``.
-    """
-
-    shared: np.ndarray  # numbers of the shared unknowns, (p, w)
-    coarse: np.ndarray  # numbers of the coarse unknowns, (p, c)
-    constraint: np.ndarray  # coarse unknowns from the shared unknowns, C_E, (p, c, w)
-    n_shared: int
-    n_coarse: int
-    # size of every interface; its substructures in this process and its columns in each
-    faces: list[tuple[int, list[tuple[int, np.ndarray]]]]
-    team: ProcessGroup  # processes that share the substructures
-
-    def gather(self, blocks: list[np.ndarray]) -> np.ndarray:
-        """Stack the matrices of the substructures in an array, shape (p, w, w)."""
-        width = self.shared.shape[1]
-        table = np.zeros((len(blocks), width, width))
-        for place, block in zip(table, blocks, strict=True):
-            place[: len(block), : len(block)] = block
-        return table
-
-    def take(self, value: np.ndarray) -> np.ndarray:
-        """Restrict shared unknowns to every substructure, shape (p, w)."""
-        return np.asarray(np.append(value, 0.0)[self.shared])
-
-    def add(self, value: np.ndarray) -> np.ndarray:
-        """Add up over the substructures of all processes, shape (shared,)."""
-        force = np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)
-        return self.team.total(force[:-1])
-
-    def multiply(self, schur: np.ndarray, value: np.ndarray) -> np.ndarray:
-        """Apply the sum of the matrices of the substructures, shape (shared,)."""
-        return self.add(np.einsum("pij,pj->pi", schur, self.take(value)))
-
-
-def lay_out(
-    split: Split,
-    slot: np.ndarray,
-    basis: csr_array,
-    interfaces: Sequence[CutInterface],
-    local: range,
-    team: ProcessGroup,
-) -> Layout:
-    """Tabulate the unknowns of the substructures of this process, ``local``."""
-    n_shared, n_coarse = basis.shape
-    count = split.edge_start.size - 1
-    shared = np.full((count, int(np.diff(split.edge_start).max(initial=0))), n_shared)
-    shared[split.owner, split.column] = slot
-    used, motions = split_columns(csr_array(basis[slot]), split.edge_start)
-    width = max((item.size for item in used), default=0)
-    coarse = np.full((count, width), n_coarse)
-    constraint = np.zeros((count, width, shared.shape[1]))
-    for owner, (block, item) in enumerate(zip(motions, used, strict=True)):
-        coarse[owner, : item.size] = item
-        constraint[owner, : item.size, : block.shape[0]] = block.T
-    order, faces, first = np.argsort(shared, axis=1), [], 0
-    for face in interfaces:
-        rows = np.arange(first, first + face.size)
-        owners = [owner - local.start for owner in face.sides if owner in local]
-        at = [order[owner][np.searchsorted(shared[owner][order[owner]], rows)] for owner in owners]
-        faces.append((face.size, list(zip(owners, at, strict=True))))
-        first += face.size
-    return Layout(shared, coarse, constraint, n_shared, n_coarse, faces, team)
-
-
-@dataclass(frozen=True, eq=False)
-class Balancing:
-    r"""Preconditioner by balanced solves of the substructures.
-
-    .. math:: M^{-1} = \sum_E R_E^T D_E (Z_E + \Phi_E L^{-1} \Psi_E^T) D_E R_E,    \tag{1}
-
-    where, with the Schur complement :math:`S_E` and the coarse unknowns :math:`C_E`,
-
-    .. math::
-        \begin{pmatrix} S_E & C_E^T \\ C_E & 0 \end{pmatrix}^{-1} =
-        \begin{pmatrix} Z_E & \Phi_E \\ \Psi_E^T & -L_E \end{pmatrix}, \qquad
-        L = \sum_E L_E.    \tag{2}
-
-    References
-    ----------
-    .. [1] C. R. Dohrmann, SIAM J. Sci. Comput. 25 (2003) 246-258,
-       doi:10.1137/S1064827502412887.
-    """
-
-    layout: Layout
-    fine: np.ndarray
-    right: np.ndarray
-    left: np.ndarray
-    solve: Solve | None
-
-    def __call__(self, force: np.ndarray) -> np.ndarray:
-        """Approximate displacement of the shared unknowns for a force on them."""
-        layout = self.layout
-        shares = layout.take(force)
-        u = np.einsum("pij,pj->pi", self.fine, shares)
-        if self.solve is not None:
-            amount = np.einsum("pij,pj->pi", self.left, shares)
-            total = np.bincount(layout.coarse.ravel(), amount.ravel(), layout.n_coarse + 1)
-            w = np.append(self.solve(layout.team.total(total[:-1])), 0.0)
-            u += np.einsum("pij,pj->pi", self.right, w[layout.coarse])
-        return layout.add(u)
-
-
-def prepare_balancing(
-    layout: Layout, schur: np.ndarray, added: np.ndarray, factorise: Callable[[csr_array], Solve]
-) -> Balancing:
-    """Invert (2) for every substructure and factorise the coarse matrix."""
-    # (2), scaled by the largest stiffness; padding has a unit diagonal
-    count, width = layout.shared.shape
-    size = layout.coarse.shape[1]
-    real, wanted = layout.shared < layout.n_shared, layout.coarse < layout.n_coarse
-    diagonal = np.where(real, np.einsum("pii->pi", schur) + added, 0.0)
-    unit = np.max(diagonal, axis=1, initial=0.0)
-    unit[unit <= 0.0] = 1.0
-    matrix = np.zeros((count, width + size, width + size))
-    matrix[:, :width, :width] = schur / unit[:, None, None]
-    at = np.arange(width)
-    matrix[:, at, at] += np.where(real, added / unit[:, None], 1.0)
-    matrix[:, width:, :width] = layout.constraint
-    matrix[:, :width, width:] = layout.constraint.transpose(0, 2, 1)
-    at = np.arange(width, width + size)
-    matrix[:, at, at] += np.where(wanted, 0.0, 1.0)
-    inverse = together(layout.team, lambda: np.linalg.inv(matrix))
-
-    # assemble L
-    coarse = -inverse[:, width:, width:] * unit[:, None, None]
-    rows = np.broadcast_to(layout.coarse[:, :, None], coarse.shape)
-    columns = np.broadcast_to(layout.coarse[:, None, :], coarse.shape)
-    used = wanted[:, :, None] & wanted[:, None, :]
-    entries = layout.team.collect([(coarse[used], rows[used], columns[used])])
-    value, row, column = (np.concatenate(item) for item in zip(*entries, strict=True))
-    assembled = csr_array(coo_array((value, (row, column)), shape=(layout.n_coarse,) * 2))
-    D = together(layout.team, partial(_scaling, layout, schur, added))
-    return Balancing(
-        layout,
-        D @ (inverse[:, :width, :width] / unit[:, None, None]) @ D.transpose(0, 2, 1),
-        D @ inverse[:, :width, width:],
-        inverse[:, width:, :width] @ D.transpose(0, 2, 1),
-        _solve_first(layout.team, assembled, factorise) if layout.n_coarse else None,
-    )
-
-
-def _solve_first(
-    team: ProcessGroup, matrix: csr_array, factorise: Callable[[csr_array], Solve]
-) -> Solve:
-    """Solve on the first process and send the result, so that all have the same digits."""
-    solve = together(team, lambda: None if team.rank else factorise(matrix))
-    return lambda right: team.total(np.zeros_like(right) if solve is None else solve(right))
-
-
-def _scaling(layout: Layout, schur: np.ndarray, added: np.ndarray) -> np.ndarray:
-    r"""Share of every substructure in the motion of an interface :math:`F`.
-
-    .. math:: D_E = \Big( \sum_{E'} S_{E'}^{FF} \Big)^{-1} S_E^{FF}    \tag{3}
-    """
-    D = np.zeros_like(schur)
-    blocks, sums = [], [np.zeros(0)]
-    for size, sides in layout.faces:
-        of_sides = []
-        for owner, at in sides:
-            block = schur[owner][np.ix_(at, at)]
-            of_sides.append(0.5 * (block + block.T) + np.diag(added[owner, at]))
-        blocks.append(of_sides)
-        sums.append(sum(of_sides, np.zeros((size, size))).ravel())
-    # sum over the processes for all interfaces together, then (3)
-    total, first = layout.team.total(np.concatenate(sums)), 0
-    for (size, sides), of_sides in zip(layout.faces, blocks, strict=True):
-        whole = total[first : first + size**2].reshape(size, size)
-        first += size**2
-        for (owner, at), block in zip(sides, of_sides, strict=True):
-            D[owner][np.ix_(at, at)] = np.linalg.solve(whole, block)
-    return D

@@ -8,13 +8,19 @@ from os import environ
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
-from scipy.sparse import csr_array, diags_array, vstack
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array, diags_array, triu, vstack
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.monolithic import FULL
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
-from multiscale.numerics.factorisation import Factorise, Solve, on_diagonal, prepare_cholesky
+from multiscale.numerics.factorisation import (
+    NOT_DEFINITE,
+    Factorise,
+    Solve,
+    on_diagonal,
+    prepare_cholesky,
+)
 
 T = TypeVar("T")
 
@@ -116,13 +122,16 @@ class Factors:
         self.pattern: tuple[np.ndarray, np.ndarray] | None = None
         self.factorise: Factorise | None = None
 
-    def __call__(self, matrix: csr_array) -> Solve:
+    def __call__(self, matrix: csr_array | np.ndarray) -> Solve:
         """Factorise a positive definite matrix."""
-        from scipy.sparse import triu
-
-        if matrix.nnz > FULL * matrix.shape[0] ** 2:
-            factors = lu_factor(matrix.toarray())
-            return lambda rhs: np.asarray(lu_solve(factors, rhs))
+        if isinstance(matrix, csr_array) and matrix.nnz > FULL * matrix.shape[0] ** 2:
+            matrix = matrix.toarray()
+        if isinstance(matrix, np.ndarray):
+            try:
+                factors = cho_factor(matrix)
+            except np.linalg.LinAlgError as error:
+                raise MultiscaleError(NOT_DEFINITE) from error
+            return lambda rhs: np.asarray(cho_solve(factors, rhs))
 
         upper = csr_array(triu(matrix, format="csr"))  # with its diagonal
         upper.sort_indices()

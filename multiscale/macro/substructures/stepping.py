@@ -9,7 +9,7 @@ the distance :math:`\delta` of the washers and its value :math:`\delta_0` when t
 so that the pair of forces is :math:`F - k \delta_0` while it is locked.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -33,7 +33,12 @@ ALIKE = 0.1
 """Difference of the slipping share of a first loading and of the slabs that slip in a step up to
 which the former counts, because it is continuous."""
 
-NOT_TRIED = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
+NOT_TRIED = {
+    "iterations": 0,
+    "krylov_iterations": 0,
+    "condition_number": np.nan,
+    "wall_time": 0.0,
+}
 """Cost of a step after a failure."""
 
 FIELDS = ("displacement", "tension", "slack", "jump", "traction", "bolt_force")
@@ -128,7 +133,7 @@ class StepSolver(Protocol):
     """A method prepared for a structure, without the path."""
 
     @property
-    def attributes(self) -> dict[str, int]:
+    def attributes(self) -> Mapping[str, int | str]:
         """Attributes of the method in a dataset."""
 
     def step(
@@ -177,8 +182,8 @@ class Method:
         """Prepare a structure."""
         raise NotImplementedError
 
-    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> Dataset:
-        """Solve at factors of the load cases, from rest."""
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray = 1.0) -> Dataset:
+        """Solve at factors of the load cases, from rest; see :func:`solve_latin`."""
         return follow(PreparedStructure(problem, self), load_factor).result
 
 
@@ -372,7 +377,7 @@ def _assemble_result(
     problem: CutProblem,
     factors: np.ndarray,
     columns: list[dict[str, Any]],
-    attributes: dict[str, int],
+    attributes: Mapping[str, int | str],
 ) -> Dataset:
     """Join the columns of all steps in a dataset after ``MACRO_RESULT``; failed steps are NaN.
 

@@ -260,14 +260,20 @@ def assemble(problem: CutProblem) -> Assembled:
     place = _placement(problem.numbers, n)
     K = place.T @ on_diagonal(each.stiffness for each in substructures) @ place
     load = place.T @ np.concatenate([each.load for each in substructures])
+    jump = stack_jumps(joint_jumps(problem), n)
+    return Assembled(csr_array(K), load, jump, problem.weight, problem.motions)
+
+
+def joint_jumps(problem: CutProblem) -> list[csr_array]:
+    """Jump of every joint from the unknowns of the structure, shape (3 points, n) each."""
     jumps = []
     for joint in problem.joints:
         first, second = (
-            trace @ _placement(substructures[side].unknown, n)
+            trace @ _placement(problem.substructures[side].unknown, problem.n)
             for side, trace in zip(joint.sides, joint.trace, strict=True)
         )
         jumps.append(csr_array(second - first))
-    return Assembled(csr_array(K), load, stack_jumps(jumps, n), problem.weight, problem.motions)
+    return jumps
 
 
 def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
@@ -286,7 +292,8 @@ def _placement(unknown: np.ndarray, n: int) -> csr_array:
 class AssembledNewton(Method):
     """Newton's method on the whole, uncut: the fastest where its factors fit into memory.
 
-    It supports all laws but rigid contact, on one process; see :func:`solve_whole`.
+    It supports all laws but rigid contact, on one process, and no links; see
+    :func:`~multiscale.macro.monolithic.solve_interface`. The result does not depend on the cut.
     """
 
     name: ClassVar[str] = "Newton's method on the whole"
@@ -295,33 +302,6 @@ class AssembledNewton(Method):
     def start(self, problem: CutProblem) -> "_WholeSolver":
         """Condense and assemble a structure."""
         return _WholeSolver(problem, self)
-
-
-def solve_whole(
-    problem: CutProblem,
-    load_factor: float | np.ndarray = 1.0,
-    **options: Any,
-) -> Dataset:
-    """Solve elastic bodies as an uncut whole; the result does not depend on the cut.
-
-    Parameters
-    ----------
-    problem, load_factor
-        As in :func:`solve_latin`; :func:`multiscale.macro.solve_static` is for links.
-    options
-        Parameters of :class:`AssembledNewton`; see
-        :func:`~multiscale.macro.monolithic.solve_interface`.
-
-    Returns
-    -------
-    Dataset, as from :func:`solve_latin`
-
-    Raises
-    ------
-    CaseError
-        If load factors do not fit the load cases, there are links, or a joint has rigid contact.
-    """
-    return AssembledNewton(**options).solve(problem, load_factor)
 
 
 class _WholeSolver:

@@ -15,11 +15,11 @@ from multiscale.macro.substructures import (
     cut_assembly,
     cut_links,
     homogenise,
-    solve_schur,
     split_grid,
 )
 from multiscale.macro.substructures.problem import expand_numbers
 from multiscale.schema import HOMOGENISED
+from tests.cut_methods import solve_schur
 
 
 @pytest.fixture(scope="module")

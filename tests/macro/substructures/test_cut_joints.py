@@ -26,9 +26,9 @@ from multiscale.macro.substructures import (
     cut_assembly,
     load_joint,
     solve_latin,
-    solve_schur,
 )
 from multiscale.macro.substructures.capacity import find_slide
+from tests.cut_methods import solve_schur
 from tests.support import slow
 
 

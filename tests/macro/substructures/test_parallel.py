@@ -21,8 +21,9 @@ PROGRAM = dedent(
     import numpy as np
     from multiscale.laws import Exponential, Sliders
     from multiscale.macro import LatinMethod, NewtonSchur, cut_links, solve_assembly
-    from multiscale.macro import solve_latin, solve_schur, tensegrity_grid
+    from multiscale.macro import solve_latin, tensegrity_grid
     from multiscale.macro.substructures import split_grid, world
+    from tests.cut_methods import solve_schur
     from tests.macro.substructures.test_bolts import sheared
     from tests.macro.substructures.test_schur import thin_plate
     from tests.macro.substructures.test_cut_joints import stacked_blocks

@@ -16,10 +16,10 @@ from multiscale.macro.substructures import (
     cut_assembly,
     load_joint,
     solve_latin,
-    solve_schur,
 )
 from multiscale.macro.substructures.directions import law_stiffness
 from multiscale.nonsmooth import solve_friction
+from tests.cut_methods import solve_schur
 
 E = 210e9
 

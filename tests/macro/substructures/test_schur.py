@@ -1,26 +1,38 @@
-"""Newton's method with a balanced Schur complement, against monolithic solvers."""
+"""Newton's method with a balanced Schur complement, against monolithic tangents."""
+
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
+from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import condense, split
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Assembly, Body, Interface, solve_static, tensegrity_grid
+from multiscale.laws.link import Bar
+from multiscale.macro import (
+    Assembly,
+    Body,
+    Interface,
+    LinkSystem,
+    solve_static,
+    tensegrity_grid,
+)
 from multiscale.macro.substructures import (
     cut_assembly,
     cut_links,
-    solve_schur,
     split_boxes,
     split_grid,
 )
-from multiscale.macro.substructures.coarse import prepare_balancing
-from multiscale.macro.substructures.schur import NewtonSchur
-from multiscale.macro.substructures.stack import Factors
+from multiscale.macro.substructures.balancing import FLEXIBLE, flexible_motions
+from multiscale.macro.substructures.cut_tangent import CutTangent
+from multiscale.macro.substructures.stack import Alone
 from multiscale.numerics.factorisation import factorise, on_diagonal
+from tests.cut_methods import solve_schur
 from tests.macro.substructures.test_cut_joints import stacked_blocks, whole_blocks
 from tests.macro.substructures.test_latin import tension_error, thin_plate
 
@@ -104,20 +116,148 @@ def test_condensation_solves_a_system_that_is_not_symmetric():
     np.testing.assert_allclose(matrix @ condensed.expand(force, edge), force, atol=1e-13)
 
 
-@pytest.mark.parametrize("parts", [2, 4])
-def test_preconditioned_eigenvalues_lie_between_one_and_a_small_number(parts):
-    method = NewtonSchur().start(thin_plate(parts))
-    matrix = method.stack.matrix(np.zeros(0), None)
-    condensed = condense(matrix, method.split, Factors())
-    schur = method.layout.gather(condensed.blocks)
-    nothing, coarse = np.zeros(method.layout.shared.shape), Factors()
-    balancing = prepare_balancing(method.layout, schur, nothing, coarse)
-    columns = np.eye(method.layout.n_shared)
-    S = np.array([method.layout.multiply(schur, column) for column in columns])
+def preconditioned_eigenvalues(tangent):
+    """Eigenvalues of the preconditioned Schur complement of a tangent, rising."""
+    balancing = tangent.balancing
+    columns = np.eye(balancing.layout.n_shared)
+    S = np.array([balancing.multiply(column) for column in columns])
     M = np.array([balancing(column) for column in columns])
-    values = eigh(S @ M @ S, S, eigvals_only=True)
+    return eigh(S @ M @ S, S, eigvals_only=True)
+
+
+def slack_tangent(n, parts, slack):
+    """Solver of a grid at a tangent with some slack cables."""
+    grid = tensegrity_grid(n, prestress=2550.0)
+    tangent = CutTangent(cut_links(grid, split_grid(grid, (parts, parts))), Alone())
+    cables = tangent.stack.one_sided
+    loose = cables & (np.random.default_rng(seed=1).random(cables.size) < slack)
+    tangent.renew(np.where(loose, 1e-5, 1.0), np.zeros((3, 3, 0)))
+    return tangent
+
+
+@pytest.mark.parametrize("parts", [2, 4])
+def test_preconditioned_eigenvalues_of_a_plate_lie_between_one_and_a_small_number(parts):
+    tangent = CutTangent(thin_plate(parts), Alone())
+    tangent.renew(np.zeros(0), np.zeros((3, 3, 0)))
+    values = preconditioned_eigenvalues(tangent)
     assert values[0] > 1.0 - 1e-6
-    assert values[-1] < 4.0
+    assert values[-1] < 10.0
+
+
+@pytest.mark.parametrize("slack", [0.0, 0.1, 0.2])
+def test_constraints_bound_the_condition_number_for_any_share_of_slack_cables(slack, monkeypatch):
+    tangent = slack_tangent(8, 4, slack)
+    values = preconditioned_eigenvalues(tangent)
+    assert values[0] > 1.0 - 1e-6
+    assert values[-1] < 10.0
+    monkeypatch.setattr("multiscale.macro.substructures.balancing.FLEXIBLE", np.inf)
+    assert preconditioned_eigenvalues(slack_tangent(8, 4, slack))[-1] > 50.0
+
+
+def test_ritz_values_are_the_condition_number_of_the_preconditioned_tangent():
+    tangent = slack_tangent(8, 4, 0.1)
+    force = np.random.default_rng(seed=2).standard_normal(tangent.stack.n)
+    values = preconditioned_eigenvalues(tangent)
+    condition = tangent.solve(force, 1e-10).condition
+    assert condition == pytest.approx(values[-1] / values[0], rel=0.05)
+
+
+def test_a_renewed_preconditioner_is_the_one_that_is_built_anew():
+    tangent = slack_tangent(8, 4, 0.1)
+    share = tangent.share.copy()
+    some = (tangent.of_link == 5) & tangent.stack.one_sided
+    share[some] = np.where(share[some] < 1.0, 1.0, 1e-5)
+    tangent.renew(share, tangent.tangent)
+    anew = slack_tangent(8, 4, 0.0)
+    anew.renew(share, anew.tangent)
+    force = np.random.default_rng(seed=3).standard_normal(tangent.balancing.layout.n_shared)
+    assert tangent.balancing.n_coarse == anew.balancing.n_coarse
+    for apply in ("multiply", "__call__"):
+        first, second = (getattr(each.balancing, apply)(force) for each in (tangent, anew))
+        np.testing.assert_allclose(first, second, atol=1e-9 * np.abs(first).max())
+
+
+def test_flexible_motions_leave_jumps_that_both_sides_resist():
+    rng = np.random.default_rng(seed=4)
+    first, second, flexibility = (
+        root @ root.T for root in rng.standard_normal((3, 9, 9)) * np.logspace(-2, 2, 9)
+    )
+    first, second = first[:6, :6], second[:6, :6]  # three unknowns of corners
+    motions = flexible_motions(first, second, flexibility)
+    H = np.linalg.inv(np.linalg.inv(first) + np.linalg.inv(second))
+    resisted = np.linalg.inv(flexibility)[:6, :6]  # with tied corners
+    every = eigh(H, resisted, eigvals_only=True)
+    assert 0 < motions.shape[1] == np.count_nonzero(every > FLEXIBLE)
+    free = null_space(motions.T)  # jumps that the coarse problem does not balance
+    left = eigh(free.T @ H @ free, free.T @ resisted @ free, eigvals_only=True)
+    assert left[-1] == pytest.approx(every[every <= FLEXIBLE].max())
+
+
+@pytest.mark.parametrize(
+    ("n", "parts", "factor", "outer", "krylov"),
+    [
+        pytest.param(16, 4, 0.25, 5, 45, id="taut"),
+        pytest.param(16, 4, 4.0, 8, 48, id="slack"),
+        pytest.param(32, 8, 4.0, 10, 71, id="slack, four times as many", marks=pytest.mark.slow),
+        pytest.param(32, 4, 4.0, 10, 75, id="slack, larger substructures", marks=pytest.mark.slow),
+    ],
+)
+def test_iterations_grow_neither_with_substructures_nor_with_slack(n, parts, factor, outer, krylov):
+    grid = tensegrity_grid(n, prestress=2550.0 * (n / 16) ** 2)
+    problem = cut_links(grid, split_grid(grid, (parts, parts)))
+    result = solve_schur(problem, factor, tolerance=1e-8)
+    expected = solve_static(grid, factor).tension.values
+    np.testing.assert_allclose(
+        result.tension.values[0], expected, rtol=0.0, atol=1e-8 * np.abs(expected).max()
+    )
+    assert result.iterations <= outer
+    assert result.krylov_iterations <= krylov
+    assert result.condition_number <= 10.0
+    share = result.attrs["coarse_unknowns"] / result.attrs["unknowns"]
+    assert share <= (0.13 if n // parts == 4 else 0.03)
+
+
+def test_insides_are_in_balance_before_a_step_while_the_interfaces_rest(grid):
+    balance = []
+
+    def note(iteration, residual, iterate):
+        inside = ~iterate.cut.stack.shared
+        balance.append((residual, np.abs(iterate.here.gradient[inside]).max()))
+
+    solve_schur(cut_links(grid, split_grid(grid, (2, 2))), 4.0, callback=note)
+    load = balance[0][1] / balance[0][0]
+    for residual, inside in balance[1:-1]:
+        assert inside <= 0.011 * load * max(1.0, residual) or inside <= 0.5 * load * residual
+
+
+def test_substructures_that_touch_in_a_point_have_the_tensions_of_the_whole():
+    base = np.array([[1.0, 0.0, -1.0], [-0.5, 0.8, -1.0], [-0.5, -0.8, -1.0], [0.1, 0.2, -0.6]])
+    position = np.concatenate([[[0.0, 0.0, 0.0]], base, -base])  # the apex is shared
+    ends = np.array([[4, 1], [4, 2], [4, 3], [0, 1], [0, 2], [0, 4]])
+    tower = LinkSystem(
+        position,
+        np.concatenate([ends, np.where(ends > 0, ends + 4, 0)]),
+        (Bar(rigidity=1e7),),
+        np.zeros(12, dtype=int),
+        np.repeat(np.isin(np.arange(9), [0, 4, 8], invert=True), 3).reshape(9, 3),
+        np.where(np.arange(9)[:, None] == 0, [10.0, 20.0, -1000.0], 0.0),
+    )
+    result = solve_schur(cut_links(tower, np.repeat([0, 1], 6)))
+    expected = solve_static(tower).tension.values
+    np.testing.assert_allclose(
+        result.tension.values[0], expected, atol=1e-8 * np.abs(expected).max()
+    )
+    assert result.attrs["coarse_unknowns"] == 3
+
+
+def test_a_stiffness_that_is_not_positive_semidefinite_is_refused_with_its_eigenvalue():
+    problem = thin_plate(2)
+    first = problem.substructures[0]
+    entry = csr_array(([2.0 * first.stiffness.diagonal().max()], ([5], [5])), (first.n,) * 2)
+    wrong = replace(first, stiffness=csr_array(first.stiffness - entry))
+    result = solve_schur(replace(problem, substructures=(wrong, *problem.substructures[1:])))
+    assert result.converged == 0
+    assert re.search(r"not positive semidefinite: its smallest eigenvalue is -\d", result.failure)
 
 
 def test_the_callback_hears_every_iteration_of_newton(grid):
@@ -138,7 +278,7 @@ def test_a_load_that_overflows_ends_the_path_without_an_answer(grid):
 
 
 def test_linear_systems_left_unfinished_are_told(monkeypatch):
-    monkeypatch.setattr("multiscale.macro.substructures.schur.KRYLOV", 1)
+    monkeypatch.setattr("multiscale.macro.substructures.cut_tangent.KRYLOV", 1)
     result = solve_schur(thin_plate(4), max_iterations=3)
     assert result.converged == 0
-    assert "3 of its linear systems did not converge in 1 iterations" in result.failure
+    assert "3 of its linear systems did not converge" in result.failure
