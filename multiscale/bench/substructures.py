@@ -51,6 +51,8 @@ class CutAnswer(NamedTuple):
     iterations: float
     unknowns: int
     history: np.ndarray  # (samples, 2), seconds and errors; empty without a reference
+    krylov_iterations: float = np.nan
+    condition_number: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +124,10 @@ def _answer(
         float(result["iterations"][0]),
         problem.n,
         np.array(history).reshape(-1, 2),
+        *(
+            float(result[name][0]) if name in result else np.nan
+            for name in ("krylov_iterations", "condition_number")
+        ),
     )
 
 
@@ -192,5 +198,9 @@ def judged(rows: Sequence[Row], scene: CutScene) -> Sequence[Row]:
             "error": error,
             "converged": int(answer.converged and error <= RIGHT),
             "history": answer.history,
+            "krylov_iterations": answer.krylov_iterations,
+            "condition_number": answer.condition_number,
         }
+        if isinstance(scene.structure, LinkSystem):
+            row["cables"] = scene.structure.n_links
     return rows

@@ -109,17 +109,14 @@ def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None)
 def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
     """Draw bench results into a PNG file.
 
-    With sizes of structures the panels show the growth of time and memory; with histories each
-    scene has a panel, in rows of three; otherwise scenes stand side by side, errors below each
-    other.
+    With histories each scene has a panel, in rows of three, and the growth of the time with the
+    structures of known size another; with sizes only the panels show the growth of time and memory;
+    otherwise scenes stand side by side, errors below each other.
     """
     scenes = list(dict.fromkeys(work_precision["scene"].values))
-    if "cables" in work_precision:
-        figure = new_figure(11.0, 5.0)
-        for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
-            plot_growth(work_precision, quantity=quantity, ax=ax)
-    elif "history_error" in work_precision:
-        rows = -(-len(scenes) // 3)
+    if "history_error" in work_precision:
+        grows = "cables" in work_precision
+        rows = -(-(len(scenes) + grows) // 3)
         figure = new_figure(13.8, 3.4 * rows + 0.6)
         panels = figure.subplots(rows, 3, squeeze=False).ravel()
         lines: dict[str, Artist] = {}
@@ -129,8 +126,16 @@ def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
             lines |= dict(zip(labels, handles, strict=True))
         for ax in panels[len(scenes) :]:
             ax.set_axis_off()
+        if grows:
+            panels[-1].set_axis_on()
+            sized = work_precision.isel(run=np.isfinite(work_precision["cables"].values))
+            plot_growth(sized.assign(scene=("run", ["grids"] * sized.sizes["run"])), ax=panels[-1])
         title = "filled: converged; open: not converged; dotted: tolerance"
         figure.legend([*lines.values()], [*lines], loc="outside lower center", ncols=6, title=title)
+    elif "cables" in work_precision:
+        figure = new_figure(11.0, 5.0)
+        for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
+            plot_growth(work_precision, quantity=quantity, ax=ax)
     else:
         shown = [name for name in ("error", "contact_error", "over_copy") if name in work_precision]
         errors = [name for name in shown if work_precision[name].notnull().any()]

@@ -24,8 +24,9 @@ SLACK, SLACKEST = 0.3, 1e-5
 """Stiffness of slack links in the tangent, relative to their elastic stiffness: initial value, and
 limit to which long steps reduce it."""
 
-COARSEST, FINEST = 1e-2, 1e-10
-"""Largest and smallest tolerance of a linear system, relative to the load."""
+COARSEST, COARSEST_WITH_JOINTS, FINEST = 1e-2, 1e-3, 1e-10
+"""Largest and smallest tolerance of a linear system, relative to the load: whether a point
+slips depends on more digits than whether a link is slack."""
 
 INSIDE, ROUNDS = 1e-2, 30
 """Tolerance of the insides of substructures, relative to the residual of the structure, and limit
@@ -277,7 +278,8 @@ class _CutEquilibrium(Equilibrium):
             cut.tangent.renew(share, here.tangent + lent)
             cut.coarse_unknowns = max(cut.coarse_unknowns, cut.tangent.balancing.n_coarse)
             # the tolerance of the linear system decreases with the residual
-            accuracy = min(COARSEST, residual)
+            coarsest = COARSEST_WITH_JOINTS if cut.problem.joints else COARSEST
+            accuracy = min(coarsest, residual)
             accuracy = max(accuracy, 0.1 * cut.method.tolerance / residual, FINEST)
             answer = cut.tangent.solve(-here.gradient, accuracy)
         except (MultiscaleError, np.linalg.LinAlgError) as error:

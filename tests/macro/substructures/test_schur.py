@@ -15,6 +15,7 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.link import Bar
 from multiscale.macro import (
+    AssembledNewton,
     Assembly,
     Body,
     Interface,
@@ -96,6 +97,18 @@ def test_what_did_not_converge_is_no_result(grid):
     pushed = solve_schur(stacked_blocks(law, 1, (1.0, 6.0, 1.0)), np.eye(3), max_iterations=20)
     np.testing.assert_array_equal(pushed.converged, [1, 0, 0])
     assert np.isnan(pushed.displacement[1:]).all()
+
+
+def test_a_step_that_newton_does_not_solve_is_solved_by_latin_with_the_reason():
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
+    problem = stacked_blocks(law, 1, (1.0, 2.0))
+    result = solve_schur(problem, np.eye(2), max_iterations=1)
+    expected = AssembledNewton().solve(problem, np.eye(2)).displacement.values
+    assert "2 steps were solved by LATIN: the iteration limit was reached" in result.fallback
+    np.testing.assert_allclose(
+        result.displacement, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max()
+    )
+    assert "fallback" not in solve_schur(problem, np.eye(2)).attrs
 
 
 def test_load_factors_that_do_not_fit_are_refused(grid):
