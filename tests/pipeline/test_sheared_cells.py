@@ -278,6 +278,7 @@ def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(shipped_r
     assert "assumed" not in said
 
 
+@pytest.mark.slow
 def test_the_first_cell_on_half_of_its_points_tells_the_error_of_the_grid(finished, tmp_path):
     """Of stiffness, tangential traction and loss, which are not known without it."""
     case, first, before = finished
