@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io.datasets import open_run
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_knobs import body_knobs, cell_knobs
@@ -222,6 +223,29 @@ def test_bodies_name_their_knobs():
     assert named["elements"].change(case, 1).structure.element == 0.5 * case.structure.element
     assert named["load steps"].change(case, -1).cycles.steps == 4
     assert all(knob.terms == (MACRO,) for knob in named.values())
+
+
+def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
+    from multiscale.pipeline.stages.accuracy import Asked
+    from multiscale.pipeline.stages.joint import JOINT
+
+    asked = Asked(JOINT, "joint_stiffness")
+    result = open_run(run_folder)["macro_result"].to_dataset()
+    datasets = {JOINT.name: result}
+    value, ends = asked.values(datasets)
+    np.testing.assert_array_equal(value, result["joint_stiffness"])
+    preloads = result["preload"].to_numpy()
+    np.testing.assert_array_equal(
+        asked.nearest(datasets, 1.01 * preloads[1]), preloads == preloads[1]
+    )
+    rows = asked.half_widths(datasets, value, ends)
+    budget = result.sel(quantity="joint_stiffness")
+    np.testing.assert_allclose(rows["fit"], budget["error_half_width"].sel(error_term="fit"))
+    assert "few cells" not in rows
+    other = Asked(JOINT, "mean_gap")  # which has no budget
+    assert other.half_widths(datasets, value, None) == {}
+    band = np.stack([0.9 * value, 1.1 * value])
+    np.testing.assert_allclose(other.half_widths(datasets, value, band)["sampling"], 0.1)
 
 
 @pytest.mark.slow

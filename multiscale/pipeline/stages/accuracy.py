@@ -28,6 +28,8 @@ from multiscale.upscaling.budget import FEW_CELLS, has_budget, unknown_terms
 INPUTS = ("fit_pressure", "nominal_pressure", "preload", "sliding_speed", "porosity")
 """Variables beside the answers of stages that have no error."""
 
+PRESSURES = INPUTS[:3]
+
 PLAN = "plan"
 """Folder of the settings in a run folder."""
 
@@ -62,6 +64,18 @@ class Asked:
         value, band = compared[self.name], compared.get(f"{self.name}_mean_law")
         ends = None if band is None else band.transpose("limit", *value.dims).to_numpy()
         return value.to_numpy().ravel(), None if ends is None else ends.reshape(2, -1)
+
+    def nearest(self, datasets: Datasets, pressure: float) -> np.ndarray:
+        """Whether a place of the answer is the nearest to a pressure, Pa."""
+        compared = self.stage.compared(datasets[self.stage.name])
+        for name in PRESSURES:
+            if name in compared and compared[name].dims == compared[self.name].dims:
+                distance = np.abs(np.log(compared[name].to_numpy() / pressure))
+                return np.asarray(np.arange(distance.size) == np.argmin(distance))
+        raise CaseError(
+            f"at in [accuracy] is a pressure, and the {self.label} does not depend on one; leave "
+            f"it out"
+        )
 
     def half_widths(
         self, datasets: Datasets, value: np.ndarray, ends: np.ndarray | None
@@ -149,6 +163,7 @@ class Campaign:
     answers: Sequence[Asked]
     job: Job
     file: Path  # record of all settings
+    pressure: float | None = None  # of the answer, Pa
     record: dict[str, dict[str, Any]] = field(default_factory=dict)
     counted: set[str] = field(default_factory=set)  # settings of this plan
     places: list[int] = field(default_factory=list)  # of the answer in its array
@@ -165,7 +180,8 @@ class Campaign:
     def solve(self, setting: Setting, whole: bool) -> Outcome:
         """Return the answer at a setting, solved or from the record."""
         case = self.at(setting)
-        key = f"{case.checksum()[:16]}-{'whole' if whole else 'coarse'}"
+        asked = self.answers[0].name, self.pressure, case.checksum()[:16], whole
+        key = " ".join(map(str, asked))
         if key not in self.record:
             begin = perf_counter()
             datasets = self.job.solve(self.folder(case), case, whole)
@@ -196,9 +212,15 @@ class Campaign:
             value, ends = read[self.answer]
             asked = self.answers[self.answer]
             known = np.isfinite(value if ends is None else ends.sum(axis=0))
+            known &= value != 0.0  # no error is relative to zero
+            if self.pressure is not None:
+                known &= asked.nearest(datasets, self.pressure)
             self.places = np.flatnonzero(known).tolist()
             if not self.places:
-                raise CaseError(f"{case.title}: {asked.label} is not known at any step")
+                raise CaseError(
+                    f"{case.title}: the {asked.label} is zero or not known, and has no relative "
+                    f"error; ask for another answer, or another pressure by at in [accuracy]"
+                )
             value = value[self.places]
             half = asked.half_widths(
                 datasets, value, None if ends is None else ends[:, self.places]
@@ -228,7 +250,8 @@ def open_campaign(case: Case, stages: Sequence[Stage], job: Job) -> Campaign:
     file = make_folder(job.out / PLAN) / "settings.json"
     record = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     knobs = knobs_of(bare, stages)
-    return Campaign(bare, knobs, stages, find_answers(case, stages), job, file, record)
+    answers, pressure = find_answers(case, stages), case.accuracy.at
+    return Campaign(bare, knobs, stages, answers, job, file, pressure, record)
 
 
 def planned_case(case: Case, plan: Dataset, stages: Sequence[Stage], job: Job) -> tuple[Path, Case]:

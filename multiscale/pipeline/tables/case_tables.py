@@ -416,6 +416,8 @@ class AccuracySettings(toml.Settings):
     quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] | None = None
     """Answer with this error as in earlier versions: of the joint at every preload, the last three
     of the interface at every pressure."""
+    at: toml.Pressure | None = None
+    """Pressure or preload of the answer, Pa; the error counts at all of them if not given."""
     time: toml.Duration | None = None
     """Time of the planner, s; it ends with the answer that it has."""
 
