@@ -203,14 +203,11 @@ def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]
 
 
 def _needs(case: Case) -> Needs:
+    exact = "the pressure on the joint is uniform, and the closed form is exact"
     return Needs(
         choices=(
             Choice("joint", "blocks and interface law in series, in closed form"),
-            Choice(
-                "joint mesh",
-                "the pressure on the joint is uniform, and the closed form is exact",
-                built=False,
-            ),
+            Choice("joint mesh", exact, built=False),
         ),
         libraries=("matplotlib",),  # the report
         seconds=1.0,

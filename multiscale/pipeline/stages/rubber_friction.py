@@ -27,6 +27,11 @@ from multiscale.surfaces.surface import Surface
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import fit_law, fitted_law, friction_observations, require_law
 
+NOT_BUILT = {
+    "time steps": "sliding is steady in the frame of the road",
+    "mesh of the road": "a half-space of rubber has a closed form for each mode",
+    "heat": "the temperature is uniform, and the case gives it",
+}
 STEP_TIME = 5e-6  # s of a point of a road at one pressure, speed and temperature
 
 
@@ -102,20 +107,11 @@ def _needs(case: Case) -> Needs:
     (nx, ny), sliding = case.cell.points, case.sliding
     steps = len(sliding.pressures) * len(sliding.speeds) * len(sliding.temperatures)
     steps *= sliding.realisations
+    each = "stiffness and loss of the rubber, for each mode of the road"
+    built = Choice("complex compliance", each)
     return Needs(
         kinematics="small slopes and small strain, steady sliding",
-        choices=(
-            Choice(
-                "complex compliance", "stiffness and loss of the rubber, for each mode of the road"
-            ),
-            Choice("time steps", "sliding is steady in the frame of the road", built=False),
-            Choice(
-                "mesh of the road",
-                "a half-space of rubber has a closed form for each mode",
-                built=False,
-            ),
-            Choice("heat", "the temperature is uniform, and the case gives it", built=False),
-        ),
+        choices=(built, *(Choice(part, why, built=False) for part, why in NOT_BUILT.items())),
         memory=8 * 30 * nx * ny,
         seconds=STEP_TIME * nx * ny * steps,
     )
