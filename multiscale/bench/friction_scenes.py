@@ -115,8 +115,17 @@ def _cuboid(masses: np.ndarray, sides: np.ndarray) -> np.ndarray:
     return np.asarray(masses[:, None] / 12.0 * (squares.sum(axis=1)[:, None] - squares))
 
 
-def sphere_pile(spheres: int, rng: np.random.Generator) -> RigidBodies:
-    """Build a regular packing of equal spheres above the ground, pushed in all directions."""
+def sphere_pile(
+    spheres: int,
+    rng: np.random.Generator,
+    *,
+    mass_ratio: float = 1.0,
+    friction: float = 0.5,
+) -> RigidBodies:
+    """Build a regular packing of equal spheres above the ground, pushed in all directions.
+
+    Their masses are drawn from .5 to 2 kg, and further apart by ``mass_ratio``.
+    """
     layers = int(np.ceil(spheres ** (1.0 / 3.0)))
     lattice = [
         [i + 0.5 * (k % 2), j + 0.5 * (k % 2), 0.5 + k * np.sqrt(0.5)]
@@ -134,16 +143,18 @@ def sphere_pile(spheres: int, rng: np.random.Generator) -> RigidBodies:
             if np.linalg.norm(apart) < 1.01:
                 contacts.append((0.5 * (centres[i] + centres[j]), apart, i, j))
     masses = rng.uniform(0.5, 2.0, spheres)
+    pushes = rng.normal(size=(spheres, 3))
+    masses *= mass_ratio ** rng.uniform(-0.5, 0.5, spheres)
     forces = _weights(masses)
-    forces[:, :3] += 0.5 * GRAVITY * masses[:, None] * rng.normal(size=(spheres, 3))
+    forces[:, :3] += 0.5 * GRAVITY * masses[:, None] * pushes
     inertias = np.repeat(0.1 * masses[:, None], 3, axis=1)
-    return rigid_bodies(masses, inertias, centres, contacts, forces, 0.5)
+    return rigid_bodies(masses, inertias, centres, contacts, forces, friction)
 
 
-def wedged_block(friction: float) -> RigidBodies:
+def wedged_block(friction: float, slope: float = 0.1) -> RigidBodies:
     """Build a block between two slanted walls, pressed down: it jams where friction is high."""
     contacts: list[Touch] = [
-        ([side * (0.5 + 0.1 * z), y, z], [-side, 0.0, 0.1], 0, -1)
+        ([side * (0.5 + slope * z), y, z], [-side, 0.0, slope], 0, -1)
         for side in (-1.0, 1.0)
         for z in (-0.4, 0.4)
         for y in (-0.5, 0.5)

@@ -234,6 +234,15 @@ def wedge(coefficient: float) -> float:
     return _impulses(wedged_block(coefficient).condensed())
 
 
+def pile(spheres: int, mass_ratio: float, coefficient: float) -> float:
+    """Push a regular packing of spheres: natural-map error of its impulses."""
+    from multiscale.bench.friction_scenes import sphere_pile
+
+    rng = np.random.default_rng(seed=1)
+    bodies = sphere_pile(spheres, rng, mass_ratio=mass_ratio, friction=coefficient)
+    return _impulses(bodies.condensed())
+
+
 def _impulses(problem: tuple[np.ndarray, np.ndarray, np.ndarray]) -> float:
     from multiscale.nonsmooth import solve_friction, verify_friction
 
@@ -363,6 +372,27 @@ def grains(friction: float, step: float, density_ratio: float) -> float:
         overlap if overlap > 0.01 else 0.0,
         unbalanced_share(result, friction),
     )
+
+
+def deposit(friction: float, spheres: int) -> float:
+    """Drop spheres with rigid normals into a box: largest error of the contacts in a step."""
+    from multiscale.macro import granulate
+
+    law = granulate.ContactLaw(friction, tangential_compliance=0.1)
+    model = granulate.deposit(np.full(spheres, 0.01), (0.1, 0.1), law)
+    return float(granulate.simulate_grains(model, 0.3, 2e-3)["residual"].max())
+
+
+def bounce(friction: float, restitution: float, step: float) -> float:
+    """Drop spheres that bounce: largest gain of energy in a step, and change of it without loss."""
+    from multiscale.macro import granulate
+
+    law = granulate.ContactLaw(friction, restitution)
+    model = granulate.deposit(np.full(30, 0.01), (0.07, 0.07), law)
+    result = granulate.simulate_grains(model, 0.2, step)
+    energy = (result["kinetic_energy"] - result["work"]).values / float(result["work"].max())
+    gain = float(np.diff(energy, prepend=0.0).max())
+    return max(gain, -energy.min()) if restitution == 1.0 and friction == 0.0 else gain
 
 
 def voids(modulus: float, porosity: float) -> float:

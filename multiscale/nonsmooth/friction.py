@@ -11,6 +11,7 @@ from scipy.sparse import bsr_array, csr_array, issparse
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import (
+    closing_norm,
     natural_units,
     project_friction_cone,
     unit_step,
@@ -37,6 +38,9 @@ INDEFINITE = (
     "has no negative eigenvalue"
 )
 
+ROUNDED = 1e3
+"""Error, relative to the rounding of the velocities, that is attributed to rounding."""
+
 NEGATIVE = 1e-4
 """Negative eigenvalue, relative to the largest, that round-off in the data does not explain."""
 
@@ -55,6 +59,13 @@ GAIN = 20.0  # factor by which a burst of sweeps has to reduce the error to be f
 
 FULL, LARGE = 15.0, 200
 """Blocks per contact and contacts beyond which a factorisation costs as much as many solves."""
+
+LARGEST_FACTORISED = 2000
+"""Contacts beyond which so full a W is not factorised: the factors fill with the square."""
+
+SOFTENING, SOFT_SWEEPS, SOFT_TOLERANCE = 0.05, 4000, 1e-4
+"""Mobility added across the normals to see whether friction alone prevents an answer, relative to
+that of the contact, with the limit of sweeps and the tolerance of this trial."""
 
 CENTRES = (1.0, 10.0, 0.1, 3.0, 0.3, 30.0, 0.03)
 """Starts of the interior point along the axis of the cones, dimensionless."""
@@ -181,9 +192,39 @@ def solve_friction(
     _refuse_indefinite(problem, THOROUGH)
     if certificate := jamming(problem):
         return replace(solution, status=certificate[0], detail=certificate[1])
+    reason = _rounding(delassus, velocity, solution, contacts) or _softened(problem)
+    solution = replace(solution, detail=reason)
     if max_iterations is not None and solution.status is Status.STALLED:
         return replace(solution, status=Status.MAX_ITERATIONS)
     return solution
+
+
+def _rounding(delassus: csr_array, velocity: np.ndarray, solution: Solution, contacts: int) -> str:
+    """Return a sentence with the level of rounding, if it limits the error."""
+    terms = abs(delassus) @ np.abs(solution.value) + np.abs(velocity)
+    rounding = np.finfo(float).eps * float(np.linalg.norm(terms))
+    level = rounding / closing_norm(velocity.reshape(contacts, -1))
+    if solution.residuals[-1] > ROUNDED * level:
+        return ""
+    return (
+        f"rounding of W r + q is {level:.1e} of the closing velocities, and limits the error to "
+        f"{solution.residuals[-1]:.1e}; raise the tolerance, or bring the masses nearer"
+    )
+
+
+def _softened(problem: ScaledFriction) -> str:
+    """Return a sentence if sweeps solve the problem with a compliance across the normals."""
+    blocks = problem.blocks.copy()
+    blocks[problem.diagonal[:, None], [1, 2], [1, 2]] += SOFTENING
+    soft = replace(problem, blocks=blocks)
+    progress = Progress(soft, SOFT_TOLERANCE)
+    gauss_seidel(soft, np.zeros_like(soft.velocity), progress, SOFT_SWEEPS)
+    if not progress.smallest <= progress.target:
+        return ""
+    return (
+        f"friction makes the rigid problem non-monotone: with {SOFTENING:.0%} more mobility across "
+        f"the normals sweeps solve it; give the contacts this compliance"
+    )
 
 
 def _run_schedule(
@@ -209,6 +250,8 @@ def _run_schedule(
     # Newton steps, unless W is so full that a factorisation costs as much as many solves
     large = problem.friction.size > LARGE
     heavy = large and problem.columns.size > FULL * problem.friction.size
+    if heavy and problem.friction.size > LARGEST_FACTORISED:
+        return
     if not heavy and newton(1e-4):
         return
     # interior points from the centre of the cones; other centres where W is small

@@ -32,6 +32,7 @@ LONGEST = 1e10  # length of a step without a limit
 SMALLEST_PIVOT = 1e-10
 """Entry of an entering column, relative to its largest entry, that counts as zero."""
 
+CANCELLED = 1e-12  # part of a number that is left where it cancels
 TIE = 1e-12  # relative difference up to which two entries of the ratio test count as equal
 FAR = 1e12  # distance along a ray at which its last point lies
 
@@ -293,7 +294,10 @@ def _exchange(tableau, basis, row, entering):  # type: ignore[no-untyped-def]
         factor = tableau[i, entering]
         if i != row and factor != 0.0:
             for k in range(columns):
-                tableau[i, k] -= factor * tableau[row, k]
+                before = tableau[i, k]
+                after = before - factor * tableau[row, k]
+                # what rounding leaves of a difference would hide a tie
+                tableau[i, k] = after if abs(after) > CANCELLED * abs(before) else 0.0
             tableau[i, entering] = 0.0
     left = basis[row]
     basis[row] = entering

@@ -183,10 +183,16 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
         if -work > max(FARTHEST * undone, rounding):
             carrying = np.flatnonzero(y[:, 0] > 0.1 * np.max(y[:, 0]))
             return status, (
-                f"{impulses} at {carrying.size} contacts, contact {carrying[0]} among them, "
-                f"balance each other and move nothing, while these contacts close; {remedy}"
+                f"{impulses} at {carrying.size} contacts ({_listed(carrying)}) balance each other "
+                f"and move nothing, while these contacts close; {remedy}"
             )
     return None
+
+
+def _listed(contacts: np.ndarray, most: int = 8) -> str:
+    """Return the numbers of the first contacts."""
+    more = ", ..." if contacts.size > most else ""
+    return ", ".join(str(contact) for contact in contacts[:most]) + more
 
 
 def _least_work(problem: ScaledFriction, rubs: bool) -> np.ndarray:

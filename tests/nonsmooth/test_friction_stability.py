@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import wedged_block
+from multiscale.bench.friction_scenes import box_stack, sphere_pile, wedged_block
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import verify_friction
@@ -118,7 +118,7 @@ def wedge(angle, friction, closing, velocity):
 def test_parallel_walls_that_close_on_a_rigid_body_have_no_solution(friction):
     solution = solve_friction(*wedge(0.0, friction, 1.0, -1.0))
     assert solution.status is Status.INFEASIBLE
-    assert "normal impulses at 2 contacts" in solution.detail
+    assert "normal impulses at 2 contacts (0, 1)" in solution.detail
     assert solve_friction(*wedge(0.0, friction, 0.0, -1.0)).converged
     assert solve_friction(*wedge(0.0, friction, -1.0, -1.0)).converged
 
@@ -138,6 +138,70 @@ def test_a_wedge_jams_where_friction_exceeds_its_slope(friction, closing, veloci
     solution = solve_friction(*wedge(np.arctan(0.2), friction, closing, velocity))
     assert solution.status is status
     assert ("impulses with friction at 2 contacts" in solution.detail) is (status is Status.JAMMED)
+
+
+def instances(count):
+    """Stacks, wedges and piles in turn, mass ratio 1 to 1e8 and friction .1 to 2."""
+    for seed in range(count):
+        rng = np.random.default_rng(seed=seed)
+        ratio, friction = 10.0 ** rng.uniform(0.0, 8.0), 0.1 * 20.0 ** rng.uniform()
+        if seed % 3 == 0:
+            bodies = box_stack(int(rng.integers(2, 8)), rng, mass_ratio=ratio, friction=friction)
+        elif seed % 3 == 1:
+            bodies = wedged_block(friction, slope=rng.uniform(0.02, 0.5))
+        else:
+            number = int(rng.integers(4, 20))
+            bodies = sphere_pile(number, rng, mass_ratio=ratio, friction=friction)
+        yield bodies.condensed()
+
+
+def independent_error(W, q, mu, r):
+    """Violation of Coulomb's law at each contact over the closing velocities, by cases."""
+    u, r = (W @ r + q).reshape(-1, 3), r.reshape(-1, 3)
+    mass = 3.0 / W.diagonal().reshape(-1, 3).sum(axis=1)
+    slip, shear = np.linalg.norm(u[:, 1:], axis=1), np.linalg.norm(r[:, 1:], axis=1)
+    faults = [
+        np.maximum(0.0, -u[:, 0]),  # closes
+        np.maximum(0.0, -r[:, 0]) / mass,  # pulls
+        np.maximum(0.0, shear - mu * r[:, 0]) / mass,  # leaves the cone
+        np.minimum(np.abs(u[:, 0]), np.abs(r[:, 0]) / mass),  # opens under load
+        # slips below the bound, or not against the shear
+        np.minimum(slip, np.maximum(0.0, mu * r[:, 0] - shear) / mass),
+        np.linalg.norm(u[:, 1:] * shear[:, None] + r[:, 1:] * slip[:, None], axis=1)
+        / np.maximum(shear + mass * slip, 1e-300),
+    ]
+    closing = q.reshape(-1, 3)[q[::3] < 0.0]
+    return float(np.max(faults)) / np.linalg.norm(closing)
+
+
+@pytest.mark.parametrize(
+    ("count", "solved"), [(12, 9), pytest.param(160, 120, marks=pytest.mark.long)]
+)
+def test_no_instance_is_called_solved_that_is_not(count, solved):
+    number = 0
+    for W, q, mu in instances(count):
+        solution = solve_friction(W, q, mu)
+        if solution.converged:
+            number += 1
+            assert independent_error(W, q, mu, solution.value) < 1e-7
+        elif solution.status is not Status.NOT_FINITE:
+            assert solution.residuals[-1] > 1e-8
+    assert number >= solved
+
+
+def test_a_pile_that_friction_makes_unsolvable_is_refused_with_its_remedy():
+    W, q, mu = sphere_pile(100, np.random.default_rng(seed=1)).condensed()
+    solution = solve_friction(W, q, mu, max_iterations=60)
+    assert not solution.converged
+    assert "with 5% more mobility across the normals sweeps solve it" in solution.detail
+
+
+def test_masses_that_leave_no_digits_are_named_with_their_rounding():
+    # a column under 1e8 times its mass
+    W, q, mu = box_stack(3, np.random.default_rng(seed=1)).condensed()
+    solution = solve_friction(W, q, mu, tolerance=1e-15)
+    assert solution.status is Status.STALLED
+    assert "rounding of W r + q is" in solution.detail
 
 
 @pytest.mark.parametrize("mobility", [1e-300, 1e-200, 1e-155, 1e-100, 1e100, 1e155, 1e200, 1e300])

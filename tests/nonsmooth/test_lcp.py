@@ -146,6 +146,35 @@ def test_pivoting_solves_problems_full_of_ties(matrix, vector):
     assert value.min() >= 0.0
 
 
+def game(seed, players=8, strategies=4):
+    """Equilibrium of players with integer costs against each other: ties in every pivot."""
+    n = players * strategies
+    owner = np.arange(n) // strategies
+    cost = np.random.default_rng(seed).integers(1, 251, (n, n)).astype(float)
+    cost[owner[:, None] == owner] = 1.0
+    plays = (owner == np.arange(players)[:, None]).astype(float)
+    matrix = np.block([[cost, -plays.T], [plays, np.zeros((players, players))]])
+    return matrix, np.append(np.zeros(n), -np.ones(players))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pivoting_finds_the_equilibrium_of_a_game(seed):
+    # what rounding leaves of a zero hides a tie, and the path goes round without end
+    matrix, vector = game(seed)
+    value = solve_lcp(matrix, vector, method="pivoting").unwrap()
+    assert natural_error(matrix, vector, value) < 1e-9
+    np.testing.assert_allclose(value[:32].reshape(8, 4).sum(axis=1), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["enum_fails", "exp_murty", "mmc", "ortiz", "tobenna"])
+def test_public_problems_are_solved(reference_data, name):
+    lines = (reference_data / "lcp" / f"lcp_{name}.dat").read_text().splitlines()
+    numbers = np.array(" ".join(line.partition("#")[0] for line in lines).split(), dtype=float)
+    n = int(numbers[0])
+    matrix, vector = numbers[-n * (n + 1) : -n].reshape(n, n).T, numbers[-n:]  # by columns
+    assert natural_error(matrix, vector, solve_lcp(matrix, vector).unwrap()) < 1e-10
+
+
 def test_redundant_constraints_share_one_load():
     mass, directions, vector = loaded_column(20)
     twice = csr_array(directions[:, np.repeat(np.arange(20), 2)])

@@ -1,31 +1,22 @@
 r"""Gauss-Seidel on the contacts of grains, with a Delassus operator that is never assembled."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
-from multiscale.fe.elements import sum_blocks
-from multiscale.macro.granulate.contacts import Contacts
+from multiscale.macro.granulate.contact_systems import solve_assembled, solve_interior
+from multiscale.macro.granulate.contacts import Contacts, Velocities
 from multiscale.macro.granulate.model import Solver
-from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.numerics.compiled import compiled
 
 SWEEPS_PER_CHECK = 10
 """Number of sweeps between two evaluations of the error."""
 
+SMOOTH_SWEEPS = 200
+"""Sweeps after which contacts without friction are solved by interior points."""
 
-class Velocities(NamedTuple):
-    """Velocities of grains and then of walls; fewer columns if grains do not rotate."""
-
-    # columns 0-2 velocity, 4-6 radius times spin, m/s, shape (bodies, 8) or (bodies, 4)
-    velocity: np.ndarray
-    # inverse mass along the normal and across it, squared radius over inertia, 1/kg,
-    # shape (bodies, 3) or (bodies, 1)
-    mobility: np.ndarray
-    # strain rate of a periodic cell along each axis, 1/s, and inverse root of its inertia,
-    # 1/(kg m2)^.5, zero for a prescribed rate, shape (2, 3); None if the cell is rigid
-    strain: np.ndarray | None
+WINDOWS, MOST_IMPACTS = 10, 1000
+"""Parts of a step whose impacts come one after another, and times that its pairs are visited."""
 
 
 def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> tuple[int, float]:
@@ -35,15 +26,21 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
     if scale == 0.0:
         contacts.impulse[:] = 0.0
         return 0, 0.0
-    free = motion._replace(velocity=motion.velocity.copy())
+    free, count = motion._replace(velocity=motion.velocity.copy()), len(contacts.ends)
     _apply_impulses(*arguments)
-    target = solver.tolerance * scale
-    done, error = _relax(*arguments, target, solver.max_iterations, SWEEPS_PER_CHECK)
-    count = len(contacts.ends)
-    if error <= target or motion.strain is not None or count > solver.most_assembled:
+    target, assembled = solver.tolerance * scale, count <= solver.most_assembled
+    smooth = (
+        contacts.coulomb is None and motion.strain is None and 0 < solver.most_assembled < count
+    )
+    sweeps = min(SMOOTH_SWEEPS, solver.max_iterations) if smooth else solver.max_iterations
+    done, error = _relax(*arguments, target, sweeps, SWEEPS_PER_CHECK)
+    if error <= target or motion.strain is not None or not (smooth or assembled):
         return done, error / scale
-    # sweeps stall where heavy grains lie on light grains, and in wedges
-    impulse = _solve_assembled(free, contacts, 0.1 * solver.tolerance)
+    # sweeps stall where heavy grains lie on light grains, in wedges and in dense piles
+    if smooth:
+        impulse = solve_interior(free, contacts, scale, target)
+    else:
+        impulse = solve_assembled(free, contacts, 0.1 * solver.tolerance)
     solved = contacts._replace(impulse=impulse)
     _apply_impulses(*_arguments(solved, free))
     new = _natural_map_error(*_arguments(solved, free))
@@ -55,65 +52,44 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
 def _arguments(contacts: Contacts, motion: Velocities) -> tuple[Any, ...]:
     """Return the arguments of the kernels; optional arrays are separate arguments."""
     # code for an argument that is None is not compiled
-    return contacts._replace(coulomb=None), contacts.coulomb, motion[:2], motion.strain
+    plain = contacts._replace(coulomb=None, struck=None)
+    return plain, contacts.coulomb, motion[:2], motion.strain
 
 
-def _solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
-    """Return impulses, N s, of the assembled problem, with or without convergence."""
-    # velocities and masses in the frames of the contacts
-    velocity, normal, (i, j) = motion.velocity, contacts.normal, contacts.ends.T
-    frames, masses, u = normal[:, None], contacts.mass[:, None], velocity[i, :3] - velocity[j, :3]
-    if contacts.coulomb is not None:
-        across, friction = contacts.coulomb.T
-        first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
-        first /= np.linalg.norm(first, axis=1)[:, None]
-        # (contacts, 3, 3), right-handed: rows normal and tangents
-        frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
-        masses = np.column_stack([contacts.mass, across, across])
-        u = u - np.cross(velocity[i, 4:7] + velocity[j, 4:7], normal)
+def collide(
+    contacts: Contacts,
+    motion: Velocities,
+    gained: np.ndarray,
+    restitution: float,
+    rest: float,
+    length: float,
+) -> np.ndarray:
+    r"""Let pairs that meet within a step bounce in turn, in place; return the ways before impacts.
 
-    def local(vector: np.ndarray) -> np.ndarray:
-        return vector if vector.shape[1] == 1 else np.einsum("cab,cb->ca", frames, vector)
+    At its time :math:`\theta h`, from the gap :math:`g + u \theta h + a (\theta h)^2 / 2 = 0`, a
+    pair has the impulses of Newton's and Coulomb's laws,
 
-    # operator H^T M^-1 H with compliance, and velocities without impulses
-    transfer, inverse = _transfer(frames, contacts.ends, motion.mobility)
-    compliance = contacts.compliance[:, None] / masses  # 1/kg
-    operator = csr_array(
-        transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
-    )
-    free = np.einsum("cab,cb->ca", frames, u)
-    free[:, 0] += contacts.bias
-    free -= compliance * local(contacts.anchor)
-    q, start = free.ravel(), local(contacts.impulse).ravel()
-    if contacts.coulomb is None:
-        return solve_lcp(operator, q, tolerance=tolerance, start=start).value[:, None]
-    solution = solve_friction(operator, q, friction, tolerance=tolerance, start=start)
-    return np.asarray(np.einsum("cab,ca->cb", frames, solution.value.reshape(-1, 3)))
+    .. math::
+        r_N = -(1 + e)\, m_N\, (u + a \theta h)_N, \qquad
+        r_T = \text{projection of} -m_T u_T \text{ on the disc } \mu r_N,    \tag{1}
 
-
-def _transfer(
-    frames: np.ndarray, ends: np.ndarray, mobility: np.ndarray
-) -> tuple[csr_array, np.ndarray]:
-    r"""Return H, from contact impulses to momenta of bodies, and the inverse masses, 1/kg.
-
-    The unknowns of a body are its velocity and radius times spin. A loaded wall moves only along
-    its normal, so that its entries in the tangential columns are zero.
+    and the bodies move on as if they had their new velocities from the start of the step on, from
+    places shifted by :math:`-\theta h M^{-1} H r_N`. Kinetic energy at the start of the step and
+    the work of the forces on the shift then change together by :math:`-(1 - e^2) m_N u_N^2 / 2` and
+    the loss by friction, whatever the order: no cluster of grains gains energy, and with e = 1 and
+    without friction all of it remains.
     """
-    m, c, _ = frames.shape
-    transfer, place = csr_array((6 * len(mobility), c * m)), np.arange(c * m).reshape(m, c)
-    if mobility.shape[1] == 1:  # without rotation
-        mobility = mobility * [1.0, 0.0, 0.0]
-    spin = np.cross(frames[:, :1], frames)  # n x axis, by axis
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        body = ends[:, side]
-        across = np.where(mobility[body, 1] > 0.0, 1.0, 0.0)
-        axes = frames.copy()
-        axes[:, 1:] *= across[:, None, None]
-        for block, first, factor in ((axes, 0, sign), (-spin, 3, 1.0)):
-            at = 6 * body[:, None] + first + np.arange(3)
-            values = factor * block.transpose(0, 2, 1)
-            transfer = transfer + sum_blocks(values, at, place, transfer.shape)
-    return csr_array(transfer), np.repeat(mobility[:, [0, 2]], 3, axis=1).ravel()
+    bodies = len(motion.velocity)
+    shift, impulse = np.zeros((bodies, 3)), np.zeros_like(contacts.impulse)
+    fastest = float(np.abs(motion.velocity[:, :3]).max(initial=0.0))
+    _collide(
+        *_arguments(contacts._replace(impulse=impulse), motion),
+        (gained, length, restitution, max(rest, 1e-12 * fastest)),
+        shift,
+        MOST_IMPACTS,
+    )
+    contacts.impulse[:] = impulse
+    return shift
 
 
 @compiled(inline="always", fastmath=True)
@@ -200,8 +176,8 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
 
     The local W is diagonal, so that the normal impulse comes first and bounds the tangential one:
 
-        r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
-        r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
+        r_N = max(0, (r_N + a_N anchor_N - m_N (u_N + b)) / (1 + a_N)),                      (1)
+        r_T = projection of (r_T + a_T anchor_T - m_T u_T) / (1 + a_T) on the disc mu r_N.   (2)
     """
     velocity, mobility = motion
     ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
@@ -211,9 +187,9 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     for c in range(ends.shape[0]):
         i, j = ends[c, 0], ends[c, 1]
         nx, ny, nz = normals[c, 0], normals[c, 1], normals[c, 2]
-        mass, a, friction = 0.0, compliances[c], 0.0
+        mass, a, friction, across = 0.0, compliances[c], 0.0, 0.0
         if coulomb is not None:
-            mass, friction = coulomb[c, 0], coulomb[c, 1]
+            mass, friction, across = coulomb[c, 0], coulomb[c, 1], coulomb[c, 2]
         ux, uy, uz = _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = _impulse_vector(c, impulse, coulomb)
@@ -230,9 +206,10 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
                 dx, dy, dz = dn * nx, dn * ny, dn * nz
                 _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility)
         else:
-            tx = (rx - old * nx + a * (ax - anchored * nx) - (ux - u * nx) * mass) * give
-            ty = (ry - old * ny + a * (ay - anchored * ny) - (uy - u * ny) * mass) * give
-            tz = (rz - old * nz + a * (az - anchored * nz) - (uz - u * nz) * mass) * give
+            give = 1.0 / (1.0 + across)
+            tx = (rx - old * nx + across * (ax - anchored * nx) - (ux - u * nx) * mass) * give
+            ty = (ry - old * ny + across * (ay - anchored * ny) - (uy - u * ny) * mass) * give
+            tz = (rz - old * nz + across * (az - anchored * nz) - (uz - u * nz) * mass) * give
             square, bound = tx * tx + ty * ty + tz * tz, friction * normal
             if square > bound * bound:  # (2)
                 shrink = bound / np.sqrt(square)
@@ -244,6 +221,64 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
                 _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
         if strain is not None and moves:
             _strain_cell(c, dx, dy, dz, strain, branch)
+
+
+@compiled(fastmath=True)
+def _collide(contacts, coulomb, motion, strain, law, shift, limit):  # type: ignore[no-untyped-def]
+    """Let the pairs bounce in turn until no pair meets in the step; see :func:`collide`."""
+    velocity, mobility = motion
+    gained, h, restitution, rest = law
+    ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
+    gaps, masses, impulse = contacts.gap, contacts.mass, contacts.impulse
+    window, sweeps, impacts = 0, 0, 0
+    while window < WINDOWS and sweeps < limit:
+        sweeps += 1
+        impacts = 0
+        for c in range(ends.shape[0]):
+            i, j = ends[c, 0], ends[c, 1]
+            nx, ny, nz, turn = normals[c, 0], normals[c, 1], normals[c, 2], gained[c]
+            ux, uy, uz = _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch)
+            u = ux * nx + uy * ny + uz * nz
+            # share of the step until they meet
+            gap, time = gaps[c], 0.0
+            gap += (shift[i, 0] - shift[j, 0]) * nx + (shift[i, 1] - shift[j, 1]) * ny
+            gap += (shift[i, 2] - shift[j, 2]) * nz
+            if gap > 0.0:
+                root = np.sqrt(max(0.0, u * u - 2.0 * turn * gap / h)) - u
+                time = 2.0 * gap / (h * root) if root > 0.0 else 2.0
+            if time > (window + 1.0) / WINDOWS:
+                continue
+            if strain is not None:  # the places in a cell follow its strain: impacts are at once
+                time = 0.0
+            speed = u + time * turn
+            if speed >= -rest:
+                continue
+            # impulses (1)
+            impacts += 1
+            dn = -(1.0 + restitution) * speed * masses[c]
+            dx, dy, dz = dn * nx, dn * ny, dn * nz
+            if coulomb is None:
+                impulse[c, 0] += dn
+                _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility)
+            else:
+                mass, bound = coulomb[c, 0], coulomb[c, 1] * dn
+                tx, ty, tz = (u * nx - ux) * mass, (u * ny - uy) * mass, (u * nz - uz) * mass
+                size = np.sqrt(tx * tx + ty * ty + tz * tz)
+                shrink = bound / size if size > bound else 1.0
+                dx, dy, dz = dx + shrink * tx, dy + shrink * ty, dz + shrink * tz
+                impulse[c, 0], impulse[c, 1] = impulse[c, 0] + dx, impulse[c, 1] + dy
+                impulse[c, 2] += dz
+                _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility)
+            if strain is not None:
+                _strain_cell(c, dx, dy, dz, strain, branch)
+            # way before the impact
+            for body, sign in ((i, -1.0), (j, 1.0)):
+                along = sign * time * h * mobility[body, 0] * dn
+                shift[body, 0] += along * nx
+                shift[body, 1] += along * ny
+                shift[body, 2] += along * nz
+        if impacts == 0:
+            window += 1
 
 
 @compiled(fastmath=True)
@@ -308,12 +343,12 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
         old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
         rx, ry, rz = rx - old * nx, ry - old * ny, rz - old * nz
         ux, uy, uz = ux - u * nx, uy - u * ny, uz - u * nz
-        if a > 0.0:
+        if a > 0.0 or (coulomb is not None and coulomb[c, 2] > 0.0):
             ax, ay, az = _impulse_vector(c, anchor, coulomb)
             anchored = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
             u += a * (old - anchored) / masses[c]
             if coulomb is not None:
-                spring = a / coulomb[c, 0]
+                spring = coulomb[c, 2] / coulomb[c, 0]
                 ux += spring * (rx - ax + anchored * nx)
                 uy += spring * (ry - ay + anchored * ny)
                 uz += spring * (rz - az + anchored * nz)

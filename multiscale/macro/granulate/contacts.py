@@ -46,26 +46,37 @@ class Pairs(NamedTuple):
     ends: np.ndarray  # bodies, int32, shape (pairs, 2); walls are numbered after the grains
     impulse: np.ndarray  # impulses from which the sweeps start, shape (pairs, c), N s
     anchor: np.ndarray  # impulses at which contact springs are relaxed, shape (pairs, c), N s
-    approach: np.ndarray  # normal velocity before an impact at the end of the last step, m/s
-    hits: np.ndarray  # normal velocity before an impact caused in this step, else zero, m/s
+    struck: np.ndarray  # impulses of impacts in this step; no rows without restitution, N s
     wanted: np.ndarray  # whether a pair is a contact for any gap, shape (pairs,)
     compliance: np.ndarray  # shape (pairs,), dimensionless
 
 
 class FreeStep(NamedTuple):
-    """A step before its contacts are known; arrays as in :class:`~.contact_solver.Velocities`."""
+    """A step before its contacts are known; arrays as in :class:`Velocities`."""
 
     length: float  # s
-    before: np.ndarray  # velocities before the forces act, m/s
-    velocity: np.ndarray  # velocities after the forces have acted, m/s
+    velocity: np.ndarray  # velocities after forces and impacts, m/s
+    shift: np.ndarray  # ways of the bodies before their impacts; no rows without restitution, m
     mobility: np.ndarray
     friction: np.ndarray  # coefficients of the grains and of each wall; empty without friction
     strain: np.ndarray
-    restitution: float
     relaxation: float  # time in which overlaps relax, s
-    rest: float  # speed up to which pairs do not bounce, m/s
-    first: float  # share of the change of velocity before an impact
-    last: float  # share after it
+    across: float  # least compliance across the normal, dimensionless
+    slack: np.ndarray  # allowed overlap: over the smaller radius, and m, shape (2,)
+    least: float  # least bias, m/s
+
+
+class Velocities(NamedTuple):
+    """Velocities of grains and then of walls; fewer columns if grains do not rotate."""
+
+    # columns 0-2 velocity, 4-6 radius times spin, m/s, shape (bodies, 8) or (bodies, 4)
+    velocity: np.ndarray
+    # inverse mass along the normal and across it, squared radius over inertia, 1/kg,
+    # shape (bodies, 3) or (bodies, 1)
+    mobility: np.ndarray
+    # strain rate of a periodic cell along each axis, 1/s, and inverse root of its inertia,
+    # 1/(kg m2)^.5, zero for a prescribed rate, shape (2, 3); None if the cell is rigid
+    strain: np.ndarray | None
 
 
 class Contacts(NamedTuple):
@@ -74,13 +85,16 @@ class Contacts(NamedTuple):
     number: np.ndarray  # number of the pair of each contact
     ends: np.ndarray  # bodies i and j, int32
     normal: np.ndarray  # from j to i, shape (contacts, 3)
+    gap: np.ndarray  # at the start of the step, m
     bias: np.ndarray  # m/s
     mass: np.ndarray  # along the normal, kg
-    compliance: np.ndarray  # dimensionless
-    coulomb: np.ndarray | None  # mass across the normal, kg, and friction; None without friction
+    compliance: np.ndarray  # along the normal, dimensionless
+    # mass across the normal, kg, friction and compliance across; None without friction
+    coulomb: np.ndarray | None
     branch: np.ndarray  # from centre j to centre i, shape (contacts, 3), m; zero at walls
     impulse: np.ndarray  # (contacts, 3) in global axes, or (contacts, 1) along the normal, N s
     anchor: np.ndarray  # impulses at which springs are relaxed, N s
+    struck: np.ndarray | None  # impulses of impacts, N s; None without restitution
 
     @property
     def frictional(self) -> bool:
@@ -89,13 +103,14 @@ class Contacts(NamedTuple):
 
     @property
     def vectors(self) -> np.ndarray:
-        """Impulses in global axes, shape (contacts, 3), N s."""
-        return self.impulse if self.frictional else self.impulse * self.normal
+        """Impulses of contact and impacts in global axes, shape (contacts, 3), N s."""
+        total = self.impulse if self.struck is None else self.impulse + self.struck
+        return total if self.frictional else total * self.normal
 
     @property
     def loaded(self) -> np.ndarray:
         """Contacts with an impulse, shape (contacts,), bool."""
-        return np.asarray(self.impulse.any(axis=1))
+        return np.asarray(self.vectors.any(axis=1))
 
 
 @compiled(inline="always")
@@ -123,6 +138,15 @@ def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: igno
     if length == 0.0:
         return bore[w] - radius[i], 1.0, 0.0, 0.0
     return bore[w] - length - radius[i], -nx / length, -ny / length, -nz / length
+
+
+@compiled(inline="always")
+def _way_apart(i, j, nx, ny, nz, shift):  # type: ignore[no-untyped-def]
+    """Return the way by which the shift of two bodies parts them along a normal, m."""
+    if shift.shape[0] == 0:
+        return 0.0
+    way = (shift[i, 0] - shift[j, 0]) * nx + (shift[i, 1] - shift[j, 1]) * ny
+    return way + (shift[i, 2] - shift[j, 2]) * nz
 
 
 @compiled(inline="always")
@@ -195,24 +219,23 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
     """Build the contacts from the pairs that may touch within a step.
 
     A pair becomes a contact if it is wanted, had an impulse, or comes nearer than
-    ``CONTACT_DISTANCE`` in a step without impulses. Returns the fields of :class:`Contacts`, their
-    number, and the normal velocities of the pairs before impacts that bounce in the next step, m/s:
-    impacts in the second half of the step, or caused within it.
+    ``CONTACT_DISTANCE`` in a step without impulses. Returns the fields of :class:`Contacts` and
+    their number.
     """
     position, radius, period, walls = place
     kind, point, axis, bore = walls
-    pair_ends, start, spring, approach, hits, wanted, give = pairs
-    h, old, velocity, mobility, coefficient, strain = step[:6]
-    restitution, relaxation, rest, first, last = step[6:]
+    pair_ends, start, spring, struck, wanted, give = pairs
+    h, velocity, shift, mobility, coefficient, strain = step[:6]
+    relaxation, across, slack, least = step[6:]
     n, m = radius.size, 0
     size, width = start.shape
     number, ends = np.empty(size, np.int64), np.empty((size, 2), np.int32)
     normal, branch = np.empty((size, 3)), np.empty((size, 3))
-    bias, mass, compliance = np.empty(size), np.empty(size), np.empty(size)
+    gaps, bias, mass, compliance = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     frictional = coefficient.size > 0
-    coulomb = np.empty((size if frictional else 0, 2))
+    coulomb = np.empty((size if frictional else 0, 3))
     impulse, anchor = np.empty((size, width)), np.empty((size, width))
-    delayed_velocity = np.zeros(size)
+    shock = np.zeros((size, width))
     for k in range(size):
         i, j = pair_ends[k, 0], pair_ends[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
@@ -220,51 +243,47 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
             smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
         else:
             smaller, length = radius[i], 0.0
-        affine = length * (strain[0, 0] * nx * nx + strain[0, 1] * ny * ny + strain[0, 2] * nz * nz)
-        ahead = affine  # normal velocity without impulses, and before the step
+        gap += slack[0] * smaller + slack[1]
+        way = _way_apart(i, j, nx, ny, nz, shift)
+        ahead = length * (strain[0, 0] * nx * nx + strain[0, 1] * ny * ny + strain[0, 2] * nz * nz)
         ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         ahead += (velocity[i, 2] - velocity[j, 2]) * nz
-        near = gap + h * min(ahead, 0.0) < CONTACT_DISTANCE * smaller
-        if not (wanted[k] or near or _had_impulse(k, start)):
+        near = gap + way + h * min(ahead, 0.0) < CONTACT_DISTANCE * smaller
+        met = struck.shape[0] > 0 and _had_impulse(k, struck)
+        if not (wanted[k] or near or met or _had_impulse(k, start)):
             continue
-        before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
-        before += (old[i, 2] - old[j, 2]) * nz
-        gained = ahead - affine - before
-        fastest = min(before + first * gained, approach[k], hits[k])
-        impact = restitution > 0.0 and fastest < -rest
-        delayed = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
-        bias[m] = gap / h if gap > 0.0 else gap / relaxation
-        if impact and not delayed:
-            bias[m] = restitution * fastest - last * gained
-        delayed_velocity[k] = fastest if delayed else 0.0
+        gaps[m] = gap + way
+        bias[m] = max(least, (gap / h if gap > 0.0 else gap / relaxation) + way / h)
         number[m], ends[m, 0], ends[m, 1] = k, i, j
         normal[m, 0], normal[m, 1], normal[m, 2] = nx, ny, nz
         bx, by, bz = length * nx, length * ny, length * nz
         branch[m, 0], branch[m, 1], branch[m, 2] = bx, by, bz
         cell = (strain[1, 0] * bx) ** 2 + (strain[1, 1] * by) ** 2 + (strain[1, 2] * bz) ** 2
         mass[m] = 1.0 / (mobility[i, 0] + mobility[j, 0] + cell)
-        compliance[m] = 0.0 if impact else give[k]  # a spring would reduce the bounce
+        compliance[m] = 0.0 if met else give[k]  # a spring would change the bounce
         if frictional:
             masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
             coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + cell), coefficient[max(0, 1 + j - n)]
+            coulomb[m, 2] = max(across, compliance[m])
         for a in range(width):
             impulse[m, a], anchor[m, a] = start[k, a], spring[k, a]
+            if met:
+                shock[m, a] = struck[k, a]
         m += 1
-    built = (number, ends, normal, bias, mass, compliance, coulomb, branch, impulse, anchor)
-    return built, m, delayed_velocity
+    built = (number, ends, normal, gaps, bias, mass, compliance, coulomb, branch, impulse, anchor)
+    return (*built, shock), m
 
 
 @compiled
-def mark_overlaps(pairs, contacts, place, velocity, rate, h):  # type: ignore[no-untyped-def]
+def mark_overlaps(pairs, number, used, place, step, velocity, rate):  # type: ignore[no-untyped-def]
     """Mark the pairs that overlap too far after the step; return their number.
 
-    A pair without contact becomes ``wanted``, with its normal velocity in ``hits``; the compliance
-    of a contact is multiplied by ``STIFFENING``. ``rate`` are the strain rates of the cell, 1/s.
+    A pair without contact becomes ``wanted``; the compliance of a contact, ``used`` by the pair
+    ``number``, is multiplied by ``STIFFENING``. ``rate`` are the strain rates of the cell, 1/s.
     """
     position, radius, period, walls = place
     kind, point, axis, bore = walls
-    ends, hits, wanted, compliance = pairs.ends, pairs.hits, pairs.wanted, pairs.compliance
-    number, used = contacts.number, contacts.compliance
+    ends, wanted, compliance, h = pairs.ends, pairs.wanted, pairs.compliance, step.length
     new, m = 0, 0
     for k in range(ends.shape[0]):
         touches = m < number.size and number[m] == k
@@ -283,12 +302,11 @@ def mark_overlaps(pairs, contacts, place, velocity, rate, h):  # type: ignore[no
             smaller = min(smaller, radius[j])
             affine = rate[0] * nx * nx + rate[1] * ny * ny + rate[2] * nz * nz
             u += affine * (gap + radius[i] + radius[j])
+        gap += _way_apart(i, j, nx, ny, nz, step.shift) + step.slack[1]
         if gap + h * u < -(CONTACT_OVERLAP if touches else APART_OVERLAP) * smaller:
             wanted[k] = True
             if touches:
                 compliance[k] *= STIFFENING
-            else:
-                hits[k] = u
             new += 1
     return new
 

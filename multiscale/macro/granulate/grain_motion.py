@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.contact_solver import Velocities, solve_velocities
+from multiscale.macro.granulate.contact_solver import collide, solve_velocities
 from multiscale.macro.granulate.contacts import (
+    APART_OVERLAP,
     Contacts,
     FreeStep,
     Pairs,
     Positions,
+    Velocities,
     Walls,
     allowed_step,
     build_contacts,
@@ -40,7 +42,6 @@ class GrainState:
     point: np.ndarray  # point on each wall, shape (walls, 3), m
     period: np.ndarray  # periods of the cell, shape (3,), m; infinite along axes without a period
     pairs: np.ndarray  # neighbours: two grains, or a grain and a wall, int32, shape (pairs, 2)
-    approach: np.ndarray  # normal velocity before an impact that bounces in the next step, m/s
     listed_position: np.ndarray  # centres for which the neighbours were listed, (grains, 3), m
     list_reach: float  # largest gap of the listed pairs, m
     rate: np.ndarray  # strain rates of the cell, shape (3,), 1/s
@@ -72,9 +73,8 @@ def initial_state(model: Model) -> GrainState:
     point = np.array([wall.point for wall in walls], dtype=float).reshape(-1, 3)
     number, none, nothing = np.empty(0, np.int64), np.empty((0, 2), np.int32), np.empty(0)
     normal, impulse = np.empty((0, 3)), np.empty((0, 3 if model.frictional else 1))
-    empty = Contacts(
-        number, none, normal, nothing, nothing, nothing, None, normal, impulse, impulse
-    )
+    scalars = (nothing,) * 4
+    empty = Contacts(number, none, normal, *scalars, None, normal, impulse, impulse, None)
     state = GrainState(
         time=0.0,
         position=grains.position,
@@ -82,7 +82,6 @@ def initial_state(model: Model) -> GrainState:
         point=point,
         period=np.array(model.period, dtype=float),
         pairs=none,
-        approach=nothing,
         listed_position=grains.position,
         list_reach=0.0,
         rate=np.zeros(3),
@@ -130,10 +129,10 @@ def step_grains(
     with :math:`b = g/h`: the linearised gap at the end is not negative, and the true gap of two
     spheres is larger. If other pairs overlap after the step they become contacts, compliant
     contacts that overlap by more than 0.8 % of a radius become ten times stiffer, and the step is
-    solved again. With restitution :math:`e` an impact in the first half of a step has
-    :math:`b = e u^-`; an impact in the second half ends the step in contact and bounces in the next
-    step. In steps of changing length the velocities belong to the middle of the steps, so that F
-    acts from the middle of the last step to the middle of this step, and free flight is exact.
+    solved again. With restitution, pairs that meet within the step bounce before, by
+    :func:`~.contact_solver.collide`. In steps of changing length the velocities belong to the
+    middle of the steps, so that F acts from the middle of the last step to the middle of this step,
+    and free flight is exact.
     """
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
@@ -147,15 +146,17 @@ def step_grains(
     strain = np.array(
         [damped_rate + acted * thrust / inertia * model.free, model.free / np.sqrt(inertia)]
     )
-    # the velocities belong to the middle of steps of changing length
-    shares = (0.5 * state.step_length / acted, 0.5 * h / acted) if accuracy else (0.0, 0.0)
-    law, rest = model.law, 2.0 * acted * float(np.linalg.norm(model.gravity))
-    constants = (law.restitution, law.relaxation * h, rest, *shares)
-    step = FreeStep(h, damped, velocity, model.mobility, model.friction, strain, *constants)
+    law, nowhere = model.law, np.zeros((0, 3))
+    constants = (law.relaxation * h, law.tangential_compliance, np.zeros(2), -np.inf)
+    step = FreeStep(h, velocity, nowhere, model.mobility, model.friction, strain, *constants)
 
     # impulses, motion, and energies
-    solved, sweeps, residual = _solve_contacts(model, state, solver, step, acted)
-    new, contacts = _advance(model, solved), solved.contacts
+    pairs = _pairs_of_step(model, state, acted)
+    if law.restitution > 0.0:
+        first = 0.5 * (state.step_length / acted if accuracy else 1.0)
+        step, pairs = _bounce(model, state, pairs, step, (damped, damped_rate), (first, acted))
+    solved, sweeps, residual = _solve_contacts(model, state, solver, step, pairs, acted)
+    new, contacts = _advance(model, solved, step.shift), solved.contacts
     worst, _ = penetration(new.pairs, new.place(model))
     done = {
         "residual": residual,
@@ -164,7 +165,8 @@ def step_grains(
         "penetration": worst,
         "n_contacts": int(np.count_nonzero(contacts.loaded)),
     }
-    done |= _account_grains(model, state, (damped, damped_rate), new, (inertia, thrust))
+    cell = (inertia, thrust)
+    done |= _account_grains(model, state, (damped, damped_rate), new, cell, step.shift)
     if model.pressure is not None:  # diagonal of the mean stress after Love and Weber
         moments = np.sum(contacts.vectors * contacts.branch, axis=0)
         done["stress"] = -moments / (acted * model.volume(state.period))
@@ -199,14 +201,60 @@ def _pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
     The anchor of a spring is the impulse times the compliance used over the compliance given.
     """
     count, contacts, given = len(state.pairs), state.contacts, model.law.compliance
-    impulse = np.zeros((count, contacts.impulse.shape[1]))
+    impulse, across = np.zeros((count, contacts.impulse.shape[1])), model.law.tangential_compliance
     anchor, longer = np.zeros_like(impulse), acted / state.force_time  # forces persist
     impulse[contacts.number] = longer * contacts.impulse
-    if given > 0.0:
-        share = contacts.compliance[:, None] / given
-        anchor[contacts.number] = longer * (share * contacts.impulse)
-    hits, wanted = np.zeros(count), np.zeros(count, bool)
-    return Pairs(state.pairs, impulse, anchor, state.approach, hits, wanted, np.full(count, given))
+    if max(given, across) > 0.0:
+        share = contacts.compliance[:, None] / given if given > 0.0 else 1.0
+        relaxed = share * contacts.impulse
+        if model.frictional and across > given:  # springs across are not stiffened
+            along = np.sum(contacts.impulse * contacts.normal, axis=1)[:, None] * contacts.normal
+            relaxed = share * along + contacts.impulse - along
+        anchor[contacts.number] = longer * relaxed
+    unmet, wanted = np.zeros((0, impulse.shape[1])), np.zeros(count, bool)
+    return Pairs(state.pairs, impulse, anchor, unmet, wanted, np.full(count, given))
+
+
+def _bounce(
+    model: Model,
+    state: GrainState,
+    pairs: Pairs,
+    step: FreeStep,
+    damped: tuple[np.ndarray, np.ndarray],
+    times: tuple[float, float],
+) -> tuple[FreeStep, Pairs]:
+    """Return step and pairs after impacts, before which a first share of the forces has acted."""
+    law, h, (first, acted) = model.law, step.length, times
+    every = pairs._replace(wanted=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
+    contacts, (i, j) = _build(model, state, every, step), pairs.ends.T
+    force, strained = step.velocity - damped[0], step.strain[0] - damped[1]
+    gained = force[i, :3] - force[j, :3] + strained * contacts.branch
+    start, rate = damped[0] + first * force, damped[1] + first * strained
+    motion = Velocities(
+        start.copy(),
+        step.mobility,
+        None if model.pressure is None else np.array([rate, step.strain[1]]),
+    )
+    rest, slack, least = 2.0 * acted * float(np.linalg.norm(model.gravity)), np.zeros(2), -np.inf
+    if law.restitution == 1.0:  # all pairs bounce, and a contact would take energy
+        rest, slack, least = 0.0, np.array([APART_OVERLAP, 0.25 * h * rest]), 0.25 * rest
+    gained = h / acted * np.sum(gained * contacts.normal, axis=1)
+    shift = collide(contacts, motion, gained, law.restitution, rest, h)
+    strain = step.strain.copy()
+    if motion.strain is not None:
+        strain[0] += motion.strain[0] - rate
+    velocity = step.velocity + motion.velocity - start
+    step = step._replace(velocity=velocity, shift=shift, strain=strain, slack=slack, least=least)
+    return step, pairs._replace(struck=contacts.impulse)
+
+
+def _build(model: Model, state: GrainState, pairs: Pairs, step: FreeStep) -> Contacts:
+    """Return the contacts of the pairs that may touch."""
+    built, count = build_contacts(pairs, state.place(model), step)
+    contacts = Contacts(*(field[:count] for field in built))
+    if model.law.restitution == 0.0:
+        contacts = contacts._replace(struck=None)
+    return contacts if model.frictional else contacts._replace(coulomb=None)
 
 
 def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) -> GrainState:
@@ -226,16 +274,12 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
 
 
 def _solve_contacts(
-    model: Model, state: GrainState, solver: Solver, step: FreeStep, acted: float
+    model: Model, state: GrainState, solver: Solver, step: FreeStep, pairs: Pairs, acted: float
 ) -> tuple[GrainState, int, float]:
     """Solve (1), and again if other pairs overlap; return also the sweeps and the error."""
-    place, pairs, sweeps = state.place(model), _pairs_of_step(model, state, acted), 0
+    place, sweeps = state.place(model), 0
     while True:
-        built, count, approach = build_contacts(pairs, place, step)
-        contacts = Contacts(*(field[:count] for field in built))
-        if not model.frictional:
-            contacts = contacts._replace(coulomb=None)
-        strain = step.strain.copy()
+        contacts, strain = _build(model, state, pairs, step), step.strain.copy()
         motion = Velocities(
             step.velocity.copy(), step.mobility, None if model.pressure is None else strain
         )
@@ -243,13 +287,12 @@ def _solve_contacts(
         sweeps += done
         pairs = pairs._replace(impulse=np.zeros_like(pairs.impulse))
         pairs.impulse[contacts.number] = contacts.impulse
-        if not mark_overlaps(pairs, contacts, place, motion.velocity, strain[0], step.length):
+        used = contacts.number, contacts.compliance
+        if not mark_overlaps(pairs, *used, place, step, motion.velocity, strain[0]):
             break
-    approach[~pairs.impulse.any(axis=1)] = 0.0  # without impact
     solved = replace(
         state,
         velocity=motion.velocity,
-        approach=approach,
         rate=strain[0],
         step_length=step.length,
         force_time=acted,
@@ -258,17 +301,20 @@ def _solve_contacts(
     return solved, sweeps, residual
 
 
-def _advance(model: Model, state: GrainState) -> GrainState:
+def _advance(model: Model, state: GrainState, shift: np.ndarray) -> GrainState:
     """Return the state with grains, walls and cell moved by the velocities of the step."""
     h, n = state.step_length, model.grains.n
     stretch = np.where(model.strained, 1.0 + h * state.rate, 1.0)
     widest = 2.0 * float(model.grains.radius.max())  # the strain brings pairs at the margin nearer
     margin = min(1.0, float(stretch.min())) * (widest + state.list_reach) - widest
+    way = h * state.velocity[:, :3]
+    if len(shift):
+        way = way + shift
     return replace(
         state,
         time=state.time + h,
-        position=stretch * state.position + h * state.velocity[:n, :3],
-        point=state.point + h * state.velocity[n:, :3],
+        position=stretch * state.position + way[:n],
+        point=state.point + way[n:],
         period=stretch * state.period,
         listed_position=stretch * state.listed_position,
         list_reach=margin,
@@ -295,8 +341,8 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
 
-    # approach and contacts of pairs that stay in the list
-    approach, contacts = np.zeros(len(pairs)), state.contacts
+    # contacts of pairs that stay in the list
+    contacts = state.contacts
     listed = np.zeros(len(state.pairs), bool)  # in both lists
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]
@@ -304,7 +350,6 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
         order = np.argsort(now)
         number = order[np.minimum(np.searchsorted(now, before, sorter=order), now.size - 1)]
         listed = now[number] == before
-        approach[number[listed]] = state.approach[listed]
         contacts = contacts._replace(number=number[contacts.number])
     remains = listed[state.contacts.number]
     fields = {
@@ -314,7 +359,6 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
     return replace(
         state,
         pairs=pairs,
-        approach=approach,
         contacts=contacts,
         listed_position=state.position,
         list_reach=margin,
@@ -345,18 +389,19 @@ def _account_grains(
     damped: tuple[np.ndarray, np.ndarray],
     new: GrainState,
     cell: tuple[float, float],
+    shift: np.ndarray,
 ) -> dict[str, float]:
     r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
 
     With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by the
     work less the dissipation by contacts, :math:`-r \cdot u`, scheme,
     :math:`\Delta v^T M \Delta v / 2`, and damping. The spring of a compliant contact relaxes its
-    force but separates the grains against their overlap: its energy is force times overlap.
+    force but separates the grains against their overlap: its energy is force times overlap. A
+    spring across the normal has the energy :math:`a |r_T|^2 / (2 m)`.
     """
     # kinetic energy
     h, acted, contacts, rate = new.step_length, new.force_time, new.contacts, new.rate
     mass, velocity = model.masses, new.velocity
-    rebound = -model.law.restitution * new.approach[contacts.number]
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
     def kinetic(v: np.ndarray, rate: np.ndarray) -> float:
@@ -367,7 +412,7 @@ def _account_grains(
 
     # power of the impulses
     n, impulse, (i, j), branch = contacts.normal, contacts.vectors, contacts.ends.T, contacts.branch
-    v, along = velocity[:, :3], np.sum(impulse * n, axis=1)
+    v = velocity[:, :3]
     u = v[i] - v[j]
     if contacts.frictional:
         w = velocity[:, 4:7]
@@ -382,25 +427,34 @@ def _account_grains(
             prescribed[k] -= (prescribed[k] @ wall.unit) * wall.unit
     walls = float(np.sum(impulse * prescribed[j]))
     prescribed_rate = np.where(model.free, 0.0, rate)
-    work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rate)
-    work = acted * work + walls - float(moments @ prescribed_rate)
-
-    # energy of the springs, and of impacts that bounce in the next step
-    bias = contacts.bias
-    speed = np.sum((u + rate * branch) * n, axis=1)
-    gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
-    overlap = np.where(contacts.compliance > 0.0, np.maximum(-gap, 0.0), 0.0)
-    springs = 2.0 * along / acted * overlap
-    closing = -acted * np.sum(
-        (model.free_acceleration[i, :3] - model.free_acceleration[j, :3]) * n, axis=1
+    force = mass * model.free_acceleration
+    pull, lost = (
+        acted * float(np.sum(force * velocity)),
+        kinetic(velocity - damped[0], rate - damped[1]),
     )
-    rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
-    springs += contacts.mass * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
+    if len(shift):
+        # to the middle of the step, where its velocities belong, on the parabola of free flight;
+        # impulses of impacts act at their times, and forces on the way until then
+        last = 2.0 * acted - h
+        ways = 0.5 * (last * damped[0] + h * velocity)
+        ways -= 0.125 * (h**2 - last**2) * model.free_acceleration
+        middle, before = float(np.sum(force * ways)), float(np.sum(force[:, :3] * shift))
+        pull, lost, power = middle + before, lost + middle - pull, power - before
+    work = pull + acted * cell[1] * mean_rate(rate) + walls - float(moments @ prescribed_rate)
+
+    # energy of the springs along and across the normal
+    speed = np.sum((u + rate * branch) * n, axis=1)
+    overlap = np.where(contacts.compliance > 0.0, np.maximum(-contacts.gap - h * speed, 0.0), 0.0)
+    springs = 2.0 * np.sum(impulse * n, axis=1) / acted * overlap
+    if contacts.coulomb is not None:
+        held = contacts.impulse - np.sum(contacts.impulse * n, axis=1)[:, None] * n
+        give = contacts.coulomb[:, 2] / contacts.coulomb[:, 0]
+        springs += give * np.sum(held**2, axis=1)
     return {
         "kinetic_energy": kinetic(velocity, rate),
         "elastic_energy": 0.5 * float(np.sum(springs)),
         "work": work,
         "contact_dissipation": -power,
-        "numerical_dissipation": kinetic(velocity - damped[0], rate - damped[1]),
+        "numerical_dissipation": lost,
         "damping_dissipation": kinetic(old.velocity, old.rate) - kinetic(*damped),
     }

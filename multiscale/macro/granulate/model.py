@@ -255,10 +255,14 @@ def box(
 
     Returns
     -------
-    tuple of PlaneWall, planes in the order of the axes, low before high
+    tuple of PlaneWall, planes in the order of the axes, low before high; refused if they cross
     """
     planes = []
     for a in range(3):
+        if not low[a] < high[a]:
+            raise CaseError(
+                f"the walls cross along {'xyz'[a]}: low {low[a]:g} m is not below high {high[a]:g} m"
+            )
         for corner, sign in ((low, 1.0), (high, -1.0)):
             if np.isfinite(corner[a]):
                 x, y, z = np.eye(3)[a].tolist()
@@ -279,10 +283,13 @@ class ContactLaw:
     ----------
     friction : float, Coulomb's coefficient, dimensionless
     restitution : float
-        Newton's coefficient, from 0 to 1. Pairs that approach slowly do not bounce.
+        Newton's coefficient, from 0 to 1. Pairs that approach slowly do not bounce below 1.
     compliance : float
         :math:`a` of (1), dimensionless; zero for a rigid contact.
     relaxation : float, number of steps in which an overlap is removed, at least 1
+    tangential_compliance : float
+        :math:`a` of (1) across the normal, dimensionless, at least ``compliance``: with a rigid
+        normal direction 0.05 or more makes dense piles with friction solvable.
 
     Raises
     ------
@@ -301,20 +308,30 @@ class ContactLaw:
     with a = 0.02 a fourth or less. If grains would overlap by more than 0.8 % of a radius, the
     contact is stiffened for this step; a contact that bounces is rigid and has its restitution. The
     energy stored in an overlap is released when the grains separate.
+
+    A tangential compliance leaves the normal direction rigid. Contacts that stick creep while their
+    tangential impulse changes, by a share of the closing velocity of the size of a, and stay where
+    they are at rest; Coulomb's bound is exact.
+
+    Pairs that meet faster than gravity accelerates them in two steps bounce in turn, each with
+    Newton's coefficient; with a restitution of 1 all pairs do. Such impacts never gain energy.
     """
 
     friction: float = 0.5
     restitution: float = 0.0
     compliance: float = 0.0
     relaxation: float = 10.0 / 3.0
+    tangential_compliance: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.friction < np.inf:
             raise CaseError(f"friction must be finite and not negative, got {self.friction:g}")
         if not 0.0 <= self.restitution <= 1.0:
             raise CaseError(f"restitution must lie between 0 and 1, got {self.restitution:g}")
-        if not 0.0 <= self.compliance < np.inf:
-            raise CaseError(f"compliance must be finite and not negative, got {self.compliance:g}")
+        for name in ("compliance", "tangential_compliance"):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                raise CaseError(f"{name} must be finite and not negative, got {value:g}")
         if not self.relaxation >= 1.0:
             raise CaseError(f"relaxation must be at least 1, got {self.relaxation:g}")
 
@@ -331,7 +348,8 @@ class Solver:
     max_iterations : int, limit of sweeps in a step
     most_assembled : int
         Largest number of contacts for which :func:`multiscale.nonsmooth.solve_friction` solves a
-        step on which the sweeps fail.
+        step on which the sweeps fail; interior points solve more contacts without friction. With
+        zero sweeps are all there is.
 
     Raises
     ------
@@ -446,7 +464,7 @@ class Model:
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Mobilities as in :class:`~multiscale.macro.granulate.contact_solver.Velocities`, 1/kg."""
+        """Mobilities as in :class:`~multiscale.macro.granulate.contacts.Velocities`, 1/kg."""
         grains, turns = self.grains, self.turns
         mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
@@ -499,7 +517,12 @@ def grain_needs(
         ("friction", friction, "Coulomb's limit at each contact", "no friction is given"),
         ("rotation", friction, "spins and moments of inertia", "no friction rotates the grains"),
         ("cell strain", strained, "rates along the axes, branches", "no cell strains"),
-        ("springs", law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
+        (
+            "springs",
+            max(law.compliance, law.tangential_compliance) > 0.0,
+            "of compliant contacts",
+            "contacts are rigid",
+        ),
         ("restitution", law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
         (
             "assembled problem",

@@ -33,6 +33,9 @@ class GrainSettings(toml.Settings):
     restitution: toml.Share = Field(0.0, description="Share of the closing speed given back.")
     compliance: toml.Factor = 0.0
     """Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`."""
+    tangential_compliance: toml.Factor = Field(
+        0.0, description="The same across the normal, at least."
+    )
     seed: toml.Natural = Field(0, description="Seed of radii and places.")
 
     @model_validator(mode="after")
@@ -44,7 +47,12 @@ class GrainSettings(toml.Settings):
     @property
     def law(self) -> "granulate.ContactLaw":
         """Contact law of two grains."""
-        return granulate.ContactLaw(self.friction, self.restitution, self.compliance)
+        return granulate.ContactLaw(
+            self.friction,
+            self.restitution,
+            self.compliance,
+            tangential_compliance=self.tangential_compliance,
+        )
 
     @property
     def options(self) -> dict[str, Any]:
