@@ -19,13 +19,7 @@ ROUND_OFF = 64.0 * np.finfo(float).eps
 
 
 def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
-    r"""Projection onto Coulomb's cone :math:`K_\mu = \{x : \|x_T\| \le \mu x_N\}`.
-
-    .. math::
-        P(x) = x \text{ in } K_\mu, \qquad P(x) = 0 \text{ where } \mu \|x_T\| \le -x_N, \qquad
-        P(x)_N = \frac{x_N + \mu \|x_T\|}{1 + \mu^2}, \quad
-        P(x)_T = \mu P(x)_N \frac{x_T}{\|x_T\|} \text{ elsewhere.}    \tag{1}
-    """
+    r"""Projection onto Coulomb's cone :math:`K_\mu = \{x : \|x_T\| \le \mu x_N\}`."""
     normal, tangent = vector[0], vector[1:]
     length = np.sqrt(np.sum(tangent**2, axis=0))
     inside = (normal >= 0.0) & (length <= friction * normal)  # also where friction is zero
@@ -46,12 +40,9 @@ def shifted_velocity(velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
 def natural_map(
     velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    r"""Residual of Coulomb's law as a complementarity over cones; zero exactly where it holds.
+    r"""Residual :math:`r - P_{K_\mu}(r - \rho\,(u + \mu \|u_T\| n))` of Coulomb's law.
 
-    .. math:: F(u, r) = r - P_{K_\mu}\bigl(r - \rho\,(u + \mu \|u_T\| n)\bigr).    \tag{1}
-
-    V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175,
-    doi:10.1002/zamm.201000073.
+    V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175.
     """
     ahead = reaction - step * shifted_velocity(velocity, friction)
     return np.asarray(reaction - project_friction_cone(ahead, friction))  # (1)

@@ -30,24 +30,19 @@ def friction_interior_point(
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
-    With the sliding speed as an unknown :math:`s`, Coulomb's law is a complementarity of numbers
-    and a complementarity of cones. For :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
+    With the sliding speed s as an unknown, :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
     :math:`y = (s, u_T)`,
 
     .. math::
-        W z + q - (g, y_T) = 0, \qquad z_0\, g = \sigma m, \qquad z \circ y = \sigma m\, e.
-        \tag{1}
+        W z + q - (g, y_T) = 0, \qquad z_0\, g = \sigma m, \quad z \circ y = \sigma m\, e. \tag{1}
 
-    With :math:`F` of Nesterov and Todd, d the defect of the first equation, and right-hand sides h
-    of the numbers and k of the cones, :math:`F \Delta z + F^{-1} \Delta y = k`, a Newton step is
+    With F of Nesterov and Todd, the defect d, and right-hand sides h of the numbers and k of the
+    cones,
 
     .. math::
         \Bigl(W + \begin{bmatrix} g / z_0 & 0 \\ (F^2)_{T0} & (F^2)_{TT} \end{bmatrix}\Bigr)
         \Delta z = \begin{bmatrix} h / z_0 \\ (F k)_T \end{bmatrix} - d, \quad
-        \Delta y = F k - F^2 \Delta z, \quad \Delta g = \frac{h - g \Delta z_0}{z_0},
-        \tag{2}
-
-    No term is smoothed, as s replaces the norm.
+        \Delta y = F k - F^2 \Delta z, \quad \Delta g = \frac{h - g \Delta z_0}{z_0}.    \tag{2}
     """
     lorentz, unit = lorentz_problem(problem)
     e = axis(len(unit))

@@ -58,24 +58,17 @@ def sweep(blocks, columns, starts, diagonal, velocity, friction, reaction, sweep
 
 @compiled
 def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
-    r"""Solve the friction problem of a single contact.
+    r"""Solve the friction problem of a single contact: open, stuck at -W^-1 q, or sliding.
 
-    Open if :math:`q_N \ge 0`; stuck if :math:`r = -W^{-1} q` lies in the cone. Otherwise the
-    contact slides with :math:`u_T = -\alpha r_T`, :math:`\alpha > 0`, and :math:`u_N = 0` leaves
+    Where it slides, :math:`u_T = -\alpha r_T` and :math:`u_N = 0` leave
 
     .. math::
         r_T(\alpha) = -(S + \alpha I)^{-1} b, \qquad
         r_N(\alpha) = -\frac{q_N + W_{NT} r_T}{W_{NN}}, \qquad
         g(\alpha) = \frac{\mu r_N}{\|r_T\|} - 1 = 0    \tag{1}
 
-    with :math:`S = W_{TT} - W_{TN} W_{NT} / W_{NN}` and :math:`b = q_T - W_{TN} q_N / W_{NN}`.
-    Every root of :math:`g` solves the law. As stick has failed :math:`g(0) < 0`, and :math:`g > 0`
-    beyond
-
-    .. math:: \alpha_1 = \|b\| \frac{W_{NN} + \mu \|W_{NT}\|}{-\mu q_N},    \tag{2}
-
-    so that a bracketed Newton iteration always converges to a root; :math:`g` is nearly linear,
-    as in trust-region methods.
+    with :math:`S = W_{TT} - W_{TN} W_{NT} / W_{NN}` and :math:`b = q_T - W_{TN} q_N / W_{NN}`; g is
+    negative at 0 and positive beyond :math:`\|b\| (W_{NN} + \mu \|W_{NT}\|) / (-\mu q_N)` (2).
     """
     if q0 >= 0.0:
         return 0.0, 0.0, 0.0
@@ -142,16 +135,11 @@ def semismooth_newton(
     max_iterations: int = 100,
     regularisation: float = 1e-8,
 ) -> np.ndarray:
-    r"""Solve a friction problem by damped Newton steps.
+    r"""Solve a friction problem by damped Newton steps on the residual F of Alart and Curnier.
 
-    The derivative of the residual :math:`F` of Alart and Curnier is :math:`A W + B`. Where impulses
-    are not unique it is singular, and a proximal step, which leaves the solutions where they are,
-    solves
+    A proximal step leaves the solutions where they are, and the matrix regular: with F' = A W + B
 
-    .. math:: \bigl(A (W + \alpha I) + B\bigr)\, \Delta r = -F    \tag{1}
-
-    instead. :math:`\alpha`, relative to the diagonal of W and first ``regularisation``, falls
-    tenfold with each full step and grows where the line search fails.
+    .. math:: \bigl(A (W + \alpha I) + B\bigr)\, \Delta r = -F.    \tag{1}
     """
     r = reaction.copy()
     u = problem.respond(r)

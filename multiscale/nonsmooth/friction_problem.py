@@ -65,15 +65,13 @@ def scale_friction(
 ) -> ScaledFriction:
     r"""Bring a friction problem into dimensionless form.
 
-    With :math:`D = \mathrm{diag}(D_N, D_T, D_T)` for every contact and a number :math:`s`,
+    With :math:`D = \mathrm{diag}(D_N, D_T, D_T)` and a number s,
 
     .. math::
         \hat W = D W D, \quad \hat q = D q / s, \quad \hat r = D^{-1} r / s, \quad
-        \hat\mu = \mu D_N / D_T,    \tag{1}
+        \hat\mu = \mu D_N / D_T.    \tag{1}
 
-    :math:`D_N = W_{NN}^{-1/2}` and :math:`D_T` from the mean of the tangential diagonal. Components
-    that cannot carry a force (:math:`\mu = 0`, or the third component of a plane problem) are
-    decoupled: they stay zero, and every method sees a contact with friction.
+    Components that cannot carry a force are decoupled and stay zero.
     """
     contacts = friction.size
     dim = velocity.size // contacts
@@ -161,11 +159,7 @@ class Progress:
 def factorise_blocks(
     problem: ScaledFriction, added: np.ndarray, left: np.ndarray | None = None
 ) -> Solve | None:
-    r"""Factorise :math:`A W + B`, ``left`` W + ``added``, with block-diagonal A and B.
-
-    The matrix may be singular up to round-off where the impulses are not unique: the methods judge
-    the solution, and a pivot of exactly zero returns None.
-    """
+    """Factorise :math:`A W + B`, ``left`` W + ``added``; None at a pivot of exactly zero."""
     contacts = problem.friction.size
     shape, n = (contacts, 3), 3 * contacts
     row = np.repeat(np.arange(contacts), np.diff(problem.starts))

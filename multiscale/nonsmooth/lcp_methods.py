@@ -42,21 +42,10 @@ def iterate_newton_min(
 ) -> Iterator[np.ndarray]:
     r"""Yield an x per active set: Newton's method on :math:`\min(x, A x + b)`.
 
-    On the active set :math:`\mathcal A` the slack is zero, elsewhere x is:
-
-    .. math::
-        A_{\mathcal A \mathcal A}\, x_{\mathcal A} = -b_{\mathcal A}, \qquad
-        \mathcal A \leftarrow \{i : x_i > (A x + b)_i\}.
-
-    As long as the number of violated signs falls, all of them change the set at once (Newton's
-    method [1]_). When it does not fall for eight steps, or a set comes back, only the last violated
-    constraint changes [2]_, until the number falls below the least number so far: for a P-matrix
-    this ends at the solution. Negative entries of the iterates are set to zero; the start supplies
-    the unknowns that a singular block does not determine, and the first active set if not given.
-
-    .. [1] M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
-       doi:10.1137/S1052623401383558.
-    .. [2] J. J. Júdice, F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596.
+    All violated signs change the set at once (M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim.
+    13 (2002) 865-888); when their number does not fall for eight steps, or a set comes back, only
+    the last one (J. J. Júdice, F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596), which ends for
+    P-matrices.
     """
     x = start
     if active is None:
@@ -94,22 +83,14 @@ def iterate_newton_min(
 def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
     r"""Yield the x of Mehrotra's interior iterates, and of the active sets that they suggest.
 
-    A Newton step towards :math:`w = A x + b,\ x_i w_i = t_i` is, with
-    :math:`T = \mathrm{diag}(w_i / x_i)` and the complementarity :math:`c` that the step leaves,
+    With :math:`T = \mathrm{diag}(w_i / x_i)` and the complementarity :math:`c` that a step leaves,
 
     .. math::
         (A + T)\, \Delta x = c / x - w - (A x + b - w), \qquad
         \Delta w = c / x - w - T \Delta x.    \tag{1}
 
-    The predictor has :math:`c = 0`; its step gives :math:`\sigma = (\mu^a / \mu)^3` and the
-    corrector :math:`c = \sigma\mu - \Delta x^a \Delta w^a` [1]_; then products that a longer step
-    would leave far from :math:`\sigma\mu` are drawn back [2]_. All share a factorisation, and
-    both unknowns a step length. The iteration ends where the gap :math:`\mu = x^T w / n` or the
-    step vanishes. The symmetric part of the matrix has no negative eigenvalue; the start is not
-    used.
-
-    .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
-    .. [2] J. Gondzio, Comput. Optim. Appl. 6 (1996) 137-156, doi:10.1007/BF00249643.
+    S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601; corrections of the centrality after J. Gondzio,
+    Comput. Optim. Appl. 6 (1996) 137-156. The start is not used.
     """
     n, everywhere = start.size, np.ones(start.size, dtype=bool)
     x, w = np.ones(n), np.ones(n)
@@ -183,22 +164,12 @@ def longest_positive(x: np.ndarray, direction: np.ndarray) -> float:
 
 
 def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
-    r"""Yield x along Lemke's path of almost complementary bases, with the lexicographic rule.
+    r"""Yield x along Lemke's path with the lexicographic rule.
 
-    The path starts on the ray of a large :math:`x_0` in
-
-    .. math:: w = A x + b + x_0 e \ge 0, \qquad x \ge 0, \qquad w^T x = 0,
-
-    with :math:`e = 1`, and ends where :math:`x_0 = 0` or on a second ray [1]_. Ties of the ratio
-    test are broken by the rows of the inverse basis, so that no basis can come back [2]_. It ends
-    at a solution for P-matrices, positive semidefinite and copositive matrices, whenever there is
-    an admissible x. Yields x after every n / 20 pivots, then the solution, solved afresh from its
-    active set, or a point far out on the second ray. The start is not used; work and memory grow as
-    n³ and n².
-
-    .. [1] C. E. Lemke, Manage. Sci. 11 (1965) 681-689, doi:10.1287/mnsc.11.7.681.
-    .. [2] R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, SIAM 2009,
-       doi:10.1137/1.9780898719000, sections 4.4 and 4.9.
+    The path of :math:`0 \le A x + b + x_0 \perp x \ge 0` ends at x_0 = 0 for P-matrices, positive
+    semidefinite and copositive ones whenever there is an admissible x, or far out on a second ray
+    (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, SIAM 2009, sections
+    4.4 and 4.9). The start is not used.
     """
     n = start.size
     yield np.zeros(n)

@@ -70,13 +70,7 @@ def refuse_indefinite(
 def lanczos(
     apply: Callable[[np.ndarray], np.ndarray], size: int, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ritz values and vectors of a symmetric operator, from a random start.
-
-    C. Lanczos, J. Res. Natl. Bur. Stand. 45 (1950) 255-282; with full orthogonalisation.
-
-    >>> lanczos(lambda v: np.array([1.0, 2.0, 4.0]) * v, 3, 3)[0].round(9)
-    array([1., 2., 4.])
-    """
+    """Ritz values and vectors of a symmetric operator, with full orthogonalisation."""
     steps = min(steps, size)
     basis = np.empty((steps, size))
     diagonal, off = np.empty(steps), np.empty(steps)
@@ -98,15 +92,11 @@ def lanczos(
 def infeasibility_detail(
     matrix: csr_array | np.ndarray, vector: np.ndarray, directions: Iterable[np.ndarray]
 ) -> str:
-    r"""Return a sentence on a Farkas certificate of a scaled problem; empty if there is none.
+    r"""Return a sentence on a Farkas certificate y of a scaled problem; empty if there is none.
 
-    No :math:`x \ge 0` with :math:`A x + b \ge 0` exists if and only if there is
+    .. math:: y \ge 0, \qquad A^T y \le 0, \qquad b^T y < 0:    \tag{1}
 
-    .. math:: y \ge 0, \qquad A^T y \le 0, \qquad b^T y < 0.    \tag{1}
-
-    Candidates are directions in which iterates ran away and, for small problems, the answer of a
-    linear program. Every admissible x has a sum of at least :math:`-b^T y / \max(A^T y)`: a
-    candidate counts if this sum is out of reach.
+    every admissible x has a sum of at least :math:`-b^T y / \max(A^T y)`, which is out of reach.
     """
     from scipy.optimize import linprog
 
@@ -145,23 +135,11 @@ def infeasibility_detail(
 def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
     r"""Return why a problem has, or may have, no solution; None without a certificate.
 
-    Let :math:`y \in K_\mu` be impulses that move nothing although their contacts close,
-
-    .. math:: W y = 0, \qquad q^T y < 0.    \tag{1}
-
-    A solution has :math:`\tilde u = W r + q + \mu \|u_T\| n \in K_\mu^*`, so that
-
-    .. math:: 0 \le y^T \tilde u = q^T y + \sum_i \mu_i \|u_{T,i}\|\, y_{N,i}.    \tag{2}
-
-    If y is normal, no solution exists: :math:`u_N = (W r + q)_N \ge 0` fails by (1); by Farkas'
-    lemma such a y exists if and only if no impulses open the contacts. If y has friction, (2)
-    bounds the sliding from below, and the condition of [1]_ for existence fails. Both are conic
-    programs, :math:`\min q^T y` under :math:`W y = 0` and :math:`\sum y_N \le 1`. An answer y
-    counts if the impulses that could undo (1), at least :math:`-q^T y / \max_i (g_N + \mu
-    \|g_T\|)_i` with :math:`g = W y`, are out of reach.
-
-    .. [1] V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011)
-       155-175, doi:10.1002/zamm.201000073.
+    Impulses :math:`y \in K_\mu` move nothing although their contacts close: :math:`W y = 0` (1),
+    :math:`q^T y < 0`. Since :math:`0 \le y^T \tilde u = q^T y + \sum_i \mu_i \|u_{T,i}\|\,
+    y_{N,i}`, there is no solution if y is normal (Farkas); with friction the sliding is bounded
+    from below, and the condition of Acary and others (2011) for existence fails. y counts if the
+    impulses that could undo (1) are out of reach.
     """
     if problem.columns.size > LARGEST_CONIC:
         return None
@@ -235,12 +213,10 @@ def solve_conic(
     friction: int = 0,
     tolerance: float = CONIC_TOLERANCE,
 ) -> Any:
-    r"""Return clarabel's answer to a conic program.
+    """Return clarabel's answer to min x^T P x / 2 + q^T x with b - A x in {0} x R+ x K.
 
-    .. math:: \min_x \tfrac12 x^T P x + q^T x, \qquad b - A x \in \{0\} \times R_+ \times K,
-
-    P given by its upper triangle; the first ``zero`` rows are equations, the next ``positive`` rows
-    inequalities, and the rest ``friction`` second-order cones of three rows each.
+    P is upper triangular. The first ``zero`` rows are equations, ``positive`` rows inequalities,
+    the rest cones of three.
     """
     import clarabel
 

@@ -372,20 +372,14 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
 
 @compiled(fastmath=True)
 def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: ignore[no-untyped-def]
-    r"""Sweep until (3) is below the target; return the sweeps made and the error.
+    """Sweep until (3) is below the target; return the sweeps made and the error.
 
-    Each sweep, from r to G(r), gives the gradient of a nonlinear conjugate gradient method in the
-    norm of the masses of the contacts,
+    A sweep G is the gradient of a conjugate gradient method in the norm of the masses (M.
+    Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901):
 
-        g = G(r) - r,   beta = |g|^2 / |g'|^2,   p = g + beta p',   r = r + p,           (4)
+        g = G(r) - r,   beta = |g|^2 / |g'|^2 or 0 above 1,   p = g + beta p',   r = r + p;  (4)
 
-    with p' = 0 if beta exceeds 1. The velocities, linear in r, are extrapolated with the same
-    weights. The last of ``burst`` sweeps is not extrapolated, so that r lies in the cones.
-
-    References
-    ----------
-    .. [1] M. Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901,
-       doi:10.1007/s00371-010-0502-6. Algorithm 2.
+    velocities follow with the same weights, and the last of ``burst`` sweeps stays in the cones.
     """
     velocity, _ = motion
     impulse, mass = contacts.impulse, contacts.mass

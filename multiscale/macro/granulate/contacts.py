@@ -3,8 +3,8 @@ r"""Pairs of neighbouring grains and their contacts: gaps, normals, masses and b
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from multiscale.executors import run_ranges
 from multiscale.macro.granulate.model import PLANE
 from multiscale.numerics.compiled import compiled
 
@@ -18,8 +18,6 @@ the smaller radius."""
 STIFFENING, LEAST_COMPLIANCE = 0.1, 5e-5
 """Factor on the compliance of a contact that overlaps too far, and the compliance below which a
 contact is not stiffened further; dimensionless."""
-
-LEAST = 1000  # grains for a thread
 
 
 class Walls(NamedTuple):
@@ -177,17 +175,10 @@ def find_wall_pairs(place, reach):  # type: ignore[no-untyped-def]
 def allowed_step(pairs, place, velocity, longest, last, accuracy, gravity):  # type: ignore[no-untyped-def]
     r"""Longest step, s, after which overlaps by impacts are at most a share of a radius.
 
-    A pair with gap g and smaller radius R that closes with the speed u requires
-
-        h <= max(g - accuracy R, accuracy R) / u,                                         (1)
-
-    so that the step before the impact is short too: forces that act from the middle of a long step
-    on would contribute to the impact. Grains that roll or slide over each other with the speed v,
-    or would fall off each other, require
-
-        h <= sqrt(accuracy) R / max(v, sqrt(gravity R)).                                  (2)
-
-    The closing speed of pairs that do not touch includes gravity, since one grain may be supported.
+    A pair with gap g and smaller radius R that closes with the speed u, gravity included, requires
+    :math:`h \le \max(g - \text{accuracy}\, R, \text{accuracy}\, R) / u`, so that the step before
+    the impact is short too; grains that roll on each other or would fall off with the speed v
+    require :math:`h \le \sqrt{\text{accuracy}}\, R / \max(v, \sqrt{\text{gravity}\, R})`.
     """
     position, radius, period, walls = place
     kind, point, axis, bore = walls
@@ -216,12 +207,7 @@ def allowed_step(pairs, place, velocity, longest, last, accuracy, gravity):  # t
 
 @compiled
 def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
-    """Build the contacts from the pairs that may touch within a step.
-
-    A pair becomes a contact if it is wanted, had an impulse, or comes nearer than
-    ``CONTACT_DISTANCE`` in a step without impulses. Returns the fields of :class:`Contacts` and
-    their number.
-    """
+    """Return the fields of :class:`Contacts` for pairs that may touch, and their number."""
     position, radius, period, walls = place
     kind, point, axis, bore = walls
     pair_ends, start, spring, struck, wanted, give = pairs
@@ -276,10 +262,9 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
 
 @compiled
 def mark_overlaps(pairs, number, used, place, step, velocity, rate):  # type: ignore[no-untyped-def]
-    """Mark the pairs that overlap too far after the step; return their number.
+    """Mark pairs that overlap too far after the step as ``wanted``; return their number.
 
-    A pair without contact becomes ``wanted``; the compliance of a contact, ``used`` by the pair
-    ``number``, is multiplied by ``STIFFENING``. ``rate`` are the strain rates of the cell, 1/s.
+    The compliance of a contact, ``used`` by the pair ``number``, is multiplied by ``STIFFENING``.
     """
     position, radius, period, walls = place
     kind, point, axis, bore = walls
@@ -329,131 +314,24 @@ def penetration(ends, place):  # type: ignore[no-untyped-def]
 def find_pairs(
     position: np.ndarray, radius: np.ndarray, reach: float, period: np.ndarray
 ) -> np.ndarray:
-    r"""List all pairs of grains with a gap of at most a reach.
-
-    Notes
-    -----
-    Grains are sorted into levels by size; each grain searches its level and all coarser levels, so
-    that the work is proportional to the number of grains for any ratio of their sizes. Level k has
-    the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]` and cells that are wider than
-    :math:`2 R_{\max} 2^{-k}` plus the reach, in a hash table. Pairs are counted and listed in two
-    parallel passes; the list does not depend on the number of threads.
-
-    References
-    ----------
-    .. [1] H. Mio, A. Shimosaka, Y. Shirakawa and J. Hidaka, J. Chem. Eng. Japan 38 (2005)
-       969-975, for cells of several sizes in granular simulations.
-    """
-    # levels and their cells
-    largest = float(radius.max())
-    level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(np.int64)
-    levels = int(level.max()) + 1
-    width = np.empty((levels, 3))
-    count = np.zeros((levels, 3), np.int64)  # cells along a period, 0 without a period
-    for k in range(levels):
-        cell = 2.0 * largest * 0.5**k + reach
-        for a in range(3):
-            if np.isfinite(period[a]):
-                count[k, a] = max(1, int(period[a] / cell))
-                width[k, a] = period[a] / count[k, a]
-            else:
-                width[k, a] = cell
-
-    # count the pairs of each grain, then list them
-    table = 1 << max(4, int(2 * radius.size - 1).bit_length())
-    grains = (position, radius, reach, period)
-    grid = (level, width, count, *_fill_cells(position, level, width, count, table))
-    pair_counts = np.empty(radius.size, np.int64)
-    run_ranges(_count_pairs, radius.size, grains, grid, pair_counts, least=LEAST)
-    starts = np.concatenate([[0], np.cumsum(pair_counts)])
-    pairs = np.empty((starts[-1], 2), np.int32)
-    run_ranges(_list_pairs, radius.size, grains, grid, starts, pairs, least=LEAST)
-    return pairs
-
-
-@compiled
-def _hash(k, a, b, c, table):  # type: ignore[no-untyped-def]
-    """Return the slot of a cell in a table; the size of the table is a power of two."""
-    return (a * 73856093 ^ b * 19349663 ^ c * 83492791 ^ k * 2654435761) & (table - 1)
-
-
-@compiled
-def _fill_cells(position, level, width, count, table):  # type: ignore[no-untyped-def]
-    """Chain the grains of each slot of the table."""
-    heads = np.full(table, -1, np.int64)
-    following = np.empty(level.size, np.int64)
-    cells = np.empty((level.size, 3), np.int64)
-    for i in range(level.size - 1, -1, -1):
-        k = level[i]
-        for a in range(3):
-            c = int(np.floor(position[i, a] / width[k, a]))
-            cells[i, a] = c % count[k, a] if count[k, a] > 0 else c
-        slot = _hash(k, cells[i, 0], cells[i, 1], cells[i, 2], table)
-        following[i] = heads[slot]
-        heads[slot] = i
-    return heads, following, cells
-
-
-@compiled
-def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
-    """Count the pairs of grain i, and list them in ``out`` if it is not empty."""
-    position, radius, reach, period = grains
-    level, width, count, heads, following, cells = grid
-    n_pairs = 0
-    home = np.empty(3, np.int64)
-    low = np.empty(3, np.int64)
-    high = np.empty(3, np.int64)
-    for k in range(level[i] + 1):
-        for a in range(3):
-            home[a] = int(np.floor(position[i, a] / width[k, a]))
-            low[a], high[a] = -1, 1
-            if count[k, a] == 1:
-                low[a], high[a] = 0, 0
-            elif count[k, a] == 2:
-                low[a] = 0
-        for da in range(low[0], high[0] + 1):
-            ca = home[0] + da
-            if count[k, 0] > 0:
-                ca %= count[k, 0]
-            for db in range(low[1], high[1] + 1):
-                cb = home[1] + db
-                if count[k, 1] > 0:
-                    cb %= count[k, 1]
-                for dc in range(low[2], high[2] + 1):
-                    cc = home[2] + dc
-                    if count[k, 2] > 0:
-                        cc %= count[k, 2]
-                    j = heads[_hash(k, ca, cb, cc, heads.size)]
-                    while j >= 0:
-                        here = cells[j, 0] == ca and cells[j, 1] == cb and cells[j, 2] == cc
-                        # a pair within a level belongs to its first grain
-                        if here and level[j] == k and (k < level[i] or j > i):
-                            square = 0.0
-                            for a in range(3):
-                                d = position[i, a] - position[j, a]
-                                if period[a] < np.inf:
-                                    d -= period[a] * np.round(d / period[a])
-                                square += d * d
-                            distance = radius[i] + radius[j] + reach
-                            if square <= distance * distance:
-                                if out.shape[0] > 0:
-                                    out[first + n_pairs, 0] = i
-                                    out[first + n_pairs, 1] = j
-                                n_pairs += 1
-                        j = following[j]
-    return n_pairs
-
-
-@compiled
-def _count_pairs(begin, end, grains, grid, pair_counts):  # type: ignore[no-untyped-def]
-    empty = np.empty((0, 2), np.int32)
-    for i in range(begin, end):
-        pair_counts[i] = _visit(i, grains, grid, empty, np.int64(0))
-
-
-@compiled
-def _list_pairs(begin, end, grains, grid, starts, pairs):  # type: ignore[no-untyped-def]
-    """List the pairs in the order of the grains to which they belong."""
-    for i in range(begin, end):
-        if starts[i + 1] > starts[i]:
-            _visit(i, grains, grid, pairs, starts[i])
+    """List all pairs of grains with a gap of at most a reach, by levels of halved sizes."""
+    repeats = np.isfinite(period)
+    place = position.copy()
+    place[:, repeats] %= period[repeats]
+    place[:, repeats] *= place[:, repeats] < period[repeats]  # a tiny negative rounds up to it
+    box, largest = np.where(repeats, period, 0.0), float(radius.max())
+    level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(int)
+    members = [np.flatnonzero(level == k) for k in np.unique(level)]
+    trees = [cKDTree(place[grains], boxsize=box) for grains in members]
+    found = [np.empty((0, 2), np.int32)]
+    for k, (tree, grains) in enumerate(zip(trees, members, strict=True)):
+        for other, larger in zip(trees[: k + 1], members[: k + 1], strict=True):
+            far = float(radius[grains].max() + radius[larger].max()) + reach
+            near = tree.sparse_distance_matrix(other, far, output_type="ndarray")
+            i, j = grains[near["i"]], larger[near["j"]]
+            chosen = near["v"] <= radius[i] + radius[j] + reach
+            if other is tree:  # a pair within a level belongs to its first grain
+                chosen &= i < j
+            found.append(np.column_stack([i, j])[chosen].astype(np.int32))
+    pairs = np.concatenate(found)
+    return np.asarray(pairs[np.lexsort(pairs.T[::-1])])

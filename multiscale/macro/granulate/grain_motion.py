@@ -366,12 +366,10 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
 
 
 def _cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
-    r"""Return the inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
+    """Return the inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
 
-    The inertia belongs to an affine motion of the grains, :math:`m L^2 / 4`; the power of the
-    pressure is :math:`-p\,V\,d\,\dot\varepsilon` for the d free directions of the strain. If a
-    strain rate is prescribed along another axis, the smaller inertia :math:`m (2 R)^2` makes the
-    cell follow the pressure. The inertia of a cell of given size is infinite.
+    It is :math:`m L^2 / 4` for an affine motion, :math:`m (2 R)^2` under a prescribed strain rate,
+    so that the cell follows the pressure, and infinite for a cell of given size.
     """
     if model.pressure is None:
         return np.inf, 0.0
@@ -393,11 +391,8 @@ def _account_grains(
 ) -> dict[str, float]:
     r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
 
-    With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by the
-    work less the dissipation by contacts, :math:`-r \cdot u`, scheme,
-    :math:`\Delta v^T M \Delta v / 2`, and damping. The spring of a compliant contact relaxes its
-    force but separates the grains against their overlap: its energy is force times overlap. A
-    spring across the normal has the energy :math:`a |r_T|^2 / (2 m)`.
+    The kinetic energy grows by the work less :math:`-r \cdot u`, :math:`\Delta v^T M \Delta v / 2`
+    and damping. Springs have the energy force times overlap, and :math:`a |r_T|^2 / (2 m)` across.
     """
     # kinetic energy
     h, acted, contacts, rate = new.step_length, new.force_time, new.contacts, new.rate

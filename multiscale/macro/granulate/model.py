@@ -261,7 +261,8 @@ def box(
     for a in range(3):
         if not low[a] < high[a]:
             raise CaseError(
-                f"the walls cross along {'xyz'[a]}: low {low[a]:g} m is not below high {high[a]:g} m"
+                f"the walls cross along {'xyz'[a]}: low {low[a]:g} m is not below high "
+                f"{high[a]:g} m"
             )
         for corner, sign in ((low, 1.0), (high, -1.0)):
             if np.isfinite(corner[a]):

@@ -254,7 +254,10 @@ def test_grains_without_loss_keep_their_energy(accuracy):
     assert float(result["penetration"].max()) < 0.01
 
 
-@pytest.mark.parametrize(("restitution", "friction"), [(1.0, 0.5), (0.9, 0.0), pytest.param(0.9, 0.5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("restitution", "friction"),
+    [(1.0, 0.5), (0.9, 0.0), pytest.param(0.9, 0.5, marks=pytest.mark.slow)],
+)
 def test_grains_that_bounce_never_gain_energy(restitution, friction):
     energy, _ = many(restitution, friction)
     assert np.diff(energy, prepend=0.0).max() < 1e-12
