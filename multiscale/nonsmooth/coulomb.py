@@ -115,10 +115,7 @@ def verify_friction(
     scale = closing_norm(q.reshape(contacts, -1))
 
     step, unit = contact_mass(W.diagonal().reshape(contacts, -1)), unit_step(mobility)
-    error = max(
-        float(norm(natural_map(u, r, friction, step) / step)),
-        float(norm(natural_map(u, r, friction, unit)) - ROUND_OFF * norm(r)) / unit,
-    )  # (1)
+    error = law_error(u, r, friction, step, unit)
     outside = norm(r - project_friction_cone(r, friction), axis=0)
     return Verdict(
         error=error / scale,
@@ -126,6 +123,15 @@ def verify_friction(
         cone_violation=float(outside.max(initial=0.0)) / (float(np.abs(r).max(initial=0.0)) or 1.0),
         tolerance=tolerance,
     )
+
+
+def law_error(
+    velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, mass: np.ndarray, unit: float
+) -> float:
+    """Larger number of (1) of :func:`verify_friction`, less the rounding of the second one, m/s."""
+    weighted = norm(natural_map(velocity, reaction, friction, mass) / mass)
+    plain = norm(natural_map(velocity, reaction, friction, unit)) - ROUND_OFF * norm(reaction)
+    return max(float(weighted), float(plain) / unit)
 
 
 def natural_units(delassus: csr_array | np.ndarray, velocity: np.ndarray) -> tuple[float, float]:

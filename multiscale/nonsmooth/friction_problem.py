@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import splu
 
-from multiscale.nonsmooth.coulomb import ROUND_OFF, closing_norm, contact_mass
+from multiscale.nonsmooth.coulomb import closing_norm, contact_mass, law_error
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 
@@ -47,13 +47,11 @@ class ScaledFriction:
 
     def error(self, reaction: np.ndarray) -> float:
         """Natural-map error of the user's problem as the verifier defines it."""
-        weighted, plain = natural_map_norms(
+        velocity, impulse = (
             self.respond(reaction) * self.velocity_unit,
             reaction * self.reaction_unit,
-            *self.measure,
         )
-        rounding = ROUND_OFF * float(norm(reaction * self.reaction_unit)) / self.measure[2]
-        return max(float(weighted), float(plain) - rounding) / self.size
+        return law_error(velocity.T, impulse.T, *self.measure) / self.size
 
 
 def scale_friction(
@@ -196,30 +194,3 @@ def add_product(blocks, columns, starts, reaction, velocity):  # type: ignore[no
             a1 += blocks[k, 1, 0] * x + blocks[k, 1, 1] * y + blocks[k, 1, 2] * z
             a2 += blocks[k, 2, 0] * x + blocks[k, 2, 1] * y + blocks[k, 2, 2] * z
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = a0, a1, a2
-
-
-@compiled
-def natural_map_norms(velocity, reaction, friction, mass, unit):  # type: ignore[no-untyped-def]
-    """Norms of the natural map over its step, m/s: the contact mass, and the mass unit."""
-    weighted, plain = 0.0, 0.0
-    for i in range(friction.size):
-        mu = friction[i]
-        shift = mu * np.sqrt(velocity[i, 1] ** 2 + velocity[i, 2] ** 2)
-        for turn in range(2):
-            step = mass[i] if turn == 0 else unit
-            y0 = reaction[i, 0] - step * (velocity[i, 0] + shift)
-            y1 = reaction[i, 1] - step * velocity[i, 1]
-            y2 = reaction[i, 2] - step * velocity[i, 2]
-            length = np.sqrt(y1 * y1 + y2 * y2)
-            if y0 < 0.0 or length > mu * y0:
-                height = max(0.0, (y0 + mu * length) / (1.0 + mu * mu))
-                shrink = mu * height / length if length > 0.0 else 0.0
-                y0, y1, y2 = height, shrink * y1, shrink * y2
-            square = (
-                (reaction[i, 0] - y0) ** 2 + (reaction[i, 1] - y1) ** 2 + (reaction[i, 2] - y2) ** 2
-            )
-            if turn == 0:
-                weighted += square / (step * step)
-            else:
-                plain += square / (step * step)
-    return np.sqrt(weighted), np.sqrt(plain)

@@ -5,7 +5,6 @@ import pytest
 
 from multiscale.nonsmooth.coulomb import natural_map, project_friction_cone
 from multiscale.nonsmooth.friction_methods import solve_one_contact
-from multiscale.nonsmooth.friction_problem import natural_map_norms
 from tests.support import alart_curnier
 
 
@@ -68,20 +67,14 @@ def test_a_contact_without_friction_projects_onto_its_normal():
     np.testing.assert_array_equal(project_friction_cone(vector, 0.0), expected)
 
 
-def test_both_residuals_vanish_together_and_the_kernel_agrees():
+def test_both_residuals_vanish_together():
     rng = np.random.default_rng(seed=2)
-    u, r = rng.normal(size=(3, 50)), rng.normal(size=(3, 50))
-    mu, mass = rng.uniform(0.0, 2.0, 50), rng.uniform(0.1, 10.0, 50)
+    mu = rng.uniform(0.0, 2.0, 50)
     mu[:5] = 0.0
-    weighted, plain = natural_map_norms(
-        np.ascontiguousarray(u.T), np.ascontiguousarray(r.T), mu, mass, 3.0
-    )
-    assert plain == pytest.approx(np.linalg.norm(natural_map(u, r, mu, 3.0) / 3.0), rel=1e-13)
-    assert weighted == pytest.approx(np.linalg.norm(natural_map(u, r, mu, mass) / mass), rel=1e-13)
-    for i in range(50):
+    for friction in mu:
         G = rng.normal(size=(3, 3))
         q = rng.normal(size=3)
-        x = np.array(solve_one_contact(G @ G.T, *q, mu[i]))
+        x = np.array(solve_one_contact(G @ G.T, *q, friction))
         v = (G @ G.T @ x + q)[:, None]
         for residual in (natural_map, alart_curnier):
-            assert np.linalg.norm(residual(v, x[:, None], mu[i : i + 1])) < 1e-9
+            assert np.linalg.norm(residual(v, x[:, None], np.array([friction]))) < 1e-9

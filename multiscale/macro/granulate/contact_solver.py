@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.macro.granulate.contact_systems import solve_assembled, solve_interior
-from multiscale.macro.granulate.contacts import Contacts, Velocities
+from multiscale.macro.granulate.contacts import Contacts, Velocities, relative_velocity
 from multiscale.macro.granulate.model import Solver
 from multiscale.numerics.compiled import compiled
 
@@ -21,8 +21,15 @@ WINDOWS, MOST_IMPACTS = 10, 1000
 
 def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> tuple[int, float]:
     r"""Solve the contacts of a step in place; return the sweeps and the relative error."""
+    # norm of u + b n over the closing contacts, weighted by their masses, sqrt(J)
+    rate = None if motion.strain is None else motion.strain[0]
+    u = (
+        relative_velocity(contacts, motion.velocity, rate)
+        + contacts.bias[:, None] * contacts.normal
+    )
+    closes = np.sum(u * contacts.normal, axis=1) < 0.0
+    scale = float(np.sqrt(np.sum(u[closes] ** 2 * contacts.mass[closes, None])))
     arguments = _arguments(contacts, motion)
-    scale = _closing_size(*arguments)
     if scale == 0.0:
         contacts.impulse[:] = 0.0
         return 0, 0.0
@@ -298,23 +305,6 @@ def _apply_impulses(contacts, coulomb, motion, strain):  # type: ignore[no-untyp
             _apply_impulse(i, j, nx, ny, nz, x, y, z, normal, velocity, mobility)
         if strain is not None:
             _strain_cell(c, x, y, z, strain, branch)
-
-
-@compiled(fastmath=True)
-def _closing_size(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
-    """Return the norm of u + b n over the closing contacts, weighted by their masses, sqrt(J)."""
-    velocity, _ = motion
-    ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
-    biases, masses = contacts.bias, contacts.mass
-    total = 0.0
-    for c in range(ends.shape[0]):
-        nx, ny, nz, b = normals[c, 0], normals[c, 1], normals[c, 2], biases[c]
-        i, j = ends[c, 0], ends[c, 1]
-        ux, uy, uz = _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch)
-        ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
-        if ux * nx + uy * ny + uz * nz < 0.0:
-            total += (ux * ux + uy * uy + uz * uz) * masses[c]
-    return np.sqrt(total)
 
 
 @compiled(fastmath=True)

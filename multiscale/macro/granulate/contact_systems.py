@@ -7,7 +7,7 @@ from scipy.sparse import csr_array, diags_array, triu
 
 from multiscale.errors import MultiscaleError
 from multiscale.fe.elements import sum_blocks
-from multiscale.macro.granulate.contacts import Contacts, Velocities
+from multiscale.macro.granulate.contacts import Contacts, Velocities, relative_velocity
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.nonsmooth.lcp_methods import longest_positive
 from multiscale.numerics.factorisation import prepare_cholesky
@@ -35,7 +35,7 @@ def solve_interior(
     normal, mass = contacts.normal, contacts.mass
     C, rho = contacts.compliance / mass, mass / (1.0 + contacts.compliance)
     H, inverse = _transfer(normal[:, None], contacts.ends, motion.mobility)
-    free = motion.velocity[contacts.ends[:, 0], :3] - motion.velocity[contacts.ends[:, 1], :3]
+    free = relative_velocity(contacts, motion.velocity)
     b = np.sum(free * normal, axis=1) + contacts.bias - C * contacts.anchor[:, 0]
     H, M = csr_array(H[inverse > 0.0]), 1.0 / inverse[inverse > 0.0]
     transposed = csr_array(H.T)
@@ -93,8 +93,8 @@ def _direction(
 def solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
     """Return impulses, N s, of the assembled problem, with or without convergence."""
     # velocities and compliances in the frames of the contacts
-    velocity, normal, (i, j) = motion.velocity, contacts.normal, contacts.ends.T
-    frames, u = normal[:, None], velocity[i, :3] - velocity[j, :3]
+    normal, u = contacts.normal, relative_velocity(contacts, motion.velocity)
+    frames = normal[:, None]
     compliance = (contacts.compliance / contacts.mass)[:, None]  # 1/kg
     if contacts.coulomb is not None:
         across, friction, give = contacts.coulomb.T
@@ -103,7 +103,6 @@ def solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) ->
         # (contacts, 3, 3), right-handed: rows normal and tangents
         frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
         compliance = np.column_stack([compliance[:, 0], give / across, give / across])
-        u = u - np.cross(velocity[i, 4:7] + velocity[j, 4:7], normal)
 
     def local(vector: np.ndarray) -> np.ndarray:
         return vector if vector.shape[1] == 1 else np.einsum("cab,cb->ca", frames, vector)

@@ -111,6 +111,17 @@ class Contacts(NamedTuple):
         return np.asarray(self.vectors.any(axis=1))
 
 
+def relative_velocity(
+    contacts: Contacts, velocity: np.ndarray, rate: np.ndarray | None = None
+) -> np.ndarray:
+    """Return u at the contacts, i minus j, with the strain rate of a cell, (contacts, 3), m/s."""
+    (i, j), normal = contacts.ends.T, contacts.normal
+    u = velocity[i, :3] - velocity[j, :3]
+    if contacts.frictional:  # without friction, u is the velocity of the centres
+        u -= np.cross(velocity[i, 4:7] + velocity[j, 4:7], normal)
+    return np.asarray(u if rate is None else u + rate * contacts.branch)
+
+
 @compiled(inline="always")
 def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
     """Return the gap, m, and the normal from body j, a grain or a wall, to grain i."""

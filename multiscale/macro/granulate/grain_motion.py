@@ -22,6 +22,7 @@ from multiscale.macro.granulate.contacts import (
     find_wall_pairs,
     mark_overlaps,
     penetration,
+    relative_velocity,
 )
 from multiscale.macro.granulate.model import Model, Solver
 
@@ -226,9 +227,8 @@ def _bounce(
     """Return step and pairs after impacts, before which a first share of the forces has acted."""
     law, h, (first, acted) = model.law, step.length, times
     every = pairs._replace(wanted=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
-    contacts, (i, j) = _build(model, state, every, step), pairs.ends.T
+    contacts = _build(model, state, every, step)
     force, strained = step.velocity - damped[0], step.strain[0] - damped[1]
-    gained = force[i, :3] - force[j, :3] + strained * contacts.branch
     start, rate = damped[0] + first * force, damped[1] + first * strained
     motion = Velocities(
         start.copy(),
@@ -238,7 +238,8 @@ def _bounce(
     rest, slack, least = 2.0 * acted * float(np.linalg.norm(model.gravity)), np.zeros(2), -np.inf
     if law.restitution == 1.0:  # all pairs bounce, and a contact would take energy
         rest, slack, least = 0.0, np.array([APART_OVERLAP, 0.25 * h * rest]), 0.25 * rest
-    gained = h / acted * np.sum(gained * contacts.normal, axis=1)
+    gained = relative_velocity(contacts, force, strained) * contacts.normal
+    gained = h / acted * np.sum(gained, axis=1)
     shift = collide(contacts, motion, gained, law.restitution, rest, h)
     strain = step.strain.copy()
     if motion.strain is not None:
@@ -406,12 +407,8 @@ def _account_grains(
         return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
 
     # power of the impulses
-    n, impulse, (i, j), branch = contacts.normal, contacts.vectors, contacts.ends.T, contacts.branch
-    v = velocity[:, :3]
-    u = v[i] - v[j]
-    if contacts.frictional:
-        w = velocity[:, 4:7]
-        u = u - np.cross(w[i] + w[j], n)
+    n, impulse, branch = contacts.normal, contacts.vectors, contacts.branch
+    v, u = velocity[:, :3], relative_velocity(contacts, velocity)
     moments = np.sum(impulse * branch, axis=0)  # on the cell, along its axes
     power = float(np.sum(impulse * u)) + float(moments @ rate)
 
@@ -420,7 +417,7 @@ def _account_grains(
     for k, wall in enumerate(model.walls, model.grains.n):
         if mass[k, 0] > 0.0:
             prescribed[k] -= (prescribed[k] @ wall.unit) * wall.unit
-    walls = float(np.sum(impulse * prescribed[j]))
+    walls = float(np.sum(impulse * prescribed[contacts.ends[:, 1]]))
     prescribed_rate = np.where(model.free, 0.0, rate)
     force = mass * model.free_acceleration
     pull, lost = (
