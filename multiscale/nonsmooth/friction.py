@@ -213,14 +213,20 @@ def _rounding(delassus: csr_array, velocity: np.ndarray, solution: Solution, con
 
 
 def _softened(problem: ScaledFriction) -> str:
-    """Return a sentence if sweeps solve the problem with a compliance across the normals."""
+    """Return a sentence on compliance across the normals, if it helps, or on masses."""
     blocks = problem.blocks.copy()
     blocks[problem.diagonal[:, None], [1, 2], [1, 2]] += SOFTENING
     soft = replace(problem, blocks=blocks)
     progress = Progress(soft, SOFT_TOLERANCE)
     gauss_seidel(soft, np.zeros_like(soft.velocity), progress, SOFT_SWEEPS)
     if not progress.smallest <= progress.target:
-        return ""
+        give = np.einsum("iaa->ia", problem.blocks[problem.diagonal])[:, 0]
+        give = give / problem.reaction_unit[:, 0] * problem.velocity_unit[:, 0]
+        return (
+            f"mobilities along the normals differ by a factor of {give.max() / give.min():.1e}, most "
+            f"at contacts {np.argmin(give)} and {np.argmax(give)}; bring the masses there nearer to "
+            f"each other, or lower the friction"
+        )
     return (
         f"friction makes the rigid problem non-monotone: with {SOFTENING:.0%} more mobility across "
         f"the normals sweeps solve it; give the contacts this compliance"

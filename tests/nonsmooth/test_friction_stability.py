@@ -175,7 +175,7 @@ def independent_error(W, q, mu, r):
 
 
 @pytest.mark.parametrize(
-    ("count", "solved"), [(12, 9), pytest.param(160, 120, marks=pytest.mark.long)]
+    ("count", "solved"), [(12, 9), pytest.param(160, 145, marks=pytest.mark.slow)]
 )
 def test_no_instance_is_called_solved_that_is_not(count, solved):
     number = 0
@@ -184,8 +184,9 @@ def test_no_instance_is_called_solved_that_is_not(count, solved):
         if solution.converged:
             number += 1
             assert independent_error(W, q, mu, solution.value) < 1e-7
-        elif solution.status is not Status.NOT_FINITE:
+        else:
             assert solution.residuals[-1] > 1e-8
+            assert solution.detail
     assert number >= solved
 
 
@@ -197,7 +198,6 @@ def test_a_pile_that_friction_makes_unsolvable_is_refused_with_its_remedy():
 
 
 def test_masses_that_leave_no_digits_are_named_with_their_rounding():
-    # a column under 1e8 times its mass
     W, q, mu = box_stack(3, np.random.default_rng(seed=1)).condensed()
     solution = solve_friction(W, q, mu, tolerance=1e-15)
     assert solution.status is Status.STALLED

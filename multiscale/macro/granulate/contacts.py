@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from multiscale.macro.granulate.model import PLANE
-from multiscale.numerics.compiled import compiled
+from multiscale.macro.granulate.model import CYLINDER
 
 CONTACT_DISTANCE = 0.02
 """Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
@@ -38,6 +37,15 @@ class Positions(NamedTuple):
     walls: Walls
 
 
+class Geometry(NamedTuple):
+    """Pairs at the start of a step; the normal points to body i, a grain."""
+
+    gap: np.ndarray  # shape (pairs,), m
+    normal: np.ndarray  # shape (pairs, 3)
+    smaller: np.ndarray  # radius, shape (pairs,), m
+    branch: np.ndarray  # from centre j to centre i, shape (pairs, 3), m; zero at walls
+
+
 class Pairs(NamedTuple):
     """Pairs that may touch in a step; impulses have c = 1 or 3 components."""
 
@@ -53,6 +61,7 @@ class FreeStep(NamedTuple):
     """A step before its contacts are known; arrays as in :class:`Velocities`."""
 
     length: float  # s
+    grains: int  # bodies that are not walls
     velocity: np.ndarray  # velocities after forces and impacts, m/s
     shift: np.ndarray  # ways of the bodies before their impacts; no rows without restitution, m
     mobility: np.ndarray
@@ -122,68 +131,53 @@ def relative_velocity(
     return np.asarray(u if rate is None else u + rate * contacts.branch)
 
 
-@compiled(inline="always")
-def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
-    """Return the gap, m, and the normal from body j, a grain or a wall, to grain i."""
-    n = radius.size
-    nx, ny, nz = position[i, 0], position[i, 1], position[i, 2]
-    if j < n:
-        nx, ny, nz = nx - position[j, 0], ny - position[j, 1], nz - position[j, 2]
-        if period[0] < np.inf:
-            nx -= period[0] * np.round(nx / period[0])
-        if period[1] < np.inf:
-            ny -= period[1] * np.round(ny / period[1])
-        if period[2] < np.inf:
-            nz -= period[2] * np.round(nz / period[2])
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        return length - radius[i] - radius[j], nx / length, ny / length, nz / length
-    w = j - n
-    nx, ny, nz = nx - point[w, 0], ny - point[w, 1], nz - point[w, 2]
-    height = nx * axis[w, 0] + ny * axis[w, 1] + nz * axis[w, 2]
-    if kind[w] == PLANE:
-        return height - radius[i], axis[w, 0], axis[w, 1], axis[w, 2]
-    nx, ny, nz = nx - height * axis[w, 0], ny - height * axis[w, 1], nz - height * axis[w, 2]
-    length = np.sqrt(nx * nx + ny * ny + nz * nz)
-    if length == 0.0:
-        return bore[w] - radius[i], 1.0, 0.0, 0.0
-    return bore[w] - length - radius[i], -nx / length, -ny / length, -nz / length
-
-
-@compiled(inline="always")
-def _way_apart(i, j, nx, ny, nz, shift):  # type: ignore[no-untyped-def]
-    """Return the way by which the shift of two bodies parts them along a normal, m."""
-    if shift.shape[0] == 0:
-        return 0.0
-    way = (shift[i, 0] - shift[j, 0]) * nx + (shift[i, 1] - shift[j, 1]) * ny
-    return way + (shift[i, 2] - shift[j, 2]) * nz
-
-
-@compiled(inline="always")
-def _had_impulse(k, impulse):  # type: ignore[no-untyped-def]
-    """Whether a pair had an impulse in the last step."""
-    loaded = False
-    for a in range(impulse.shape[1]):
-        loaded = loaded or impulse[k, a] != 0.0
-    return loaded
-
-
-@compiled
-def find_wall_pairs(place, reach):  # type: ignore[no-untyped-def]
-    """List the pairs (grain, grains + wall) with a gap of at most the reach."""
+def measure_pairs(ends: np.ndarray, place: Positions) -> Geometry:
+    """Return gaps and normals of pairs of a grain and another grain or a wall."""
     position, radius, period, walls = place
-    kind, point, axis, bore = walls
-    n, count = radius.size, 0
-    pairs = np.empty((n * kind.size, 2), np.int32)
-    for w in range(kind.size):
-        for i in range(n):
-            if _gap(i, n + w, position, radius, period, kind, point, axis, bore)[0] <= reach:
-                pairs[count, 0], pairs[count, 1] = i, n + w
-                count += 1
-    return pairs[:count].copy()
+    n, (i, j) = radius.size, ends.T
+    other, repeats = np.minimum(j, n - 1), np.isfinite(period)
+    away = position[i] - position[other]
+    away[:, repeats] -= period[repeats] * np.round(away[:, repeats] / period[repeats])
+    length = np.linalg.norm(away, axis=1)
+    gap, smaller = length - radius[i] - radius[other], np.minimum(radius[i], radius[other])
+    normal = away / np.where(length > 0.0, length, 1.0)[:, None]
+
+    at = np.flatnonzero(j >= n)
+    grain, wall = i[at], j[at] - n
+    out, axis = position[grain] - walls.point[wall], walls.axis[wall]
+    height = np.sum(out * axis, axis=1)
+    across, pipe = out - height[:, None] * axis, walls.kind[wall] == CYLINDER
+    far = np.linalg.norm(across, axis=1)
+    inward = np.where((far > 0.0)[:, None], -across, [1.0, 0.0, 0.0])
+    inward /= np.where(far > 0.0, far, 1.0)[:, None]
+    gap[at] = np.where(pipe, walls.bore[wall] - far, height) - radius[grain]
+    normal[at] = np.where(pipe[:, None], inward, axis)
+    smaller[at], length[at] = radius[grain], 0.0
+    return Geometry(gap, normal, smaller, length[:, None] * normal)
 
 
-@compiled
-def allowed_step(pairs, place, velocity, longest, last, accuracy, gravity):  # type: ignore[no-untyped-def]
+def find_wall_pairs(place: Positions, reach: float) -> np.ndarray:
+    """List the pairs (grain, grains + wall) with a gap of at most the reach."""
+    n, walls = place.radius.size, place.walls.kind.size
+    ends = np.column_stack([np.tile(np.arange(n), walls), n + np.repeat(np.arange(walls), n)])
+    return np.asarray(ends[measure_pairs(ends, place).gap <= reach], np.int32)
+
+
+def _parting(ends: np.ndarray, geometry: Geometry, vector: np.ndarray) -> np.ndarray:
+    """Return the component along the normal of a vector of bodies i minus j."""
+    i, j = ends.T
+    return np.asarray(np.sum((vector[i, :3] - vector[j, :3]) * geometry.normal, axis=1))
+
+
+def allowed_step(
+    pairs: Pairs,
+    place: Positions,
+    velocity: np.ndarray,
+    longest: float,
+    last: float,
+    accuracy: float,
+    gravity: float,
+) -> float:
     r"""Longest step, s, after which overlaps by impacts are at most a share of a radius.
 
     A pair with gap g and smaller radius R that closes with the speed u, gravity included, requires
@@ -191,135 +185,93 @@ def allowed_step(pairs, place, velocity, longest, last, accuracy, gravity):  # t
     the impact is short too; grains that roll on each other or would fall off with the speed v
     require :math:`h \le \sqrt{\text{accuracy}}\, R / \max(v, \sqrt{\text{gravity}\, R})`.
     """
-    position, radius, period, walls = place
-    kind, point, axis, bore = walls
-    ends, impulse = pairs.ends, pairs.impulse
-    h, turn = longest, np.sqrt(accuracy)
-    for k in range(ends.shape[0]):
-        i, j = ends[k, 0], ends[k, 1]
-        gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
-        smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
-        touched = _had_impulse(k, impulse)
-        x, y = velocity[j, 0] - velocity[i, 0], velocity[j, 1] - velocity[i, 1]
-        z = velocity[j, 2] - velocity[i, 2]
-        closing, room = x * nx + y * ny + z * nz, accuracy * smaller
-        room = max(gap - room, room)
-        if not touched:
-            closing += 0.5 * (last + h) * gravity
-        if touched and j < radius.size:
-            past = np.sqrt(max(x * x + y * y + z * z - closing * closing, 0.0))
-            past = max(past, np.sqrt(gravity * smaller))
-            if h * past > turn * smaller:
-                h = turn * smaller / past
-        if h * closing > room:
-            h = room / closing
-    return h
+    geometry, (i, j) = measure_pairs(pairs.ends, place), pairs.ends.T
+    closing = -_parting(pairs.ends, geometry, velocity)
+    touched, room = pairs.impulse.any(axis=1), accuracy * geometry.smaller
+    rolls = touched & (j < place.radius.size)
+    square = np.sum((velocity[i, :3] - velocity[j, :3]) ** 2, axis=1) - closing**2
+    past = np.sqrt(np.maximum(square, gravity * geometry.smaller))
+    closing = closing + np.where(touched, 0.0, 0.5 * (last + longest) * gravity)
+    limits = (
+        (np.maximum(geometry.gap - room, room), closing, closing > 0.0),
+        (np.sqrt(accuracy) * geometry.smaller, past, rolls & (past > 0.0)),
+    )
+    return min(float(np.min(way[c] / speed[c], initial=longest)) for way, speed, c in limits)
 
 
-@compiled
-def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
-    """Return the fields of :class:`Contacts` for pairs that may touch, and their number."""
-    position, radius, period, walls = place
-    kind, point, axis, bore = walls
-    pair_ends, start, spring, struck, wanted, give = pairs
-    h, velocity, shift, mobility, coefficient, strain = step[:6]
-    relaxation, across, slack, least = step[6:]
-    n, m = radius.size, 0
-    size, width = start.shape
-    number, ends = np.empty(size, np.int64), np.empty((size, 2), np.int32)
-    normal, branch = np.empty((size, 3)), np.empty((size, 3))
-    gaps, bias, mass, compliance = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    frictional = coefficient.size > 0
-    coulomb = np.empty((size if frictional else 0, 3))
-    impulse, anchor = np.empty((size, width)), np.empty((size, width))
-    shock = np.zeros((size, width))
-    for k in range(size):
-        i, j = pair_ends[k, 0], pair_ends[k, 1]
-        gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
-        if j < n:
-            smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
-        else:
-            smaller, length = radius[i], 0.0
-        gap += slack[0] * smaller + slack[1]
-        way = _way_apart(i, j, nx, ny, nz, shift)
-        ahead = length * (strain[0, 0] * nx * nx + strain[0, 1] * ny * ny + strain[0, 2] * nz * nz)
-        ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
-        ahead += (velocity[i, 2] - velocity[j, 2]) * nz
-        near = gap + way + h * min(ahead, 0.0) < CONTACT_DISTANCE * smaller
-        met = struck.shape[0] > 0 and _had_impulse(k, struck)
-        if not (wanted[k] or near or met or _had_impulse(k, start)):
-            continue
-        gaps[m] = gap + way
-        bias[m] = max(least, (gap / h if gap > 0.0 else gap / relaxation) + way / h)
-        number[m], ends[m, 0], ends[m, 1] = k, i, j
-        normal[m, 0], normal[m, 1], normal[m, 2] = nx, ny, nz
-        bx, by, bz = length * nx, length * ny, length * nz
-        branch[m, 0], branch[m, 1], branch[m, 2] = bx, by, bz
-        cell = (strain[1, 0] * bx) ** 2 + (strain[1, 1] * by) ** 2 + (strain[1, 2] * bz) ** 2
-        mass[m] = 1.0 / (mobility[i, 0] + mobility[j, 0] + cell)
-        compliance[m] = 0.0 if met else give[k]  # a spring would change the bounce
-        if frictional:
-            masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
-            coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + cell), coefficient[max(0, 1 + j - n)]
-            coulomb[m, 2] = max(across, compliance[m])
-        for a in range(width):
-            impulse[m, a], anchor[m, a] = start[k, a], spring[k, a]
-            if met:
-                shock[m, a] = struck[k, a]
-        m += 1
-    built = (number, ends, normal, gaps, bias, mass, compliance, coulomb, branch, impulse, anchor)
-    return (*built, shock), m
+def build_contacts(pairs: Pairs, geometry: Geometry, step: FreeStep) -> Contacts:
+    """Return the contacts: wanted, with an impulse before, or near in a step without impulses."""
+    h, strain, smaller = step.length, step.strain, geometry.smaller
+    gap, way = geometry.gap + step.slack[0] * smaller + step.slack[1], np.zeros_like(smaller)
+    met = np.asarray(way > 0.0)
+    if len(step.shift):
+        way = _parting(pairs.ends, geometry, step.shift)
+        met = np.asarray(pairs.struck.any(axis=1))
+    ahead = _parting(pairs.ends, geometry, step.velocity)
+    ahead += (geometry.branch * geometry.normal) @ strain[0]
+    near = gap + way + h * np.minimum(ahead, 0.0) < CONTACT_DISTANCE * smaller
+    chosen = np.flatnonzero(pairs.wanted | near | met | pairs.impulse.any(axis=1))
+
+    (i, j), branch, mobility = pairs.ends[chosen].T, geometry.branch[chosen], step.mobility
+    gap, way = gap[chosen], way[chosen]
+    bias = np.where(gap > 0.0, gap / h, gap / step.relaxation) + way / h
+    cell = np.sum((strain[1] * branch) ** 2, axis=1)
+    # a spring would change a bounce
+    compliance, coulomb = np.where(met, 0.0, pairs.compliance)[chosen], None
+    if step.friction.size:
+        across = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2] + cell
+        friction = step.friction[np.maximum(0, j - step.grains + 1)]
+        give = np.maximum(step.across, compliance)
+        coulomb = np.column_stack([1.0 / across, friction, give])
+    return Contacts(
+        number=chosen,
+        ends=pairs.ends[chosen],
+        normal=geometry.normal[chosen],
+        gap=gap + way,
+        bias=np.maximum(bias, step.least),
+        mass=1.0 / (mobility[i, 0] + mobility[j, 0] + cell),
+        compliance=compliance,
+        coulomb=coulomb,
+        branch=branch,
+        impulse=pairs.impulse[chosen],
+        anchor=pairs.anchor[chosen],
+        struck=pairs.struck[chosen] if len(step.shift) else None,
+    )
 
 
-@compiled
-def mark_overlaps(pairs, number, used, place, step, velocity, rate):  # type: ignore[no-untyped-def]
-    """Mark pairs that overlap too far after the step as ``wanted``; return their number.
+def mark_overlaps(
+    pairs: Pairs,
+    contacts: Contacts,
+    geometry: Geometry,
+    step: FreeStep,
+    velocity: np.ndarray,
+    rate: np.ndarray,
+) -> bool:
+    """Mark pairs that overlap too far after the step as ``wanted``; return whether there are any.
 
-    The compliance of a contact, ``used`` by the pair ``number``, is multiplied by ``STIFFENING``.
+    The compliance of such contacts is multiplied by ``STIFFENING``; ``rate`` is the strain rate.
     """
-    position, radius, period, walls = place
-    kind, point, axis, bore = walls
-    ends, wanted, compliance, h = pairs.ends, pairs.wanted, pairs.compliance, step.length
-    new, m = 0, 0
-    for k in range(ends.shape[0]):
-        touches = m < number.size and number[m] == k
-        if touches:
-            m += 1
-            if used[m - 1] <= LEAST_COMPLIANCE:
-                continue
-        elif wanted[k]:
-            continue
-        i, j = ends[k, 0], ends[k, 1]
-        gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
-        u = (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
-        u += (velocity[i, 2] - velocity[j, 2]) * nz
-        smaller = radius[i]
-        if j < radius.size:
-            smaller = min(smaller, radius[j])
-            affine = rate[0] * nx * nx + rate[1] * ny * ny + rate[2] * nz * nz
-            u += affine * (gap + radius[i] + radius[j])
-        gap += _way_apart(i, j, nx, ny, nz, step.shift) + step.slack[1]
-        if gap + h * u < -(CONTACT_OVERLAP if touches else APART_OVERLAP) * smaller:
-            wanted[k] = True
-            if touches:
-                compliance[k] *= STIFFENING
-            new += 1
-    return new
+    used = np.full(len(pairs.ends), -1.0)
+    used[contacts.number] = contacts.compliance
+    gap = geometry.gap + step.slack[1]
+    if len(step.shift):
+        gap = gap + _parting(pairs.ends, geometry, step.shift)
+    u = _parting(pairs.ends, geometry, velocity) + (geometry.branch * geometry.normal) @ rate
+    allowed = np.where(used >= 0.0, CONTACT_OVERLAP, APART_OVERLAP) * geometry.smaller
+    deep = gap + step.length * u < -allowed
+    deep &= np.where(used >= 0.0, used > LEAST_COMPLIANCE, ~pairs.wanted)
+    pairs.wanted[deep] = True
+    pairs.compliance[deep & (used >= 0.0)] *= STIFFENING
+    return bool(deep.any())
 
 
-@compiled
-def penetration(ends, place):  # type: ignore[no-untyped-def]
+def penetration(ends: np.ndarray, place: Positions) -> tuple[float, int]:
     """Largest overlap of a pair relative to its smaller radius, and the pair, or -1."""
-    position, radius, period, walls = place
-    kind, point, axis, bore = walls
-    worst, which = 0.0, -1
-    for k in range(ends.shape[0]):
-        i, j = ends[k, 0], ends[k, 1]
-        gap = _gap(i, j, position, radius, period, kind, point, axis, bore)[0]
-        smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
-        if -gap > worst * smaller:
-            worst, which = -gap / smaller, k
-    return worst, which
+    geometry = measure_pairs(ends, place)
+    overlap = -geometry.gap / geometry.smaller
+    if not np.any(overlap > 0.0):
+        return 0.0, -1
+    return float(overlap.max()), int(np.argmax(overlap))
 
 
 def find_pairs(
@@ -345,4 +297,14 @@ def find_pairs(
                 chosen &= i < j
             found.append(np.column_stack([i, j])[chosen].astype(np.int32))
     pairs = np.concatenate(found)
-    return np.asarray(pairs[np.lexsort(pairs.T[::-1])])
+
+    # by first grains, levels and cells: sweeps pass through space in this order
+    i, j = pairs.T
+    size = 2.0 * largest * 0.5 ** level[j, None] + reach
+    whole = np.where(repeats, period, 1.0)
+    count = np.maximum(1.0, np.floor(whole / size))  # cells along a period
+    width = np.where(repeats, whole / count, size)
+    cells = np.floor(position[j] / width) - np.floor(position[i] / width)
+    back = np.where(count > 2.0, 1.0, 0.0)
+    cells = np.where(repeats, np.mod(cells + back, count) - back, cells)
+    return np.asarray(pairs[np.lexsort((j, *cells.T[::-1], level[j], i))])

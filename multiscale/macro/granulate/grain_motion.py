@@ -12,6 +12,7 @@ from multiscale.macro.granulate.contacts import (
     APART_OVERLAP,
     Contacts,
     FreeStep,
+    Geometry,
     Pairs,
     Positions,
     Velocities,
@@ -21,6 +22,7 @@ from multiscale.macro.granulate.contacts import (
     find_pairs,
     find_wall_pairs,
     mark_overlaps,
+    measure_pairs,
     penetration,
     relative_velocity,
 )
@@ -147,16 +149,19 @@ def step_grains(
     strain = np.array(
         [damped_rate + acted * thrust / inertia * model.free, model.free / np.sqrt(inertia)]
     )
-    law, nowhere = model.law, np.zeros((0, 3))
+    law, nowhere, place = model.law, np.zeros((0, 3)), state.place(model)
     constants = (law.relaxation * h, law.tangential_compliance, np.zeros(2), -np.inf)
-    step = FreeStep(h, velocity, nowhere, model.mobility, model.friction, strain, *constants)
+    step = FreeStep(
+        h, model.grains.n, velocity, nowhere, model.mobility, model.friction, strain, *constants
+    )
 
     # impulses, motion, and energies
-    pairs = _pairs_of_step(model, state, acted)
+    pairs, geometry = _pairs_of_step(model, state, acted), measure_pairs(state.pairs, place)
     if law.restitution > 0.0:
         first = 0.5 * (state.step_length / acted if accuracy else 1.0)
-        step, pairs = _bounce(model, state, pairs, step, (damped, damped_rate), (first, acted))
-    solved, sweeps, residual = _solve_contacts(model, state, solver, step, pairs, acted)
+        step, pairs = _bounce(model, geometry, pairs, step, (damped, damped_rate), (first, acted))
+    parts = (solver, step, pairs, geometry)
+    solved, sweeps, residual = _solve_contacts(model, state, *parts, acted)
     new, contacts = _advance(model, solved, step.shift), solved.contacts
     worst, _ = penetration(new.pairs, new.place(model))
     done = {
@@ -218,7 +223,7 @@ def _pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
 
 def _bounce(
     model: Model,
-    state: GrainState,
+    geometry: Geometry,
     pairs: Pairs,
     step: FreeStep,
     damped: tuple[np.ndarray, np.ndarray],
@@ -227,7 +232,7 @@ def _bounce(
     """Return step and pairs after impacts, before which a first share of the forces has acted."""
     law, h, (first, acted) = model.law, step.length, times
     every = pairs._replace(wanted=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
-    contacts = _build(model, state, every, step)
+    contacts = build_contacts(every, geometry, step)
     force, strained = step.velocity - damped[0], step.strain[0] - damped[1]
     start, rate = damped[0] + first * force, damped[1] + first * strained
     motion = Velocities(
@@ -249,15 +254,6 @@ def _bounce(
     return step, pairs._replace(struck=contacts.impulse)
 
 
-def _build(model: Model, state: GrainState, pairs: Pairs, step: FreeStep) -> Contacts:
-    """Return the contacts of the pairs that may touch."""
-    built, count = build_contacts(pairs, state.place(model), step)
-    contacts = Contacts(*(field[:count] for field in built))
-    if model.law.restitution == 0.0:
-        contacts = contacts._replace(struck=None)
-    return contacts if model.frictional else contacts._replace(coulomb=None)
-
-
 def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) -> GrainState:
     """Update the neighbours if a pair outside their list may touch within the step."""
     n, radius = model.grains.n, model.grains.radius
@@ -275,12 +271,18 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
 
 
 def _solve_contacts(
-    model: Model, state: GrainState, solver: Solver, step: FreeStep, pairs: Pairs, acted: float
+    model: Model,
+    state: GrainState,
+    solver: Solver,
+    step: FreeStep,
+    pairs: Pairs,
+    geometry: Geometry,
+    acted: float,
 ) -> tuple[GrainState, int, float]:
     """Solve (1), and again if other pairs overlap; return also the sweeps and the error."""
-    place, sweeps = state.place(model), 0
+    sweeps = 0
     while True:
-        contacts, strain = _build(model, state, pairs, step), step.strain.copy()
+        contacts, strain = build_contacts(pairs, geometry, step), step.strain.copy()
         motion = Velocities(
             step.velocity.copy(), step.mobility, None if model.pressure is None else strain
         )
@@ -288,8 +290,7 @@ def _solve_contacts(
         sweeps += done
         pairs = pairs._replace(impulse=np.zeros_like(pairs.impulse))
         pairs.impulse[contacts.number] = contacts.impulse
-        used = contacts.number, contacts.compliance
-        if not mark_overlaps(pairs, *used, place, step, motion.velocity, strain[0]):
+        if not mark_overlaps(pairs, contacts, geometry, step, motion.velocity, strain[0]):
             break
     solved = replace(
         state,
