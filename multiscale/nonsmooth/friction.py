@@ -223,9 +223,9 @@ def _softened(problem: ScaledFriction) -> str:
         give = np.einsum("iaa->ia", problem.blocks[problem.diagonal])[:, 0]
         give = give / problem.reaction_unit[:, 0] * problem.velocity_unit[:, 0]
         return (
-            f"mobilities along the normals differ by a factor of {give.max() / give.min():.1e}, most "
-            f"at contacts {np.argmin(give)} and {np.argmax(give)}; bring the masses there nearer to "
-            f"each other, or lower the friction"
+            f"mobilities along the normals differ by a factor of {give.max() / give.min():.1e}, "
+            f"most at contacts {np.argmin(give)} and {np.argmax(give)}; bring the masses there "
+            f"nearer to each other, or lower the friction"
         )
     return (
         f"friction makes the rigid problem non-monotone: with {SOFTENING:.0%} more mobility across "
