@@ -50,7 +50,7 @@ def solve_interior(
         error = float(np.sqrt(np.sum((r - np.maximum(0.0, r - rho * u)) ** 2 / rho)))
         if error < smallest:
             best, smallest = r, error
-        if error <= 0.5 * target:
+        if error <= 0.9 * target:
             break
         stiffness = r / (g + C * r)
         matrix = csr_array(triu(H @ diags_array(stiffness) @ transposed + diags_array(M)))
