@@ -34,9 +34,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
     from skfem import CellBasis, Mesh
 
-COINCIDENT = 1e-6
-"""Distance up to which nodes coincide, relative to the size of a face."""
-
+COINCIDENT = 1e-6  # distance up to which nodes coincide, relative to the size of a face
 STRAIGHT = 1e-6  # 1 - cosine between the normal of a plane and an axis up to which they align
 ROUNDING = 1e-12  # integrals below this share of the largest are rounding
 SLIVER = 1e-9  # corners with a smaller share of the area of the largest are left out

@@ -11,17 +11,10 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     from multiscale.laws.interface_law import InterfaceLaw
 
-FAR_FACTOR = 2.0
-"""Factor outside the data beyond which a law is no longer valid."""
-
-FAR_SHARE = 0.05
-"""Largest allowed share of the load of an interface beyond this factor."""
-
-NEGLIGIBLE = 0.01
-"""Share of the load outside the data below which no caution is given."""
-
-ROUND_OFF = 1e-6
-"""Relative distance up to which a pressure outside the data counts as their end."""
+FAR_FACTOR = 2.0  # factor outside the data beyond which a law is no longer valid
+FAR_SHARE = 0.05  # largest allowed share of the load of an interface beyond this factor
+NEGLIGIBLE = 0.01  # share of the load outside the data below which no caution is given
+ROUND_OFF = 1e-6  # relative distance up to which a pressure outside the data counts as their end
 
 INPUT_VARIABLES = frozenset(
     {

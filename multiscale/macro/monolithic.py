@@ -31,8 +31,7 @@ from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.newton import Limits, NewtonRun, enough, join_solutions, step_length
 
-PATIENCE = 30
-"""Iterations without a smaller residual after which the solver stops."""
+PATIENCE = 30  # iterations without a smaller residual after which the solver stops
 
 SOFT = 0.25
 """Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides are in series,
@@ -62,11 +61,8 @@ FREE, EXACT = 1e-9, 1e-12
 """Largest force of a free rigid motion, relative to the stiffness, before and after its rounding is
 removed."""
 
-HALVINGS = 6
-"""Limit of reductions of a step of the law and the bodies together."""
-
-SHARE = 0.1
-"""Sufficient decrease of the residual along a step, relative to a full decrease."""
+HALVINGS = 6  # limit of reductions of a step of the law and the bodies together
+SHARE = 0.1  # sufficient decrease of the residual along a step, relative to a full decrease
 
 UNSURE = 1e-8
 """Largest residual ascribed to rounding: without a limit, a body that moves away would count as in

@@ -12,8 +12,7 @@ from multiscale.numerics.factorisation import symmetric_lu
 CLOSED = 1e-4
 """Relative to the largest gap: smaller gaps are closed, as contact solvers leave such errors."""
 
-IMBALANCE = 1e-6
-"""Relative difference of inflow and outflow above which the flow is NaN."""
+IMBALANCE = 1e-6  # relative difference of inflow and outflow above which the flow is NaN
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,7 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from skfem import MeshHex
 
-FEWEST_ELEMENTS = 3
-"""Fewest layers of elements that resolve a coating."""
-
+FEWEST_ELEMENTS = 3  # fewest layers of elements that resolve a coating
 _LANES = 32  # elements along y in a batch of the kernels
 _KRYLOV = 15  # directions, each with its image
 _VECTORS = 4  # displacement-sized arrays at the peak of a contact solve, with the last step

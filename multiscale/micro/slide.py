@@ -16,11 +16,8 @@ from multiscale.micro.path import Path
 from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.fourier import rms_height
 
-REACH = 8.0
-"""Largest slip of the interface, relative to the slip u_* of (1): full slip."""
-
+REACH = 8.0  # largest slip of the interface, relative to the slip u_* of (1): full slip
 DECAY = 0.4  # pressure over stiffness and rms height, of a self-affine surface at light load
-
 LONGEST_SLIDE = 20.0  # longest slide in periods of the cell
 
 

@@ -10,8 +10,7 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.bolt import Bolt, BoltSection, Platen
 from multiscale.macro.continuum.body import Body
 
-GROUND = (None, None)
-"""Body and boundary of the first side of an interface with the rigid ground."""
+GROUND = (None, None)  # body and boundary of the first side of an interface with the rigid ground
 
 NEAR, FINE = 3.0, 0.1
 """Largest distance of the interface from defined points of a map, in spacings of the map and

@@ -20,17 +20,10 @@ from multiscale.macro.continuum.body import Body
 if TYPE_CHECKING:
     from skfem import Mesh
 
-TIMES = (0.0, 1.0)
-"""Times of the load cases: a preload of 1 Pa, then a shear of 1 Pa."""
-
-QUAD = 3
-"""Element type of gmsh."""
-
-OVERLAP, RING = 101, 102
-"""Numbers of the surfaces with a hole."""
-
-CLOSE = 1e-6
-"""Distance from a face or circle, relative to the overlap, at which a node lies on it."""
+TIMES = (0.0, 1.0)  # times of the load cases: a preload of 1 Pa, then a shear of 1 Pa
+QUAD = 3  # element type of gmsh
+OVERLAP, RING = 101, 102  # numbers of the surfaces with a hole
+CLOSE = 1e-6  # distance from a face or circle, relative to the overlap, at which a node lies on it
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,7 @@ Supports = Mapping[str, Sequence[Value | None]]
 Pins = Mapping[tuple[float, ...], Sequence[Value | None]]
 """Displacement of the components of single nodes, by their positions."""
 
-ASTRAY = 1e-6
-"""Distance of a pin from its node, relative to the size of the body, that is rounding."""
+ASTRAY = 1e-6  # distance of a pin from its node, relative to the size of the body, that is rounding
 
 ELEMENTS = {"MeshTri1": "triangles", "MeshQuad1": "quadrilaterals", "MeshTet1": "tetrahedra"} | {
     "MeshHex1": "hexahedra"

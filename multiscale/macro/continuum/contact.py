@@ -45,8 +45,7 @@ ASIDE = 0.02
 LEAST_AREA = 1e-9
 """Nodes with less than this share of their area opposite side 2 transmit no traction."""
 
-LOCKED = 0.1
-"""Share of the free components of a node along an axis below which it counts as fixed."""
+LOCKED = 0.1  # share of the free components of a node along an axis below which it counts as fixed
 
 
 class RigidObstacle(ABC):

@@ -40,27 +40,17 @@ from multiscale.nonsmooth.friction_methods import linearise
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
-PATIENCE = 15
-"""Iterations without a smaller residual after which a step fails."""
-
-CYCLE = 4
-"""Iterations without a smaller residual after which steps are halved to leave a cycle."""
+PATIENCE = 15  # iterations without a smaller residual after which a step fails
+CYCLE = 4  # iterations without a smaller residual after which steps are halved to leave a cycle
 
 ROUND_OFF, UNSURE = 8.0 * np.finfo(float).eps, 1e-6
 """Rounding of the residual force relative to the terms of K u, which matters for stiff bodies; and
 the largest residual ascribed to it: a body that moves away must not count as in equilibrium."""
 
-SMALLEST_RATIO = 0.05
-"""Volume ratio of an element below which a Newton step is shortened."""
-
-LANDINGS = 5
-"""Limit in a step of closures of the nearest surface for a body without support."""
-
-HALVINGS = 8
-"""Limit of halvings of a Newton step."""
-
-RELAXATION = 0.3
-"""Stiffness of the contact law relative to the bodies: with 1, friction cycles."""
+SMALLEST_RATIO = 0.05  # volume ratio of an element below which a Newton step is shortened
+LANDINGS = 5  # limit in a step of closures of the nearest surface for a body without support
+HALVINGS = 8  # limit of halvings of a Newton step
+RELAXATION = 0.3  # stiffness of the contact law relative to the bodies: with 1, friction cycles
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,8 @@ from multiscale.macro.continuum.contact_newton import (
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.numerics.newton import Limits, join_solutions, march
 
-CUTS = 6
-"""Limit of halvings of a load step."""
-
-MAX_CONDENSED = 1500
-"""Contact unknowns up to which a linear problem is condensed onto them."""
+CUTS = 6  # limit of halvings of a load step
+MAX_CONDENSED = 1500  # contact unknowns up to which a linear problem is condensed onto them
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,8 @@ from multiscale.schema import CRACK_BAND, Dataset
 
 SHAPES = ("MeshQuad1", "MeshHex1")
 
-ROUNDING = 1e-9
-"""Tension over the largest stress up to which it is zero."""
-
-MOST_UNKNOWNS = 600
-"""Unknowns of cracked elements above which the stiffness is factorised again."""
+ROUNDING = 1e-9  # tension over the largest stress up to which it is zero
+MOST_UNKNOWNS = 600  # unknowns of cracked elements above which the stiffness is factorised again
 
 
 def follow_crack_band(

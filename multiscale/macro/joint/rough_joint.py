@@ -21,8 +21,7 @@ from multiscale.schema import MACRO_RESULT, Dataset
 if TYPE_CHECKING:
     from skfem import Element
 
-TOLERANCE = 1e-8
-"""Error of the pressure at the gap of an inverted law, relative to the preload."""
+TOLERANCE = 1e-8  # error of the pressure at the gap of an inverted law, relative to the preload
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from multiscale.macro.links.link_newton import RESIDUAL_STIFFNESS
 from multiscale.macro.links.link_system import LinkSystem, nodal_pull
 from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
 
-MAX_STEP_HALVINGS = 8
-"""Largest number of halvings of a load step."""
+MAX_STEP_HALVINGS = 8  # largest number of halvings of a load step
 
 LATERAL_STIFFNESS = (0.0, *10.0 ** np.arange(-8.0, 1.0))
 """Least stiffness of a link across its axis in the tangent, relative to its elastic stiffness. The

@@ -11,8 +11,7 @@ from multiscale.macro.links.link_equations import LinkEquations, LinkState, forc
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
-BOUNDARY_SHARE = 0.995
-"""Largest step, relative to the step that reaches the boundary."""
+BOUNDARY_SHARE = 0.995  # largest step, relative to the step that reaches the boundary
 
 START_DISTANCE = 0.1
 """Distance of the first iterate from the boundary, relative to the mean tension."""
@@ -21,8 +20,7 @@ FREE_RESISTANCE = 1.0
 """Resistance of a motion below which it counts as free if the method has failed, dimensionless; \
 stable grids of any size have 50."""
 
-CERTAIN_SHARE = 1e-9
-"""Share of ``FREE_RESISTANCE`` below which the iteration stops."""
+CERTAIN_SHARE = 1e-9  # share of ``FREE_RESISTANCE`` below which the iteration stops
 
 RIGID_STIFFNESS = 1e6
 """Stiffness of a link of fixed length in the matrix, relative to the largest finite stiffness."""

@@ -22,14 +22,12 @@ from multiscale.numerics.newton import Limits, NewtonRun
 RESIDUAL_STIFFNESS = 1e-8
 """Stiffness of a slack link in the tangent, relative to its elastic stiffness."""
 
-SINGULAR_STIFFNESS = 1e-2
-"""The same after a short step, which indicates a singular tangent."""
+SINGULAR_STIFFNESS = 1e-2  # the same after a short step, which indicates a singular tangent
 
 SHORT_STEP, GOOD_STEP = 0.01, 0.5
 """Step lengths below which this stiffness is increased, and above which it is divided by ten."""
 
-MAX_SHORT_STEPS = 4
-"""Number of successive short steps after which the method stops."""
+MAX_SHORT_STEPS = 4  # number of successive short steps after which the method stops
 
 LARGE = 10_000
 """Unknowns from which a factorisation costs so much that the first factors are reused, and that \
@@ -39,8 +37,7 @@ MAX_SOFTENING, REUSE_DECREASE = 1.5, 0.5
 """Length of the first step up to which the factors without slack are reused, and share to which \
 every step with them must reduce the work of the residual forces."""
 
-SOFTENED_STIFFNESS = 0.3
-"""Stiffness of a slack link in a large structure after a longer first step."""
+SOFTENED_STIFFNESS = 0.3  # stiffness of a slack link in a large structure after a longer first step
 
 FAST_DECREASE = 0.1
 """Decrease of the residual in one step up to which a large structure with an unchanged set of \
@@ -49,8 +46,7 @@ slack links needs no new factors."""
 ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)
 """Limits for a zone; the tolerance is relative to the largest residual force of all zones."""
 
-LARGEST_TOLERANCE = 0.999
-"""Largest tolerance of a zone relative to its load, which can be small."""
+LARGEST_TOLERANCE = 0.999  # largest tolerance of a zone relative to its load, which can be small
 
 CORE_SHARE = 0.01
 """Residual force from which an unknown is in the core of a zone, relative to the largest."""
@@ -58,11 +54,8 @@ CORE_SHARE = 0.01
 MIN_RINGS, MAX_RINGS = 2, 20
 """Rings of links around the cores: fewer constrain the displacement, more have no benefit."""
 
-ZONE_SHARE = 0.1
-"""Share of the unknowns up to which zones cost less than they save."""
-
-MAX_PAIRS = 8
-"""Number of last steps with a curvature that corrects reused factors."""
+ZONE_SHARE = 0.1  # share of the unknowns up to which zones cost less than they save
+MAX_PAIRS = 8  # number of last steps with a curvature that corrects reused factors
 
 
 @dataclass

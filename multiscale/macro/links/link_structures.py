@@ -21,8 +21,7 @@ MODULE_ENDS = np.array(
 FORCE_DENSITY = np.repeat([0.5, 1.0, 1.0, -1.0], 4)
 """Self-stress of a module as tension over length, relative to the upper cables."""
 
-MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-"""Names of the components of a node in the columns."""
+MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # names of the components of a node in the columns
 
 
 def tensegrity_grid(

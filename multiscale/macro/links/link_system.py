@@ -15,8 +15,7 @@ from multiscale.laws.link import Beam, LinkLaw
 from multiscale.needs import Choice, Needs
 from multiscale.schema import MACRO_RESULT, Dataset
 
-BALANCE_TOLERANCE = 1e-6
-"""Largest allowed residual force, relative to the largest prestress."""
+BALANCE_TOLERANCE = 1e-6  # largest allowed residual force, relative to the largest prestress
 
 MIN_RELATIVE_LENGTH = 1e-9
 """Smallest allowed length of a link, relative to the size of the structure."""
@@ -29,8 +28,7 @@ each step. Measured on grids and nets of 12,000 to 58,000 links."""
 SUPERLU_MEMORY = 2500
 """Additional memory per unknown, byte, if SuperLU factorises because pypardiso is missing."""
 
-STEP_TIME = 8e-5
-"""Time of an unknown in a step, s, on a grid of 9,400 unknowns."""
+STEP_TIME = 8e-5  # time of an unknown in a step, s, on a grid of 9,400 unknowns
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from multiscale.numerics.factorisation import Solve
 RANK_TOLERANCE = 1e-10
 """Singular values of the compatibility operator below this share of the largest count as zero."""
 
-MAX_DENSE_SIZE = 4000
-"""Largest number of links or unknowns for a singular value decomposition."""
+MAX_DENSE_SIZE = 4000  # largest number of links or unknowns for a singular value decomposition
 
 LARGEST_CONDITION = 1e14
 """Condition number of the tangent without slack above which a structure is a mechanism."""

@@ -40,11 +40,8 @@ from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions
 SPRING = 1e3
 """Stiffness of the spring on the modal amplitude that drives a mode, relative to the mode."""
 
-FIRST = 0.1
-"""Amplitude of the first step, relative to the smallest requested amplitude."""
-
-SLID = 0.99
-"""Slipping share of the load of an interface at which it slides without limit."""
+FIRST = 0.1  # amplitude of the first step, relative to the smallest requested amplitude
+SLID = 0.99  # slipping share of the load of an interface at which it slides without limit
 
 OPENS = 0.01
 """Share of the pressure at rest below which a point opens, and smallest share of open area."""
@@ -58,8 +55,7 @@ ABSCISSAE, WEIGHTS = (0.5 * rule for rule in np.polynomial.legendre.leggauss(6))
 MIDDLE = 1e-3
 """Displacement in the middle of a cycle, relative to its amplitude: a load serves as a scale."""
 
-TOLERANCE = 1e-9
-"""Residual of a step, relative to the load that drives the mode."""
+TOLERANCE = 1e-9  # residual of a step, relative to the load that drives the mode
 
 
 @dataclass(frozen=True)

@@ -16,17 +16,13 @@ from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.factorisation import factorise, on_diagonal
 
-FEW = 600
-"""Unknowns up to which a dense solver computes all modes."""
-
-MORE = 2
-"""Modes computed beyond the last requested mode, to detect coinciding frequencies."""
+FEW = 600  # unknowns up to which a dense solver computes all modes
+MORE = 2  # modes computed beyond the last requested mode, to detect coinciding frequencies
 
 COINCIDE = 1e-4
 """Distance of two frequencies, relative to them, up to which their shapes are not determined."""
 
-RIGID = 0.5
-"""Share of the mass of a mode in rigid motions from which it counts as rigid."""
+RIGID = 0.5  # share of the mass of a mode in rigid motions from which it counts as rigid
 
 NAMES = ("along x", "along y", "along z", "about x", "about y", "about z")
 

@@ -31,17 +31,10 @@ from multiscale.micro.damage.cavities import NEGLIGIBLE, Cavities, penny_cracks
 from multiscale.micro.damage.sections import plane_damage
 from multiscale.schema import CRACK_GROWTH, VOLUME_GROWTH, Dataset, with_cautions
 
-GROWTH = 0.02
-"""Growth of a crack in an event, relative to its radius."""
-
-CUT = 0.999
-"""Share of a section at which a crack has cut the volume."""
-
-RECORDS = 25
-"""Number of recorded events of a volume, evenly spread over all events."""
-
-PLANES = 8
-"""Number of planes of a volume, across the tension, in the search for the worst plane."""
+GROWTH = 0.02  # growth of a crack in an event, relative to its radius
+CUT = 0.999  # share of a section at which a crack has cut the volume
+RECORDS = 25  # number of recorded events of a volume, evenly spread over all events
+PLANES = 8  # number of planes of a volume, across the tension, in the search for the worst plane
 
 LEVELS = np.linspace(1.0, 0.0, 41)
 """Stresses over the strength at which openings are averaged over volumes."""

@@ -29,9 +29,7 @@ StressOf = Callable[[np.ndarray], np.ndarray]
 (corners, elements, 6), Pa: the stress of the sound material at the strain of the element."""
 
 MOST_SOLVES = 200  # of the structure
-
-INCLUSIONS = 8
-"""Inclusions of an element with a scatter of fatigue limits."""
+INCLUSIONS = 8  # inclusions of an element with a scatter of fatigue limits
 
 
 def limit_factors(scatter: float) -> np.ndarray:

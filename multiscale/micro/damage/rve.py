@@ -69,11 +69,8 @@ PATIENCE = 100  # iterations without a smaller residual after which a solve coun
 ERRORS = ("sampling", "sides", "elements")
 """Causes of the error of the mean stiffness: few volumes, their size, and the elements."""
 
-TAIL = 0.025
-"""Share of sections below, and above, the reported range of damage."""
-
-APART = 0.5
-"""Largest edge of boxes at the corners of a volume that do not overlap, over its edge."""
+TAIL = 0.025  # share of sections below, and above, the reported range of damage
+APART = 0.5  # largest edge of boxes at the corners of a volume that do not overlap, over its edge
 
 PERIODIC = SIDES.index("periodic")
 

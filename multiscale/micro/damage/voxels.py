@@ -57,9 +57,7 @@ from multiscale.numerics import vectors
 from multiscale.numerics.compiled import compiled
 
 LEAST = 10_000  # fewest bricks for a thread
-
-DEEP = 12
-"""Edge of the box over the depth to which loaded places are solid, as a first choice."""
+DEEP = 12  # edge of the box over the depth to which loaded places are solid, as a first choice
 
 Solve = Callable[["VoxelOperator", np.ndarray], tuple[Solution, np.ndarray]]
 """From a stiffness and nodal forces to the solution and the residual forces."""

@@ -17,9 +17,7 @@ from multiscale.surfaces.fourier import rms_slope
 from multiscale.surfaces.preparation import composite
 from multiscale.surfaces.surface import Surface
 
-STEEPEST = 0.5
-"""Largest root mean square slope of the expansion in the slopes."""
-
+STEEPEST = 0.5  # largest root mean square slope of the expansion in the slopes
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 FLAT, EXPANDED = 1.1e-6, 1.8e-6  # s per load step and point on a core, measured
 

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from multiscale.micro.damage import Cavities
 
-VOID = 1e-4
-"""Modulus of an element in a pore over the modulus of the solid."""
+VOID = 1e-4  # modulus of an element in a pore over the modulus of the solid
 
 
 class ElementKind(StrEnum):
