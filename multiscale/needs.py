@@ -53,9 +53,7 @@ class Needs:
     unknowns_per_contact: int = 1  # 3 with friction
     kinematics: str = ""  # such as "small strain, the mesh follows the surface"
     choices: tuple[Choice, ...] = ()  # features that are built, and features of other scenes
-    state_variables: tuple[
-        str, ...
-    ] = ()  # internal variables of each point; empty for an elastic scene
+    state_variables: tuple[str, ...] = ()  # of each point; empty for an elastic scene
     fields: tuple[str, ...] = ()  # local fields of the result
     libraries: tuple[str, ...] = ()  # heavy libraries that are imported
     memory: int = 0  # estimated peak of the largest solve, byte

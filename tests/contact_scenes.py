@@ -6,7 +6,7 @@ import numpy as np
 from skfem import MeshHex, MeshQuad
 
 from multiscale.laws.bulk import Elastic
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.macro import (
     Body,
     Contact,

@@ -12,8 +12,8 @@ import meshio
 import numpy as np
 import pytest
 
-from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.faces import face_of
+from multiscale.fe.mesh_file import HEX_ORDER
 from multiscale.io import open_law, save_law
 from multiscale.micro import Cell, Surface, run_ensemble, self_affine
 from multiscale.micro import Path as PressurePath

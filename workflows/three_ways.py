@@ -29,9 +29,9 @@ from scipy.linalg import circulant
 from scipy.sparse import csr_array, eye_array, hstack, kron, vstack
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.fe.boxes import plane_block
 from multiscale.fe.elasticity import elastic_matrix
 from multiscale.fe.faces import face_operator
+from multiscale.fe.mesh_file import plane_block
 from multiscale.io import make_folder, write_dataset
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.laws.bulk import Elastic

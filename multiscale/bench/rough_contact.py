@@ -118,7 +118,7 @@ def _averaged(
     surface: Surface, displacement: np.ndarray, pressure: np.ndarray, steps: int, converged: bool
 ) -> ContactAnswer:
     """Average the fields of a boundary-element code, for a half-space without mean displacement."""
-    from multiscale.micro.contact_area import contact_fraction
+    from multiscale.micro.averages import contact_fraction
 
     gap, active = displacement - surface.heights, pressure > 0.0
     mean_gap = float(np.mean(gap) - np.mean(gap[active]))  # the gap of the contact nodes is zero

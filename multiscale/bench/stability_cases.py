@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from multiscale.macro import Assembly, LinkSystem
     from multiscale.macro.monolithic import Assembled
     from multiscale.macro.substructures import Method
-    from multiscale.micro.elastic_cell import ContactState
+    from multiscale.micro.path import ContactState
     from multiscale.surfaces.surface import Surface
 
 
@@ -118,7 +118,7 @@ def joint(law_over_block: float, friction: float, parts: int, method: str = "LAT
 
 def joint_path(scene: str, law_over_block: float, friction: float, method: str) -> float:
     """Load blocks that match or not, and open, slip or slide away: distance as of ``joint``."""
-    from multiscale.fe.boxes import box_mesh
+    from multiscale.fe.mesh_file import box_mesh
     from multiscale.laws.bulk import Elastic
     from multiscale.macro import Assembly, Body, Interface, solve_assembly
 
@@ -152,7 +152,7 @@ def bolts(pull: float, law_over_block: float, method: str) -> float:
     Forces are relative to the preload. Without the shank of the bolt the pull would open the joint
     at the preload; a pull below zero presses the blocks until the bolt is slack.
     """
-    from multiscale.fe.boxes import box_mesh
+    from multiscale.fe.mesh_file import box_mesh
     from multiscale.laws.bulk import Elastic
     from multiscale.macro import Assembly, Body, Bolt, Interface, solve_assembly
 
@@ -402,7 +402,7 @@ def voids(modulus: float, porosity: float) -> float:
     from skfem import Basis, ElementHex1, MeshHex
 
     from multiscale.fe.elasticity import assemble_elasticity
-    from multiscale.laws.bulk.moduli import VOIGT, lame_parameters
+    from multiscale.laws.bulk.bulk_law import VOIGT, lame_parameters
     from multiscale.micro.damage import effective_stiffness, random_spheres, voxelise
 
     n = 12

@@ -10,7 +10,7 @@ import numpy as np
 
 from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.bench.structures import distance, scene_grid
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (

@@ -1,13 +1,15 @@
-"""Linear elasticity of small strain, assembled from scalar forms."""
+"""Elasticity and elements of any bulk law: stiffness, mass, internal forces, rigid motions."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.linalg import eigh, matrix_rank
 from scipy.sparse import csr_array, kron
 
-from multiscale.fe.elements import elements_of_basis, sum_blocks
-from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.laws.bulk import AnisotropicElastic, BulkLaw, Elastic
+from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
@@ -146,3 +148,174 @@ def _products(basis: "CellBasis", coefficient: np.ndarray) -> list[list[Any]]:
     return [
         [upper[i, j] if i <= j else csr_array(upper[j, i].T) for j in range(d)] for i in range(d)
     ]
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Shape functions and weights of the elements of a mesh at their quadrature points."""
+
+    gradient: np.ndarray  # (elements, points, nodes, d), of the shape functions, 1/m
+    weight: np.ndarray  # (elements, points), volumes of the points, m³ (m² in two dimensions)
+    unknowns: np.ndarray  # (elements, nodes * d), unknown d a + i of every entry
+    size: int  # number of unknowns
+    mean_volume: bool = True  # whether the volume ratio is its mean over the element, (1)
+
+
+def element_of_order(mesh: "Mesh", order: int) -> "Element":
+    """Return the scalar element of first or second order on tetrahedra or hexahedra."""
+    from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
+
+    kinds = (ElementTetP1, ElementTetP2) if mesh.t.shape[0] == 4 else (ElementHex1, ElementHex2)
+    return kinds[order - 1]()
+
+
+def is_first_order(basis: "CellBasis") -> bool:
+    """Whether the nodes of a basis are the corners of its mesh."""
+    return isinstance(basis.elem, type(basis.mesh.elem()))
+
+
+def prepare_elements(mesh: "Mesh") -> Elements:
+    """Gradients and weights of a mesh of first-order elements."""
+    from skfem import Basis, MeshHex, MeshQuad
+
+    order = 3 if isinstance(mesh, (MeshQuad, MeshHex)) else 1
+    if isinstance(mesh, MeshHex):
+        order = 2  # two points per direction, as scikit-fem counts on hexahedra
+    return elements_of_basis(Basis(mesh, mesh.elem(), intorder=order), mean_volume=True)
+
+
+def elements_of_basis(basis: "CellBasis", *, mean_volume: bool) -> Elements:
+    """Gradients and weights at the quadrature points of a basis of a displacement component."""
+    mesh = basis.mesh
+    shape = np.asarray(basis.dx).shape
+    d = mesh.dim()
+    gradient = np.stack(
+        [np.broadcast_to(np.asarray(field[0].grad), (d, *shape)) for field in basis.basis]
+    )
+    unknowns = d * basis.element_dofs.T[:, :, None] + np.arange(d)
+    return Elements(
+        np.ascontiguousarray(gradient.transpose(2, 3, 0, 1)),
+        np.ascontiguousarray(basis.dx),
+        unknowns.reshape(shape[0], -1),
+        d * basis.N,
+        mean_volume,
+    )
+
+
+def element_response(
+    elements: Elements,
+    law: BulkLaw,
+    displacement: np.ndarray,
+    state: np.ndarray,
+    *,
+    shape_only: bool = False,
+) -> "tuple[np.ndarray, csr_array, np.ndarray, float]":
+    r"""Compute internal force, tangent, new state and smallest volume ratio of a body.
+
+    With ``shape_only`` the response of the law to a change of volume is left out. In an element
+    with a mean volume, the volume ratio of the law is its mean over the undeformed element [1]_,
+
+    .. math:: \bar J = \frac{1}{V}\int J \, \mathrm{d}V, \qquad
+        \Pi = \int \psi_s(F)\, \mathrm{d}V + V\, U(\bar J),    \tag{1}
+
+    so that neither plastic flow nor :math:`\nu \to 1/2` locks quadrilaterals and hexahedra of
+    first order; on triangles and tetrahedra of first order the mean is the value itself.
+
+    .. [1] J. C. Simo, R. L. Taylor and K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985)
+       177-208, doi:10.1016/0045-7825(85)90033-7.
+    """
+    from scipy.sparse import csr_array
+
+    from multiscale.fe.integration import integrate
+
+    G, w = elements.gradient, elements.weight
+    d = G.shape[3]
+    u = displacement[elements.unknowns].reshape(w.shape[0], -1, d)
+    F = np.zeros((3, 3, *w.shape))
+    F[:d, :d] = np.einsum("eai,eqaj->ijeq", u, G, optimize=True)
+    for i in range(3):
+        F[i, i] += 1.0
+    J, slope = volume_ratio(law, F)
+    if not float(J.min()) > 0.0:
+        empty = csr_array((elements.size, elements.size))
+        return np.full(elements.size, np.nan), empty, state, float(J.min())
+
+    volume = w.sum(axis=1)
+    response = law.respond_shape(F, state)
+    if shape_only:
+        pressure, curvature = np.zeros((1, 1)), np.zeros_like(volume)
+        tangent = response.tangent
+    elif elements.mean_volume:
+        first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
+        pressure, tangent = first[:, None], response.tangent
+    else:
+        pressure, bulk = law.respond_volume(J)
+        curvature = np.zeros_like(volume)
+        tangent = response.tangent + bulk * slope[:, :, None, None] * slope
+    stress = response.stress + pressure * slope
+    if law.finite_strain:
+        tangent = tangent + pressure * cofactor_derivative(F)
+    blocks, force = integrate(
+        G,
+        w,
+        np.ascontiguousarray(stress[:d, :d].transpose(2, 3, 0, 1)),
+        np.ascontiguousarray(tangent[:d, :d, :d, :d].transpose(4, 5, 0, 1, 2, 3)),
+        np.ascontiguousarray(slope[:d, :d].transpose(2, 3, 0, 1)),
+        curvature / volume,
+    )
+    size = (elements.size, elements.size)
+    matrix = sum_blocks(blocks, elements.unknowns, elements.unknowns, size)
+    total = np.bincount(elements.unknowns.ravel(), force.ravel(), minlength=elements.size)
+    return total, matrix, response.state, float(J.min())
+
+
+def sum_blocks(
+    blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> "csr_array":
+    """Sum blocks (n, r, c) into a matrix, at their rows (n, r) and columns (n, c)."""
+    from scipy.sparse import csr_array
+
+    i = np.broadcast_to(rows[:, :, None], blocks.shape)
+    j = np.broadcast_to(columns[:, None, :], blocks.shape)
+    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+
+
+FREE = 1e-9  # largest energy of a free motion, relative to its energy on the diagonal stiffness
+
+
+def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
+    """Displacement of unknowns in three translations and three rotations about their middle."""
+    motions = np.zeros((component.size, 6))
+    axes, moves = np.eye(3), component < 3
+    x = position - position.mean(axis=0)
+    motions[:, :3] = axes[component % 3] * moves[:, None]
+    for axis in range(3):
+        turning = np.cross(axes[axis], x)[np.arange(component.size), component % 3]
+        motions[:, 3 + axis] = np.where(moves, turning, 0.0)
+    return motions
+
+
+def free_motions(stiffness: csr_array, motions: np.ndarray) -> np.ndarray:
+    """Return the combinations of motions, shape (n, motions), that a stiffness does not resist."""
+    size = np.sqrt(stiffness.diagonal() @ motions**2)
+    energy = motions.T @ (stiffness @ motions) / np.outer(size, size)
+    value, vector = eigh(0.5 * (energy + energy.T))
+    return np.asarray(motions @ (vector[:, np.abs(value) < FREE] / size[:, None]))
+
+
+def count_free_motions(position: np.ndarray, fixed: np.ndarray) -> int:
+    """Return the number of rigid motions of nodes that their supports leave free.
+
+    The components of ``fixed``, shape (nodes, c), are displacements and, if c = 6, rotations.
+    """
+    n, components = fixed.shape
+    size = float(np.abs(position - position.mean(axis=0)).max()) or 1.0
+    places = np.repeat(position / size, components, axis=0)
+    motion = rigid_motions(places, np.tile(np.arange(components), n)).reshape(n, components, 6)
+    motion[:, range(3, components), range(3, components)] = 1.0  # rotations of nodes
+
+    def rank(rows: np.ndarray) -> int:
+        tol = 1e-10 * len(rows)
+        return int(matrix_rank(rows.T @ rows, tol=tol, hermitian=True)) if len(rows) else 0
+
+    return rank(motion.reshape(-1, 6)) - rank(motion[fixed])

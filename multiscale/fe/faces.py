@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, listed
-from multiscale.fe.elements import sum_blocks
+from multiscale.fe.elasticity import sum_blocks
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -230,10 +230,8 @@ def _shape(corners, y, N):  # type: ignore[no-untyped-def]
         xr, yr, xs, ys = 0.0, 0.0, 0.0, 0.0
         signs = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
         for c in range(4):
-            by_r, by_s = (
-                0.25 * signs[c][0] * (1 + signs[c][1] * s),
-                0.25 * signs[c][1] * (1 + signs[c][0] * r),
-            )
+            by_r = 0.25 * signs[c][0] * (1 + signs[c][1] * s)
+            by_s = 0.25 * signs[c][1] * (1 + signs[c][0] * r)
             xr += by_r * corners[c, 0]
             yr += by_r * corners[c, 1]
             xs += by_s * corners[c, 0]

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.bulk.moduli import mindlin_ratio
+from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.laws.interface_law import Response, check_parameters
 from multiscale.laws.sliders import SliderBed
 

@@ -4,7 +4,6 @@ from .cell import contact_modulus as contact_modulus
 from .cell import self_affine as self_affine
 from .cell import solve_cell as solve_cell
 from .elastic.graph_cell import GraphCell as GraphCell
-from .ensemble import run_ensemble as run_ensemble
 from .finite.finite_cell import FiniteCell as FiniteCell
 from .flat.cell_law import CellLaw as CellLaw
 from .flat.flat_cell import FlatCell as FlatCell
@@ -18,5 +17,6 @@ from .mesh.meshing import ElementKind as ElementKind
 from .mesh.meshing import cell_from_file as cell_from_file
 from .mesh.meshing import graph_mesh_cell as graph_mesh_cell
 from .path import Path as Path
+from .slide import run_ensemble as run_ensemble
 from .slide import shear_path as shear_path
 from .slide import slide_cell as slide_cell

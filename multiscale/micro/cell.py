@@ -15,7 +15,7 @@ from multiscale.convergence import Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.io.files import make_folder, replacing
 from multiscale.laws.bulk import J2, BulkLaw, Elastic, GradedElastic, NeoHookean, Prony
-from multiscale.laws.bulk.moduli import contact_modulus as contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus as contact_modulus
 from multiscale.micro.averages import SPOTS, Keep, average_surface, pad_spots
 from multiscale.micro.elastic.graph_cell import GraphCell
 from multiscale.micro.finite.finite_cell import FiniteCell

@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
+from multiscale.laws.bulk.bulk_law import check_moduli, lame_parameters
 from multiscale.surfaces.fourier import nayak_parameter, rms_height, rms_slope
 from multiscale.surfaces.surface import Surface
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.micro import Coating, FiniteCell, FlatCell, SecondBody
 from multiscale.micro.cell import AnyCell, Cell, GridCell
 from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell

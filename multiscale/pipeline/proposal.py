@@ -6,7 +6,7 @@ from math import ceil, floor
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.pipeline.measured_sides import Measured, measured_side
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io.images import VoxelImage
-from multiscale.laws.bulk.moduli import youngs_modulus_along
+from multiscale.laws.bulk.bulk_law import youngs_modulus_along
 from multiscale.micro.damage.sections import sphere_directions
 from multiscale.plotting.damage_figures import colour_sphere
 from multiscale.plotting.figure import Axes, axes_or_current, colour_faces

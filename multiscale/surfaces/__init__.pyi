@@ -19,6 +19,6 @@ from .statistics import describe_surface as describe_surface
 from .statistics import find_lay as find_lay
 from .statistics import fit_of_statistics as fit_of_statistics
 from .statistics import fit_self_affine as fit_self_affine
+from .surface import Anisotropy as Anisotropy
 from .surface import Surface as Surface
-from .synthesis import Anisotropy as Anisotropy
-from .synthesis import self_affine as self_affine
+from .surface import self_affine as self_affine

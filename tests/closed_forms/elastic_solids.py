@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.laws.bulk.moduli import lame_parameters
+from multiscale.laws.bulk.bulk_law import lame_parameters
 
 
 def isotropic_stiffness(youngs_modulus, poissons_ratio):

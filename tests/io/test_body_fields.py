@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, SchemaError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io.fields import write_body_fields
 from multiscale.laws import Exponential, ModifiedLaw, Sliders
 from multiscale.laws.bulk import Elastic

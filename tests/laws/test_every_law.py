@@ -19,7 +19,7 @@ from multiscale.laws import (
     SteadySliding,
     Tabulated,
 )
-from multiscale.laws.side_by_side import lay_side_by_side
+from multiscale.laws.interface_law import lay_side_by_side
 from tests.laws.test_asperities import FRICTION, ROUGH, random_path
 from tests.laws.test_sliders import NORMALS, bed, walked
 

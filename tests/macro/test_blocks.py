@@ -24,7 +24,6 @@ from skfem import (
 )
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from multiscale.fe.boxes import box_mesh
 from multiscale.fe.elasticity import (
     assemble_elasticity,
     displacement_basis,
@@ -32,6 +31,7 @@ from multiscale.fe.elasticity import (
     mode_stiffness,
 )
 from multiscale.fe.faces import face_operator
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
 E, NU = 2.5, 0.3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skfem import ElementHexS2, MeshHex, MeshTet
 
-from multiscale.fe.elements import element_of_order
+from multiscale.fe.elasticity import element_of_order
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (

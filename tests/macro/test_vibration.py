@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from skfem import ElementHex2
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, HystereticLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
@@ -165,7 +165,7 @@ def test_modes_that_do_not_exist_mass_that_lacks_and_unstable_rest_are_refused()
 
 
 def test_too_many_points_are_refused_before_a_full_matrix_is_made(monkeypatch):
-    monkeypatch.setattr("multiscale.macro.vibration.preloaded.LARGEST", 30)
+    monkeypatch.setattr("multiscale.macro.vibration.modes.LARGEST", 30)
     with pytest.raises(CaseError, match="too many of 40 unknowns to condense"):
         press_structure(block_between_friction(4), np.array([[1.0]]))
 

@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 from multiscale.fe.elasticity import assemble_elasticity, displacement_basis
 from multiscale.laws.bulk import Elastic
-from multiscale.laws.bulk.moduli import lame_parameters
+from multiscale.laws.bulk.bulk_law import lame_parameters
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.elastic.flat_reference import surface_slopes
 from multiscale.micro.flat.flat_contact import solve_flat

@@ -17,10 +17,10 @@ from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import process_pool, run_jobs, thread_count
 from multiscale.micro import Cell, FlatCell, GraphCell, Path, run_ensemble
 from multiscale.micro import cell as steps_module
-from multiscale.micro import ensemble as module
+from multiscale.micro import slide as module
 from multiscale.micro.cell import Checkpoint
 from multiscale.micro.elastic import active_set
-from multiscale.micro.elastic_cell import ContactState
+from multiscale.micro.path import ContactState
 from multiscale.schema import MICRO_RESPONSE, PlainDataset
 from multiscale.surfaces import rms_slope
 from tests.support import rough_square

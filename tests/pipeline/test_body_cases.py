@@ -11,7 +11,7 @@ from skfem import MeshTet
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.executors import process_pool
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import save_law
 from multiscale.laws import Asperities, AsperityLaw, gaussian_asperities
 from multiscale.pipeline import load_case, run, run_macro

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.micro.flat.flat_cell import flat_compliance
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.pipeline import run
 from tests.support import case_of, case_text
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.pipeline import load_case, requirements, run
 from multiscale.pipeline.showing import Table, answer_columns
 from multiscale.pipeline.stage import Stage

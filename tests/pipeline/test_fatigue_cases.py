@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from skfem import MeshHex
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_dataset
 from multiscale.micro.damage import (
     FatigueMaterial,

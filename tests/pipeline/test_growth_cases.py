@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.pipeline import load_case, run
 from multiscale.schema import CRACKED_BODY, VOLUME_GROWTH
 from tests.support import case_text, refused_rows, write_body, write_scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_dataset, write_dataset
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.macro.bodies.builders import LapShape, lap_meshes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import save_law
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.showing import tabulate_budget

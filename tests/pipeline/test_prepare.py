@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.pipeline import case_needs
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_needs import prepare

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_dataset
 from multiscale.micro.damage import youngs_modulus_along
 from multiscale.pipeline import load_case, run

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_law
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.body_budget import Change

@@ -5,7 +5,7 @@ import pytest
 from numpy import pi
 from scipy.integrate import quad
 
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from tests.closed_forms import (
     full_contact,
     hertz,

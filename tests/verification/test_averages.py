@@ -5,7 +5,7 @@ import pytest
 from skfem import Basis, ElementHex1
 
 from multiscale.fe.elasticity import assemble_elasticity
-from multiscale.laws.bulk.moduli import lame_parameters
+from multiscale.laws.bulk.bulk_law import lame_parameters
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.averages import average_traction
 from multiscale.micro.elastic.graph_cell import assemble_graph_cell

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh, solveh_banded
 from scipy.sparse import csr_array
 
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.faces import face_operator
+from multiscale.fe.mesh_file import HEX_ORDER
 from multiscale.laws import PowerLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton

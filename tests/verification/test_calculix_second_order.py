@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 from skfem import MeshTet
 
-from multiscale.fe.elements import element_of_order
+from multiscale.fe.elasticity import element_of_order
 from multiscale.laws import Sliders, Tabulated
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Interface, solve_assembly

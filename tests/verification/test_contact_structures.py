@@ -8,7 +8,7 @@ from skfem import MeshHex, MeshQuad, MeshTri
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
-from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.macro import Body, Contact, FiniteAssembly, RigidGraph, RigidPlane, solve_contact
 from tests import contact_scenes as scenes
 from tests.closed_forms import hertz, mindlin, spence
@@ -140,7 +140,7 @@ METAL = J2(200e9, 0.3, 700e6, 300e6)
 
 
 def volume(mesh, displacement):
-    from multiscale.fe.elements import prepare_elements
+    from multiscale.fe.elasticity import prepare_elements
 
     return prepare_elements(scenes.moved(mesh, mesh.p + displacement)).weight.sum()
 

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.micro import Cell, Path, SecondBody, Surface, layer, solve_cell
-from multiscale.micro.contact_area import HALF_SPACE
+from multiscale.micro.averages import HALF_SPACE
 from multiscale.micro.elastic.flat_reference import element_edges
 from tests.closed_forms import mindlin
 from tests.support import egg_box, flat, observed_rate, rough_square, slow, sphere

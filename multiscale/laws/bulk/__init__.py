@@ -2,8 +2,7 @@
 
 from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, respond_bulk
 from multiscale.laws.bulk.elastic import AnisotropicElastic, Elastic, GradedElastic
-from multiscale.laws.bulk.j2 import J2
-from multiscale.laws.bulk.rubber import NeoHookean, Prony
+from multiscale.laws.bulk.rubber import J2, NeoHookean, Prony
 
 __all__ = [
     "J2",

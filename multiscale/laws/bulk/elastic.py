@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, IsotropicLaw
-from multiscale.laws.bulk.moduli import VOIGT, check_moduli
+from multiscale.laws.bulk.bulk_law import VOIGT, BulkLaw, BulkResponse, IsotropicLaw, check_moduli
 
 VOIGT_ROW = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 """Row of the 6 x 6 stiffness for each pair of axes (Voigt notation)."""

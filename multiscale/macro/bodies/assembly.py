@@ -6,9 +6,248 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.faces import face_of
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.bolt import Bolt, BoltSection, Platen
-from multiscale.macro.continuum.body import Body
+from multiscale.macro.continuum.body import Body, Value
+
+ASIDE = 0.01
+"""Misalignment up to which washers are opposite: distance of their centres across the axis relative
+to their size, and 1 less the cosine of their normals to the axis."""
+
+
+@dataclass(frozen=True)
+class Platen:
+    """A rigid plate on a boundary of a body, which moves along one axis and may tilt.
+
+    Along the other axes the nodes of the boundary are free, or fixed by supports of the body. The
+    unknown of a guided plate is its displacement. A tilting plate has three unknowns, the
+    displacements of its centre and of the ends of its half-lengths along the two other axes, so
+    that they transform in rigid motions as displacements of nodes do.
+
+    Attributes
+    ----------
+    body : int
+    boundary : str
+    force : float or callable, along the axis, N; in the form of the tractions of a body
+    point : tuple of float, optional
+        Point of action of the force, m: the plate tilts freely. It is guided if not given.
+    axis : int, default 2, along which it moves
+    """
+
+    body: int
+    boundary: str
+    force: Value
+    point: tuple[float, float, float] | None = None
+    axis: int = 2
+
+    def positions(self, body: Body) -> np.ndarray:
+        """Points of the unknowns of the plate, displacements along the axis, (3, k), m."""
+        nodes = body.basis.doflocs[:, body.nodes(self.boundary)]
+        low, high = nodes.min(axis=1), nodes.max(axis=1)
+        middle = 0.5 * (low + high)
+        if self.point is None:
+            return np.asarray(middle[:, None])
+        first, second = (axis for axis in range(3) if axis != self.axis)
+        ends = np.eye(3)[[first, second]] * (high - middle)
+        return np.column_stack([middle, middle + ends[0], middle + ends[1]])
+
+    def motion(self, body: Body, position: np.ndarray) -> np.ndarray:
+        """Displacement along the axis of points (3, m) from the unknowns, shape (m, k)."""
+        unknowns = self.positions(body)
+        if self.point is None:
+            return np.ones((position.shape[1], 1))
+        across = [axis for axis in range(3) if axis != self.axis]
+        half = np.diag(unknowns[across, 1:] - unknowns[across, :1])
+        tilts = ((position[across] - unknowns[across, :1]) / half[:, None]).T
+        return np.asarray(np.column_stack([1.0 - tilts.sum(axis=1), tilts]))
+
+    def arm(self, body: Body) -> np.ndarray:
+        """Displacement of the point of the force from the unknowns, shape (k,)."""
+        at = self.positions(body)[:, 0] if self.point is None else np.array(self.point)
+        return np.asarray(self.motion(body, at[:, None])[0])
+
+
+@dataclass(frozen=True)
+class Bolt:
+    r"""A bolt through bodies, from the face under its head to the face under its nut.
+
+    Both washers are rigid and tilt. The shank carries no shear. While the bolt is tightened it
+    pulls the washers together by the force :math:`F`; then it is locked, and its force
+
+    .. math:: N = F + k (\delta - \delta_0)    \tag{1}
+
+    follows the distance :math:`\delta` of the washers and its value :math:`\delta_0` at locking.
+
+    Parameters
+    ----------
+    sides : tuple of int, the bodies under head and nut
+    boundaries : tuple of str
+        Plane faces under the washers, with normals away from each other along x, y or z.
+    stiffness : float, axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`
+    preload : float, force :math:`F` at the factor 1 of the tightening, N
+
+    Raises
+    ------
+    CaseError
+        If stiffness or preload are not positive, or both sides are the same body.
+    """
+
+    sides: tuple[int, int]
+    boundaries: tuple[str, str]
+    stiffness: float
+    preload: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.stiffness < np.inf:
+            raise CaseError(
+                f"the stiffness of a bolt must be positive (N/m), got {self.stiffness:g}"
+            )
+        if self.sides[0] == self.sides[1]:
+            raise CaseError(
+                f"a bolt between two faces of body {self.sides[0]} clamps nothing; choose faces of "
+                f"two bodies"
+            )
+        if not 0.0 < self.preload < np.inf:
+            raise CaseError(
+                f"a bolt needs a preload, since nothing else presses its washers on: it must be "
+                f"positive (N), got {self.preload:g}"
+            )
+
+    def name(self, bodies: Sequence[Body]) -> str:
+        """Name the bolt by the faces under its washers, in words."""
+        ends = zip(self.sides, self.boundaries, strict=True)
+        return f"the bolt from {' to '.join(bodies[k].face_name(face, k) for k, face in ends)}"
+
+    def washers(self, bodies: Sequence[Body]) -> tuple[Platen, Platen]:
+        """Rigid plates under the bolt, in the order of their positions along its axis.
+
+        Raises
+        ------
+        CaseError
+            If the washers are not opposite each other.
+        """
+        # centres and normals of both faces, in the order along the axis
+        washers = []
+        for body, name in zip(self.sides, self.boundaries, strict=True):
+            face = face_of(bodies[body].mesh, name)
+            x = face.position
+            middle, normal = 0.5 * (x.min(axis=0) + x.max(axis=0)), face.normals.sum(axis=0)
+            washers.append((middle, normal, float(np.ptp(x, axis=0).max()), body, name))
+        apart = washers[1][0] - washers[0][0]
+        axis = int(np.argmax(np.abs(apart)))
+        if apart[axis] < 0.0:
+            washers.reverse()
+
+        # distance of the centres across the axis, and directions of the normals
+        aside = float(np.linalg.norm(np.delete(apart, axis)))
+        (_, down, size, *_), (_, up, other, *_) = washers
+        facing = [0.0 - down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
+        if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
+            raise CaseError(
+                f"{self.name(bodies)} goes through nothing: its washers must face away from each "
+                f"other along {'xyz'[axis]} (cosines {facing[0]:.2g} and {facing[1]:.2g}) and lie "
+                f"above each other (centres {aside:.2g} m aside)"
+            )
+        first, second = (
+            Platen(body, name, 0.0, tuple(middle.tolist()), axis)
+            for middle, _, _, body, name in washers
+        )
+        return first, second
+
+
+@dataclass(frozen=True)
+class BoltSection:
+    r"""Cut across the meshed shank of a bolt, where its force acts.
+
+    With the mean :math:`\bar u_1` of the displacement along the axis over the nodes of side 1, and
+    the displacement s of the centre of side 2, the nodes of side 2 move as the nodes of side 1, but
+    along the axis by
+
+    .. math:: u_2 = u_1 - \bar u_1 + s.    \tag{1}
+
+    The tension pulls s and :math:`\bar u_1` together and is constant: the bolt bends and shears
+    with the bodies, and does not resist their change of thickness.
+
+    Parameters
+    ----------
+    sides : tuple of int, the bodies
+    boundaries : tuple of str, plane faces of the cut, across x, y or z, with matching nodes
+    preload : float, tension at the factor 1 of the tightening, N
+
+    Raises
+    ------
+    CaseError
+        If both sides are the same body, or the preload is not positive.
+    """
+
+    sides: tuple[int, int]
+    boundaries: tuple[str, str]
+    preload: float
+
+    def __post_init__(self) -> None:
+        if self.sides[0] == self.sides[1] or not 0.0 < self.preload < np.inf:
+            raise CaseError(
+                f"a cut through a bolt needs two bodies and a positive preload (N), got bodies "
+                f"{self.sides[0]} and {self.sides[1]} and {self.preload:g}"
+            )
+
+    def nodes(self, bodies: Sequence[Body]) -> tuple[np.ndarray, np.ndarray, int, float]:
+        """Return matching nodes of both sides, the axis, and the direction of the normal of side 2.
+
+        The direction is 1 along the axis, else -1.
+
+        Raises
+        ------
+        CaseError
+            If the faces are not plane across an axis, or their nodes do not match.
+        """
+        from scipy.spatial import cKDTree
+
+        lower, upper = (bodies[side] for side in self.sides)
+        first, second = (
+            body.nodes(face) for body, face in zip((lower, upper), self.boundaries, strict=True)
+        )
+        x = upper.basis.doflocs[:, second]
+        apart, nearest = cKDTree(lower.basis.doflocs[:, first].T).query(x.T)
+        extent = np.ptp(x, axis=1)
+        axis, size = int(np.argmin(extent)), float(extent.max())
+        if first.size != second.size or max(apart.max(), extent[axis]) > 1e-6 * size:
+            raise CaseError(
+                f"the cut through a bolt, {lower.face_name(self.boundaries[0], self.sides[0])} and "
+                f"{upper.face_name(self.boundaries[1], self.sides[1])}, has {first.size} and "
+                f"{second.size} nodes up to {max(apart.max(), extent[axis]):.2g} m apart; mesh "
+                f"both faces alike, in a plane across an axis"
+            )
+        face = face_of(upper.mesh, self.boundaries[1])
+        direction = float(np.sign(face.normals.sum(axis=0)[axis]))
+        return first[nearest], second, axis, direction
+
+
+def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> float:
+    r"""Axial stiffness of a round shank, :math:`E \pi d^2 / (4 l)`, N/m.
+
+    Parameters
+    ----------
+    diameter, length : float, m
+    youngs_modulus : float, Pa
+
+    Raises
+    ------
+    CaseError
+        If a parameter is not positive.
+
+    Examples
+    --------
+    >>> round(shank_stiffness(8e-3, 20e-3, 210e9) / 1e6)  # N/µm
+    528
+    """
+    if not min(diameter, length, youngs_modulus) > 0.0:
+        raise CaseError(
+            f"diameter, length and youngs_modulus of a shank must be positive (m, m, Pa), got "
+            f"{diameter:g}, {length:g} and {youngs_modulus:g}"
+        )
+    return 0.25 * np.pi * diameter**2 * youngs_modulus / length
+
 
 GROUND = (None, None)  # body and boundary of the first side of an interface with the rigid ground
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import HEX_ORDER
+from multiscale.fe.mesh_file import HEX_ORDER
 from multiscale.laws.bulk import respond_bulk
 from multiscale.macro.continuum.body import Body
 from multiscale.schema import MACRO_RESULT, Dataset

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import HEX_ORDER, box_mesh
 from multiscale.fe.faces import face_operator
+from multiscale.fe.mesh_file import HEX_ORDER, box_mesh
 from multiscale.io.gmsh_model import gmsh_model
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.bodies.bolt import Bolt
+from multiscale.macro.bodies.assembly import Assembly, Bolt, Interface
 from multiscale.macro.continuum.body import Body
 
 if TYPE_CHECKING:

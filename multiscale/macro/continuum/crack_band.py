@@ -23,7 +23,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import elastic_matrix
 from multiscale.laws.bulk import AnisotropicElastic, Elastic, respond_bulk
-from multiscale.laws.bulk.moduli import youngs_modulus_along
+from multiscale.laws.bulk.bulk_law import youngs_modulus_along
 from multiscale.laws.softening import LAST_STRESS, Softening
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.numerics.factorisation import factorise

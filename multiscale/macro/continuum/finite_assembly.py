@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, kron
 
 from multiscale.errors import CaseError
-from multiscale.fe.elements import Elements, element_response, prepare_elements, sum_blocks
+from multiscale.fe.elasticity import Elements, element_response, prepare_elements, sum_blocks
 from multiscale.fe.faces import face_of, face_points
 from multiscale.laws.bulk import BulkLaw
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector

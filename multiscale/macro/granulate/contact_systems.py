@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, triu
 
 from multiscale.errors import MultiscaleError
-from multiscale.fe.elements import sum_blocks
+from multiscale.fe.elasticity import sum_blocks
 from multiscale.macro.granulate.contacts import Contacts, Velocities, relative_velocity
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.nonsmooth.lcp_methods import longest_positive

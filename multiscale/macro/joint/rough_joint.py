@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import GapLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.bodies.bolt import Platen
+from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
 from multiscale.macro.continuum.body import Body, Pins, Supports
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.schema import MACRO_RESULT, Dataset

@@ -6,13 +6,12 @@ import numpy as np
 
 from multiscale.convergence import Solution, check_limits
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.friction_laws import SteadySliding
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.bodies.bolt import Platen
+from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.monolithic import Assembled
 from multiscale.macro.substructures.cut import cut_assembly

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.fe.rigid_motion import count_free_motions
+from multiscale.fe.elasticity import count_free_motions
 from multiscale.laws.link import Beam, LinkLaw
 from multiscale.needs import Choice, Needs
 from multiscale.schema import MACRO_RESULT, Dataset

@@ -9,7 +9,7 @@ from scipy.linalg import null_space
 from scipy.sparse import block_array, csr_array, eye_array
 
 from multiscale.errors import CaseError
-from multiscale.fe.rigid_motion import free_motions
+from multiscale.fe.elasticity import free_motions
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem

@@ -11,8 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix, mode_stiffness
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.bodies.bolt import Platen
+from multiscale.macro.bodies.assembly import Assembly, Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
 from multiscale.macro.links.link_system import LinkSystem
 from multiscale.macro.substructures.cut_interfaces import cut_interface

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from multiscale.errors import CaseError
-from multiscale.fe.elements import is_first_order
+from multiscale.fe.elasticity import is_first_order
 from multiscale.fe.faces import (
     OrientedFace,
     corner_integrals,

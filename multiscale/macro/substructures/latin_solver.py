@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.rigid_motion import count_free_motions
+from multiscale.fe.elasticity import count_free_motions
 from multiscale.macro.substructures.error import Admissible, ErrorBound, ForceError, indicate_error
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.problem import CutProblem

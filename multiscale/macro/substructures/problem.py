@@ -10,9 +10,8 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.fe.rigid_motion import rigid_motions
-from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.laws.side_by_side import SideBySide, lay_side_by_side
+from multiscale.fe.elasticity import rigid_motions
+from multiscale.laws.interface_law import InterfaceLaw, SideBySide, lay_side_by_side
 from multiscale.numerics.factorisation import factorise
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from multiscale.errors import MultiscaleError
-from multiscale.laws.side_by_side import lay_side_by_side
+from multiscale.laws.interface_law import lay_side_by_side
 from multiscale.macro.links.link_newton import SlackStiffness, exact_step
 from multiscale.macro.monolithic import NO_LINKS, Assembled, Equilibrium, Place, find_equilibrium
 from multiscale.macro.substructures.capacity import find_slide

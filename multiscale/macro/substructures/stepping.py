@@ -104,7 +104,7 @@ class JointState:
         Raises
         ------
         ConvergenceError
-            If the step gains energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
+            If the step gains energy; see :func:`~multiscale.laws.interface_law.advance_state`.
         """
         account = law.sliding(jump, self.history)
         along = ALONG * jump
@@ -266,7 +266,7 @@ def follow(
         If load factors do not fit the load cases, or do not tighten the bolts, or the state belongs
         to another structure.
     ConvergenceError
-        If a step gains energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
+        If a step gains energy; see :func:`~multiscale.laws.interface_law.advance_state`.
     """
     # check factors and state
     problem, method = prepared.problem, prepared.method

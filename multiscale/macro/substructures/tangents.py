@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.errors import MultiscaleError
-from multiscale.laws.side_by_side import SideBySide
+from multiscale.laws.interface_law import SideBySide
 from multiscale.macro.monolithic import FLOOR, Assembled
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors

@@ -251,7 +251,7 @@ def assemble(problem: CutProblem) -> Assembled:
     >>> from multiscale.laws.bulk import Elastic
     >>> from multiscale.macro import Assembly, Body
     >>> from multiscale.macro.substructures import cut_assembly
-    >>> from multiscale.fe.boxes import box_mesh
+    >>> from multiscale.fe.mesh_file import box_mesh
     >>> body = Body(box_mesh((1.0, 1.0, 1.0), (2, 1, 1)), Elastic(1e9, 0.3))
     >>> assemble(cut_assembly(Assembly((body,)), (2, 1))).stiffness.shape
     (36, 36)

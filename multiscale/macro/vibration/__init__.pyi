@@ -2,9 +2,9 @@ from .backbone import Amplitudes as Amplitudes
 from .backbone import Backbone as Backbone
 from .backbone import follow_backbone as follow_backbone
 from .backbone import vibrate as vibrate
+from .modes import Preloaded as Preloaded
 from .modes import TangentModes as TangentModes
+from .modes import press_structure as press_structure
+from .modes import require_joined as require_joined
 from .modes import structure_mass as structure_mass
 from .modes import tangent_modes as tangent_modes
-from .preloaded import Preloaded as Preloaded
-from .preloaded import press_structure as press_structure
-from .preloaded import require_joined as require_joined

@@ -33,8 +33,7 @@ from multiscale.macro.monolithic import Assembled
 from multiscale.macro.substructures.load_path import closed_cycle
 from multiscale.macro.substructures.stepping import JointState, sliding_share
 from multiscale.macro.substructures.whole import assemble
-from multiscale.macro.vibration.modes import TangentModes
-from multiscale.macro.vibration.preloaded import Preloaded
+from multiscale.macro.vibration.modes import Preloaded, TangentModes
 from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions
 
 SPRING = 1e3

@@ -1,7 +1,10 @@
 from .cavities import Cavities as Cavities
 from .cavities import Cracks as Cracks
 from .cavities import Ellipsoids as Ellipsoids
+from .cavities import Recipe as Recipe
+from .cavities import boolean_spheres as boolean_spheres
 from .cavities import penny_cracks as penny_cracks
+from .cavities import random_spheres as random_spheres
 from .cavities import spheres as spheres
 from .cavities import voxelise as voxelise
 from .cracks import Microcracks as Microcracks
@@ -12,9 +15,6 @@ from .element_fatigue import local_fatigue as local_fatigue
 from .fatigue import FatigueMaterial as FatigueMaterial
 from .fatigue import two_scale_fatigue as two_scale_fatigue
 from .fatigue import woehler_curve as woehler_curve
-from .packing import Recipe as Recipe
-from .packing import boolean_spheres as boolean_spheres
-from .packing import random_spheres as random_spheres
 from .rve import VoxelImage as VoxelImage
 from .rve import effective_stiffness as effective_stiffness
 from .rve import youngs_modulus_along as youngs_modulus_along

@@ -43,12 +43,12 @@ import numpy as np
 from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.images import VoxelImage as VoxelImage
-from multiscale.laws.bulk.moduli import (
+from multiscale.laws.bulk.bulk_law import (
     check_moduli,
     drop_soft_modes,
     lame_parameters,
 )
-from multiscale.laws.bulk.moduli import youngs_modulus_along as youngs_modulus_along
+from multiscale.laws.bulk.bulk_law import youngs_modulus_along as youngs_modulus_along
 from multiscale.micro.damage.sections import Volume, max_damage, section_normals
 from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 
@@ -127,7 +127,7 @@ def effective_stiffness(
         VoxelOperator,
         traction_stiffness,
     )
-    from multiscale.numerics.vectors import dot
+    from multiscale.numerics.krylov import dot
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
@@ -184,7 +184,7 @@ def _solve(
 ) -> tuple[Solution, np.ndarray]:
     """Solve for nodal forces by conjugate gradients: u and the residual forces."""
     from multiscale.micro.damage.voxels import update_iterate
-    from multiscale.numerics.vectors import dot, turn
+    from multiscale.numerics.krylov import dot, turn
 
     begin = perf_counter()
     u, r = np.zeros(load.shape), load.copy()

@@ -52,8 +52,8 @@ from scipy import fft, ndimage
 
 from multiscale.convergence import Solution
 from multiscale.executors import run_ranges, thread_count
-from multiscale.laws.bulk.moduli import VOIGT
-from multiscale.numerics import vectors
+from multiscale.laws.bulk.bulk_law import VOIGT
+from multiscale.numerics import krylov as vectors
 from multiscale.numerics.compiled import compiled
 
 LEAST = 10_000  # fewest bricks for a thread

@@ -19,10 +19,9 @@ from typing import Protocol
 import numpy as np
 
 from multiscale.convergence import Status, check_limits
-from multiscale.micro.elastic_cell import ContactState, untouched
 from multiscale.micro.flat.flat_contact import solve_flat
-from multiscale.numerics.krylov import conjugate_gradients
-from multiscale.numerics.vectors import advance, dot, turn
+from multiscale.micro.path import ContactState, untouched
+from multiscale.numerics.krylov import advance, conjugate_gradients, dot, turn
 
 _COARSE = 1e-2  # reduction of the residual before the first check of the active set
 _INNER = 1e-4  # tolerance of the surface problems in the preconditioner: no more iterations
@@ -197,9 +196,8 @@ def solve_elastic_contact(
     active = reference + force - start.reference_force / unit > 0.0
     active = active if active.any() else reference > 0.0
     u, room = start.displacement / unit, np.empty((2, *body.shape), body.dtype)
-    out_of_balance = np.zeros(
-        body.shape, body.dtype
-    )  # only the contact forces of the last step are in balance
+    # only the contact forces of the last step are in balance
+    out_of_balance = np.zeros(body.shape, body.dtype)
 
     residuals: list[float] = []
     n_linear, fewest, patience, changed = 0, gap.size + 1, _BLOCKS, True
@@ -347,9 +345,7 @@ class _LinearStage:
         best, patience, iteration = np.inf, _PATIENCE, 0
         residual = self.residual(square, force)
         last = max(self.tolerance, _ROUNDING * float(np.finfo(p.dtype).eps) * residual)
-        if (
-            self.tolerance < residual < 2.0 * self.tolerance
-        ):  # margin for the error of the recurrence
+        if self.tolerance < residual < 2.0 * self.tolerance:  # margin for the recurrence
             last = 0.5 * residual
         target = max(last, reduction * residual)
         while True:

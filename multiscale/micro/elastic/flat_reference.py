@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.micro.contact_area import EdgeLayer, edge_layer
+from multiscale.micro.averages import EdgeLayer, edge_layer
 from multiscale.micro.elastic.lateral_fft import LateralInverse, SurfaceFilter, factorise_flat_cell
 from multiscale.micro.flat.compliance import layered_compliance
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
@@ -29,9 +29,7 @@ class Reference:
 
     inverse: LateralInverse  # factorised stiffness of the flat cell
     map_factor: np.ndarray  # (layers,), share of the surface height in each node plane
-    slopes: tuple[np.ndarray, np.ndarray] | None = (
-        None  # (nx, ny), slopes of the surface in x and y
-    )
+    slopes: tuple[np.ndarray, np.ndarray] | None = None  # (nx, ny), of the surface, in x and y
 
     @property
     def convolves(self) -> bool:

@@ -9,11 +9,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell_needs import cell_choices
-from multiscale.micro.elastic_cell import ElasticCell, obstacle_normal
 from multiscale.micro.finite.finite_cell import FiniteCell
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
-from multiscale.micro.path import CellModel, Path
+from multiscale.micro.path import CellModel, ElasticCell, Path, cell_choices, obstacle_normal
 from multiscale.needs import Needs
 
 Operator = Callable[[np.ndarray], np.ndarray]

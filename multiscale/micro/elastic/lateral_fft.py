@@ -129,11 +129,8 @@ def _forward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyp
             now, d = values[k, layer], inverse[row, layer]
             _rotate(now, -1.0, m // 2)
             for v in range(m):
-                x0, y0, z0 = (
-                    now[0, v] - passed[0, v],
-                    now[1, v] - passed[1, v],
-                    now[2, v] - passed[2, v],
-                )
+                x0, y0 = now[0, v] - passed[0, v], now[1, v] - passed[1, v]
+                z0 = now[2, v] - passed[2, v]
                 reduced[0, v], reduced[1, v], reduced[2, v] = _times(_pivot(d, sign, v), x0, y0, z0)
             now[:] = reduced
             if layer + 1 < layers:
@@ -153,12 +150,8 @@ def _backward(begin, end, inverse, above, x, y, values):  # type: ignore[no-unty
     for k in range(begin, end):
         row, sign = _row(k, nx, inverse)
         for layer in range(layers - 2, -1, -1):
-            now, old, d, between = (
-                values[k, layer],
-                values[k, layer + 1],
-                inverse[row, layer],
-                above[layer],
-            )
+            now, old = values[k, layer], values[k, layer + 1]
+            d, between = inverse[row, layer], above[layer]
             for v in range(m):
                 w = _block(between, x, k, y, v)
                 a, b, c = old[0, v], old[1, v], old[2, v]

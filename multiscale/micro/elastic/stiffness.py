@@ -146,10 +146,7 @@ def scatter(nodes, sides, layer, start, lanes, out):  # type: ignore[no-untyped-
                 high = low + 2 * BATCH
                 if layer + c > 0:
                     row = out[sides[a], layer + c - 1, k]
-                    near, far = (
-                        row[start:],
-                        row[start + 1 :],
-                    )  # slices, so that loops are vectorised
+                    near, far = row[start:], row[start + 1 :]  # slices: loops are vectorised
                     for v in range(lanes):
                         near[v] += nodes[low + v]
                     for v in range(lanes - 1):

@@ -8,11 +8,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
-from multiscale.micro.averages import ContactSurface
-from multiscale.micro.cell_needs import AVERAGES, cell_choices
-from multiscale.micro.contact_area import EdgeLayer
+from multiscale.micro.averages import ContactSurface, EdgeLayer
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, SecondBody
-from multiscale.micro.path import Path, Step, Target
+from multiscale.micro.path import AVERAGES, Path, Step, Target, cell_choices
 from multiscale.needs import Needs
 from multiscale.surfaces.surface import Surface
 

@@ -62,9 +62,7 @@ CHANGE = LOG + 2 * BATCH  # ln J, of a point or of the mean
 COFACTOR = CHANGE + BATCH  # 9: F^-T
 PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
 DEFORMED = PULLED + 9 * BATCH  # 9: F of the point
-LAW = (
-    DEFORMED + 9 * BATCH
-)  # 91 rows of a law: those in large_strain.py, or those from FC on and in plastic.py
+LAW = DEFORMED + 9 * BATCH  # 91: of a law, in large_strain.py, or from FC on and in plastic.py
 DILATED = LAW + 91 * BATCH  # 36: flux of the change of volume
 PRESSURE = DILATED + 36 * BATCH  # tensile
 SCRATCH = PRESSURE + BATCH

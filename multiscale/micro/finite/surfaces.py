@@ -124,9 +124,7 @@ class Projection:
     """Points of the opposite surface."""
 
     place: np.ndarray  # (2, nx, ny), xi in grid points of the opposite surface, not wrapped
-    values: (
-        np.ndarray
-    )  # (nx * ny, 6, 3), position and derivatives 1, 2, 11, 12, 22, m; NaN in folds
+    values: np.ndarray  # (nx * ny, 6, 3), place and derivatives 1, 2, 11, 12, 22, m; NaN in folds
     column: np.ndarray  # (nx * ny, 16), nodes of the opposite surface around each point
     weight: np.ndarray  # (3, nx * ny, 16), weights (1) of the value and its derivatives 1 and 2
     points: tuple[int, int]  # grid of the opposite surface

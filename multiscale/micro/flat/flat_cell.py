@@ -8,10 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.cell_needs import cell_choices
-from multiscale.micro.elastic_cell import ContactState, ElasticCell, untouched
 from multiscale.micro.layer import PeriodicLayer, SecondBody, statistics_of
-from multiscale.micro.path import Path
+from multiscale.micro.path import ContactState, ElasticCell, Path, cell_choices, untouched
 from multiscale.needs import Needs
 from multiscale.surfaces.fourier import rms_slope
 from multiscale.surfaces.preparation import composite

@@ -9,7 +9,7 @@ from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 from multiscale.numerics.compiled import compiled
-from multiscale.numerics.vectors import dot
+from multiscale.numerics.krylov import dot
 
 _GAIN = 0.03  # reduction of the residual in single precision, on the nodes near contact
 _NEAR = 0.02  # largest distance of a node near contact, over the range of the gap
@@ -17,12 +17,7 @@ _EXACT = 1e-4  # error of the load after a step, relative to the residual
 _FINE = 256  # fewest points along an edge for a first guess on every other point,
 _COARSE = 3e-3  # and the tolerance of this guess
 _ROUNDING = 1e-12  # relative rounding of the difference of two squares
-_MATH = {
-    "reassoc",
-    "contract",
-    "nnan",
-    "nsz",
-}  # assumptions of kernels: numbers may be infinite, as the cap
+_MATH = {"reassoc", "contract", "nnan", "nsz"}  # of kernels: numbers may be infinite, as the cap
 
 
 @dataclass(frozen=True)

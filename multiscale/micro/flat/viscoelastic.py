@@ -18,7 +18,7 @@ import numpy as np
 
 from multiscale.convergence import Status, check_limits
 from multiscale.errors import CaseError
-from multiscale.micro.contact_area import contact_fraction
+from multiscale.micro.averages import contact_fraction
 from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
 

@@ -13,12 +13,18 @@ import numpy as np
 
 from multiscale.errors import CaseError, listed
 from multiscale.laws.bulk import J2
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
+from multiscale.laws.bulk.bulk_law import check_moduli, lame_parameters
 from multiscale.micro.averages import ContactSurface, recovered_force
-from multiscale.micro.cell_needs import AVERAGES, cell_choices
-from multiscale.micro.elastic_cell import ContactState, ElasticCell, obstacle_normal
 from multiscale.micro.layer import Linear, PeriodicLayer, at_first_touch, statistics_of
-from multiscale.micro.path import CellModel, Path
+from multiscale.micro.path import (
+    AVERAGES,
+    CellModel,
+    ContactState,
+    ElasticCell,
+    Path,
+    cell_choices,
+    obstacle_normal,
+)
 from multiscale.needs import Needs
 from multiscale.surfaces.surface import Surface
 
@@ -326,8 +332,8 @@ def _solver(
     apply: Operator = stiffness.__matmul__
     inverse: Inverse
     if cell.multigrid:
-        from multiscale.fe.rigid_motion import rigid_motions
-        from multiscale.micro.mesh.multigrid import MultigridInverse
+        from multiscale.fe.elasticity import rigid_motions
+        from multiscale.micro.mesh.unknowns import MultigridInverse
 
         place, size = unknowns.place, float(np.ptp(basis.doflocs))
         modes = rigid_motions(basis.doflocs.T[place // 3] / size, place % 3)

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.elements import Elements, element_response, elements_of_basis
+from multiscale.fe.elasticity import Elements, element_response, elements_of_basis
 from multiscale.laws.bulk import J2
 from multiscale.micro.averages import ContactSurface, to_components
 from multiscale.micro.finite.equations import (

@@ -268,7 +268,7 @@ class MeshedBody(Material):
         self, mesh: "Mesh", tractions: Mapping[str, Mapping[int, np.ndarray]]
     ) -> "macro.Body":
         """Build the body on a mesh, with tractions on faces, Pa, by the number of the load case."""
-        from multiscale.fe.elements import element_of_order
+        from multiscale.fe.elasticity import element_of_order
 
         supports = {
             boundary: tuple(0.0 if axis in axes else None for axis in CLAMPED)

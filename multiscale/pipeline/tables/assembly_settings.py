@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from multiscale import macro
 from multiscale.errors import CaseError, suggest
 from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
-from multiscale.laws.bulk.moduli import mindlin_ratio
+from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import assembly_parts
 from multiscale.pipeline.tables.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.laws.side_by_side import SideBySide, lay_side_by_side
+from multiscale.laws.interface_law import SideBySide, lay_side_by_side
 from multiscale.macro import (
     AssembledNewton,
     Assembly,

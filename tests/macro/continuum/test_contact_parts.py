@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.errors import CaseError
-from multiscale.fe.elements import prepare_elements
+from multiscale.fe.elasticity import prepare_elements
 from multiscale.fe.faces import face_of
 from multiscale.laws.bulk import Elastic, NeoHookean
 from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, load_mesh, solve_contact

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skfem import MeshQuad
 
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Softening
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body

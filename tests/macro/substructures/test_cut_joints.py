@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import ConvergenceError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (

@@ -8,7 +8,7 @@ import pytest
 from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, HystereticLaw, InterfaceLaw, Response, Sliders, Sliding
 from multiscale.laws.bulk import Elastic
-from multiscale.laws.side_by_side import advance_state
+from multiscale.laws.interface_law import advance_state
 from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
 from multiscale.macro.substructures import assemble, cut_assembly, solve_latin
 from tests.cut_methods import solve_schur

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import Assembly, Body, solve_static, tensegrity_grid

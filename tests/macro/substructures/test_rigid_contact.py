@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import ConvexDecreasing, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface, LatinMethod

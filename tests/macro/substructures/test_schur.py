@@ -9,8 +9,8 @@ from scipy.linalg import eigh, null_space
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
-from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import condense, split
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.link import Bar

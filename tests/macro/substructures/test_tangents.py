@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.fe.boxes import box_mesh
+from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, HystereticLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Interface

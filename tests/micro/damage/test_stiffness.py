@@ -9,7 +9,7 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
-from multiscale.laws.bulk.moduli import VOIGT
+from multiscale.laws.bulk.bulk_law import VOIGT
 from multiscale.micro.damage import (
     Cavities,
     VoxelImage,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.laws.bulk.moduli import lame_parameters
+from multiscale.laws.bulk.bulk_law import lame_parameters
 from multiscale.micro import Surface
 from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
 from multiscale.micro.elastic.stiffness import stiffness_operator

@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
-from multiscale.fe.elasticity import displacement_basis, elastic_matrix
-from multiscale.fe.elements import element_response, prepare_elements
+from multiscale.fe.elasticity import (
+    displacement_basis,
+    elastic_matrix,
+    element_response,
+    prepare_elements,
+)
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.macro import Body, FiniteAssembly, solve_contact
 from tests.contact_scenes import block, distorted
