@@ -74,8 +74,7 @@ class InterfaceLaw(ABC):
     damage : float, share of the interface that carries no load, dimensionless
     pressure_range : tuple of float
         Lowest and highest pressure of the fitted data, Pa; (0, inf) for a law without data.
-    pressure_limit : float
-        Pressure above which data contradict the law, Pa; infinite if none do.
+    pressure_limit : float, pressure above which data contradict the law, Pa; infinite if none do
     compliant : bool, whether a jump determines the traction; rigid contact has a resolvent only
     """
 

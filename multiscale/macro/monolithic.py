@@ -128,8 +128,7 @@ def solve_interface(
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
-    max_iterations : int
-        Iteration limit; a load that stalls has this many in each further attempt.
+    max_iterations : int, iteration limit; a load that stalls has this many in each further attempt
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
         residual); dimensionless. Rounding may raise it up to 1e-8.

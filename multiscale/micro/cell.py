@@ -63,14 +63,12 @@ def Cell(  # noqa: N802  reads like the kinds that it builds
 
     Parameters
     ----------
-    surface, depth, layers
-        See :class:`~multiscale.micro.layer.PeriodicLayer`.
+    surface, depth, layers : see :class:`~multiscale.micro.layer.PeriodicLayer`
     youngs_modulus, poissons_ratio : float or ndarray
         Moduli, Pa and 1: a value for the whole cell, an array of the layers from the base up,
         shape (layers,), or of the elements, shape (nx, layers, ny). For two bodies, a material
         with their contact modulus.
-    obstacle, hardness, friction_coefficient
-        See :class:`FlatCell` and :class:`FiniteCell`.
+    obstacle, hardness, friction_coefficient : see :class:`FlatCell` and :class:`FiniteCell`
     geometry : {"conforming", "flat"}
         Whether the mesh follows the surface, or the surface only makes the gap above a flat layer.
     bulk : NeoHookean, J2 or Prony, optional

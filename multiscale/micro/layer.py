@@ -91,8 +91,7 @@ class PeriodicLayer:
     layers : int, layers of elements, graded towards the top
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
         Graded moduli have the shape (layers,), from the base up, or (nx, layers, ny).
-    obstacle : Surface, optional
-        Underside of the counterface on the same grid; flat if not given.
+    obstacle : Surface, optional, underside of the counterface on the same grid; flat if not given
     coating : tuple of Coating
         Layers of other materials at the top, outermost first, on a body with an Elastic law. Node
         planes of a mesh move onto their lower faces.

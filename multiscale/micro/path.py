@@ -64,8 +64,7 @@ class Path:
 
     Parameters
     ----------
-    pressure : tuple of float, optional
-        Mean pressure at each step, Pa, at least 0.
+    pressure : tuple of float, optional, mean pressure at each step, Pa, at least 0
     approach : tuple of float, optional
         Approach of the obstacle counted from the first touch, m, instead of pressures.
     slide : tuple of pairs of float, optional

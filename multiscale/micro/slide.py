@@ -141,8 +141,7 @@ def slide_cell(
         Sliding distance, m. An elastic cell repeats itself after a period of its surface; a
         plastic cell is run in after a few periods.
     steps : int
-    executor : Executor, optional
-        Runs the pressures; see :func:`multiscale.executors.run_jobs`.
+    executor : Executor, optional, runs the pressures; see :func:`multiscale.executors.run_jobs`
     tolerance : float, see :func:`multiscale.micro.solve_cell`
 
     Returns
@@ -235,8 +234,7 @@ def run_ensemble(
     ----------
     cells : sequence of cells of any kind
     path : Path, the same for all, so that realisations can be averaged at each pressure
-    executor : Executor, optional
-        See :func:`multiscale.executors.run_jobs`.
+    executor : Executor, optional, see :func:`multiscale.executors.run_jobs`
     folder : Path, optional
         Folder of ``realisation-0000.nc`` and so on, each written when it is finished. Existing
         realisations are not computed again, nor slow finished steps of a killed realisation.

@@ -75,8 +75,7 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
 
     Parameters
     ----------
-    surface : Surface
-        Detrended map.
+    surface : Surface, detrended map
     taper : float
         Share of each edge length over which the heights fade, at either end; dimensionless,
         :math:`0 < \theta \le 1/2`. A taper of 1/2 is the Hann window.

@@ -25,8 +25,7 @@ class SelfAffineFit:
 
     Attributes
     ----------
-    hurst_exponent : float
-        :math:`H`, between 0 and 1.
+    hurst_exponent : float, :math:`H`, between 0 and 1
     roll_off : float, wavelength :math:`\lambda_r` above which the density is flat, m
     level : float
         Density of the flat range, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).

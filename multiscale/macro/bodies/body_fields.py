@@ -20,8 +20,7 @@ def add_body_fields(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``: solution of :func:`cut_assembly` of these bodies.
+    result : Dataset, follows ``MACRO_RESULT``: solution of :func:`cut_assembly` of these bodies
     bodies : sequence of Body, elastic, all of tetrahedra or all of hexahedra
     damage : sequence of float
         Damage of every body, to be stored with its elements; their laws already contain it.

@@ -9,7 +9,6 @@ from scipy.sparse import csr_array, triu
 from multiscale.convergence import Solution
 from multiscale.laws.link import Beam
 from multiscale.macro.links.link_system import LinkSystem
-from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Factorise, Solve, prepare_cholesky
 
 
@@ -19,8 +18,8 @@ class Tangent:
 
     start: np.ndarray  # first entry of each row, shape (n + 1,)
     column: np.ndarray  # increasing in each row
-    place: np.ndarray  # entry of each product of two coefficients of a row of B, -1 if fixed
-    coefficient: np.ndarray  # entries of B, shape (rows, w)
+    products: csr_array  # products of two coefficients of a row of B, shape (entries, rows)
+    pair: np.ndarray  # places in their row of both coefficients of every product, shape (2, ...)
     cholesky: Factorise
 
     @property
@@ -36,12 +35,19 @@ class Tangent:
 
     def entries(self, stiffness: np.ndarray) -> np.ndarray:
         """Return the upper triangle of B^T k B, N/m, for stiffnesses k of shape (rows,), N/m."""
-        return np.asarray(_fill(self.place, self.coefficient, stiffness, self.column.size))
+        return np.asarray(self.products @ stiffness)
 
     def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Return the upper triangle of a sum of stiffnesses along and across the links, N/m."""
-        size = self.column.size
-        return np.asarray(_fill_geometric(self.place, direction, along, across, size))
+        """Return the upper triangle of along n n^T + across (I - n n^T) of the links, N/m."""
+        link, c = self.products.indices, (int(self.pair.max(initial=0)) + 1) // 2
+        (i, j), (first, second) = self.pair % c, self.pair // c
+        moves = (link < len(direction)) & (i < 3) & (j < 3)
+        link, i, j = link[moves], i[moves], j[moves]
+        value = np.zeros(moves.size)
+        value[moves] = (along - across)[link] * direction[link, i] * direction[link, j]
+        value[moves] += across[link] * (i == j)
+        value *= np.where(first == second, 1.0, -1.0)  # opposite signs at both ends
+        return np.add.reduceat(value, self.products.indptr[:-1])
 
     def matrix(self, entries: np.ndarray) -> csr_array:
         """Return the matrix with both triangles, shape (n, n), N/m."""
@@ -82,7 +88,10 @@ class LinkEquations:
     @cached_property
     def operator(self) -> csr_array:
         """Sparse B, shape (rows, n)."""
-        return self._rows((self.unknown >= 0) & (self.coefficient != 0.0), self.coefficient)
+        entry = (self.unknown >= 0) & (self.coefficient != 0.0)
+        first = np.append(0, np.cumsum(entry.sum(axis=1)))
+        shape = (len(self.unknown), self.n)
+        return csr_array((self.coefficient[entry], self.unknown[entry], first), shape)
 
     @property
     def finite_stiffness(self) -> np.ndarray:
@@ -94,18 +103,22 @@ class LinkEquations:
     @cached_property
     def tangent(self) -> Tangent:
         """Tangent with the pattern of the unknowns that rows couple."""
-        coupled = self._rows(self.unknown >= 0, np.ones_like(self.unknown))
-        upper = triu(coupled.T @ coupled, format="csr")
-        upper.sort_indices()
-        place = _places(self.unknown, upper.indptr, upper.indices)
-        cholesky = prepare_cholesky(upper.indptr, upper.indices)
-        return Tangent(upper.indptr, upper.indices, place, self.coefficient, cholesky)
-
-    def _rows(self, entry: np.ndarray, value: np.ndarray) -> csr_array:
-        """Return some entries of the rows as a sparse matrix, shape (rows, n)."""
-        first = np.append(0, np.cumsum(entry.sum(axis=1)))
-        shape = (len(self.unknown), self.n)
-        return csr_array((value[entry], self.unknown[entry], first), shape)
+        # products of two coefficients of a row, sorted by their entry in the upper triangle
+        pairs = np.stack(np.triu_indices(self.unknown.shape[1])).astype(np.int8)
+        i, j = np.sort(self.unknown[:, pairs].swapaxes(0, 1), axis=0).astype(np.int64)
+        row, pair = np.nonzero(i >= 0)
+        key = i[row, pair] * self.n + j[row, pair]
+        order = np.argsort(key, kind="stable")
+        row, pair, key = row[order], pairs[:, pair[order]], key[order]
+        product = np.prod(self.coefficient[row, pair], axis=0)
+        # entries: runs of equal keys
+        first = np.flatnonzero(np.diff(key, prepend=-1))
+        shape = (first.size, len(self.unknown))
+        products = csr_array((product, row, np.append(first, row.size)), shape)
+        upper, column = np.divmod(key[first], max(self.n, 1))
+        start = np.searchsorted(upper, np.arange(self.n + 1)).astype(np.int32)
+        column = column.astype(np.int32)
+        return Tangent(start, column, products, pair, prepare_cholesky(start, column))
 
     def factorise(self, stiffness: np.ndarray) -> Solve:
         """Return the function that solves with B^T k B, for stiffnesses k of the rows, N/m."""
@@ -222,69 +235,3 @@ def force_scale(model: LinkEquations, load: np.ndarray) -> float:
 def round_off(tension: np.ndarray) -> float:
     """Return the residual force due to the rounding of the tensions, N."""
     return float(8.0 * np.finfo(float).eps * np.abs(tension).max())
-
-
-@compiled
-def _places(unknown: np.ndarray, start: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return the position in the matrix of each product of two coefficients of a row."""
-    width = unknown.shape[1]
-    place = np.full((unknown.shape[0], width * (width + 1) // 2), -1, dtype=np.int32)
-    for row in range(unknown.shape[0]):
-        pair = -1
-        for p in range(width):
-            for q in range(p, width):
-                pair += 1
-                i, j = unknown[row, p], unknown[row, q]
-                if i < 0 or j < 0:
-                    continue
-                if i > j:
-                    i, j = j, i
-                low, high = start[i], start[i + 1]
-                while low < high:
-                    middle = (low + high) // 2
-                    if column[middle] < j:
-                        low = middle + 1
-                    else:
-                        high = middle
-                place[row, pair] = low
-    return place
-
-
-@compiled
-def _fill(
-    place: np.ndarray, coefficient: np.ndarray, stiffness: np.ndarray, size: int
-) -> np.ndarray:
-    """Sum k b b^T over the rows b of B."""
-    entries = np.zeros(size)
-    for row in range(place.shape[0]):
-        pair = 0
-        for p in range(coefficient.shape[1]):
-            scaled = stiffness[row] * coefficient[row, p]
-            for q in range(p, coefficient.shape[1]):
-                if place[row, pair] >= 0:
-                    entries[place[row, pair]] += scaled * coefficient[row, q]
-                pair += 1
-    return entries
-
-
-@compiled
-def _fill_geometric(
-    place: np.ndarray, direction: np.ndarray, along: np.ndarray, across: np.ndarray, size: int
-) -> np.ndarray:
-    """Sum along n n^T + across (I - n n^T) over the links, with opposite signs at their ends."""
-    entries = np.zeros(size)
-    width = int(np.sqrt(2.0 * place.shape[1]))  # w (w + 1) / 2 products
-    c = width // 2
-    for link in range(direction.shape[0]):
-        pair = -1
-        for p in range(width):
-            for q in range(p, width):
-                pair += 1
-                i, j = p % c, q % c
-                if place[link, pair] < 0 or i > 2 or j > 2:
-                    continue
-                value = (along[link] - across[link]) * direction[link, i] * direction[link, j]
-                if i == j:
-                    value += across[link]
-                entries[place[link, pair]] += value if p // c == q // c else -value
-    return entries

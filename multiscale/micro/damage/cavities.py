@@ -212,8 +212,7 @@ class Cavities:
     bodies : Ellipsoids or Cracks, or a sequence of them
         Cavities and cracks, of :func:`spheres` or :func:`penny_cracks`. They may reach out of
         the box, and overlap.
-    periodic : bool
-        Whether bodies that reach out of the box continue on the opposite side.
+    periodic : bool, whether bodies that reach out of the box continue on the opposite side
 
     Examples
     --------
@@ -364,8 +363,7 @@ def random_spheres(
     porosity : float
         Volume fraction, met up to the rounding of the number of spheres; at most about 0.38.
     seed : int
-    spread : float
-        Standard deviation of the logarithm of the log-normal radii; 0 gives equal radii.
+    spread : float, standard deviation of the logarithm of the log-normal radii; 0 gives equal radii
     max_tries : int, largest number of places tried for a sphere
     """
     check_box(size)

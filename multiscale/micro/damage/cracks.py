@@ -167,8 +167,7 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
     Parameters
     ----------
     cracks : Microcracks
-    stress : ndarray, shape (6,)
-        Stress at the factor 1, Pa: xx, yy, zz, yz, xz, xy.
+    stress : ndarray, shape (6,), stress at the factor 1, Pa: xx, yy, zz, yz, xz, xy
     through : bool
         Whether a crack that reaches another crack grows on regardless. Otherwise the search ends
         there, as (1) and (2) do not describe cracks that join.
@@ -331,8 +330,7 @@ def softening_of(growth: Dataset, strength: float = 1.0) -> Softening:
 
     Parameters
     ----------
-    growth : Dataset
-        Follows ``CRACK_GROWTH``, under tension along an axis.
+    growth : Dataset, follows ``CRACK_GROWTH``, under tension along an axis
     strength : float, stress at the factor 1, Pa
 
     Notes

@@ -36,19 +36,14 @@ class FatigueMaterial:
     Parameters
     ----------
     youngs_modulus, poissons_ratio : float, moduli of volume and inclusion, Pa and dimensionless
-    fatigue_limit : float
-        :math:`\sigma_f`, yield stress of the inclusion, Pa.
-    damage_strength : float
-        :math:`S` of the damage law, Pa.
-    damage_exponent : float
-        :math:`s`, dimensionless.
+    fatigue_limit : float, :math:`\sigma_f`, yield stress of the inclusion, Pa
+    damage_strength : float, :math:`S` of the damage law, Pa
+    damage_exponent : float, :math:`s`, dimensionless
     hardening : float, kinematic modulus :math:`C`, Pa
     threshold : float
         Plastic strain :math:`p_D` of the inclusion at which damage begins, dimensionless.
-    critical_damage : float
-        :math:`D_c` at which a crack starts, dimensionless, above 0 and up to 1.
-    closure : float
-        :math:`h`, share of the damage that acts in compression, 0 to 1.
+    critical_damage : float, :math:`D_c` at which a crack starts, dimensionless, above 0 and up to 1
+    closure : float, :math:`h`, share of the damage that acts in compression, 0 to 1
     feedback : bool
         Whether damage changes the stress of the inclusion. Without it the model has a closed
         form for reversed tension.
@@ -402,8 +397,7 @@ def woehler_curve(
     stress_ratio : float, smallest over largest stress, below 1; -1 for reversed loading
     direction : ndarray, shape (6,), optional
         Stress per unit of amplitude, dimensionless; uniaxial if not given.
-    jump_tolerance : float, optional
-        See :func:`two_scale_fatigue`.
+    jump_tolerance : float, optional, see :func:`two_scale_fatigue`
 
     Returns
     -------

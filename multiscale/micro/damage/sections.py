@@ -132,8 +132,7 @@ def max_damage(
     smallest_section : float
         Smallest area of a section over the area of the section through the centre, dimensionless;
         smaller sections, at the corners of the box, are not representative and left out.
-    refine : bool
-        Whether a local search improves the worst sections.
+    refine : bool, whether a local search improves the worst sections
 
     Returns
     -------

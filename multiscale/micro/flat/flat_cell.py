@@ -30,8 +30,7 @@ class FlatCell(PeriodicLayer):
 
     Parameters
     ----------
-    hardness : float, optional
-        Largest local pressure, Pa: a simple model of plastic flow.
+    hardness : float, optional, largest local pressure, Pa: a simple model of plastic flow
     slope_order : int
         Order of the error in the slopes of both surfaces: 1, or 2 with
         :func:`~.compliance.expanded_compliance`.

@@ -34,12 +34,9 @@ class RelaxingSolid:
 
     Parameters
     ----------
-    relaxed_modulus : float
-        :math:`E_\infty > 0` after a long time, Pa.
-    poissons_ratio : float
-        :math:`0 \le \nu \le 1/2`.
-    moduli : tuple of float
-        Moduli :math:`E_i > 0` that relax, Pa.
+    relaxed_modulus : float, :math:`E_\infty > 0` after a long time, Pa
+    poissons_ratio : float, :math:`0 \le \nu \le 1/2`
+    moduli : tuple of float, moduli :math:`E_i > 0` that relax, Pa
     times : tuple of float
         Relaxation times :math:`\tau_i > 0` of the moduli at the reference temperature, s.
 
@@ -124,11 +121,9 @@ def solve_sliding(
     surface : Surface, heights of the rough body below the half-space, m; its summits touch first
     solid : RelaxingSolid
     pressure : float, mean pressure, Pa, positive
-    velocity : float
-        :math:`v`, m/s, at least 0.
+    velocity : float, :math:`v`, m/s, at least 0
     shift : float, factor of all relaxation times, for instance :func:`~multiscale.laws.wlf_shift`
-    start : ndarray, optional
-        First guess of the pressure, Pa.
+    start : ndarray, optional, first guess of the pressure, Pa
     max_iterations : int
     tolerance : float
         Bound on the distance of contact points from contact, relative to the range of heights.

@@ -77,8 +77,7 @@ class MeshCell:
     sides : CellSides
         Periodic sides, with nodes that match; sides that slide in their planes; or uniform
         displacement and uniform traction, which bound the solution of periodic sides.
-    obstacle : Surface, optional
-        Underside of the rigid obstacle; flat if not given.
+    obstacle : Surface, optional, underside of the rigid obstacle; flat if not given
     layer : PeriodicLayer, optional
         The layer that the mesh discretises, if its contact nodes are the points of a surface.
     points : tuple of int, optional
