@@ -16,7 +16,7 @@ from multiscale.macro.substructures.latin_solver import simulate_latin
 from multiscale.micro.cell import solve_cell
 from multiscale.micro.damage.element_fatigue import local_fatigue
 from multiscale.micro.damage.rve import effective_stiffness
-from multiscale.micro.flat.viscoelastic import solve_sliding
+from multiscale.micro.elastic.viscoelastic import solve_sliding
 from multiscale.micro.slide import slide_cell
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import solve_friction

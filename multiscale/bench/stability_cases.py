@@ -262,7 +262,7 @@ def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) ->
     """Press an elastic cell: worst of balance, load and the conditions of contact."""
     from multiscale.laws.bulk import Elastic
     from multiscale.micro import GraphCell
-    from multiscale.micro.elastic.graph_cell import assemble_graph_cell
+    from multiscale.micro.elastic.elastic_cells import assemble_graph_cell
 
     cell = GraphCell(_surface(slope), 0.5, LAYERS, Elastic(YOUNG, poissons_ratio))
     problem = assemble_graph_cell(cell)

@@ -3,12 +3,12 @@ from .cell import Surface as Surface
 from .cell import contact_modulus as contact_modulus
 from .cell import self_affine as self_affine
 from .cell import solve_cell as solve_cell
-from .elastic.graph_cell import GraphCell as GraphCell
+from .elastic.cell_law import CellLaw as CellLaw
+from .elastic.elastic_cells import FlatCell as FlatCell
+from .elastic.elastic_cells import GraphCell as GraphCell
+from .elastic.viscoelastic import RelaxingSolid as RelaxingSolid
+from .elastic.viscoelastic import solve_sliding as solve_sliding
 from .finite.finite_cell import FiniteCell as FiniteCell
-from .flat.cell_law import CellLaw as CellLaw
-from .flat.flat_cell import FlatCell as FlatCell
-from .flat.viscoelastic import RelaxingSolid as RelaxingSolid
-from .flat.viscoelastic import solve_sliding as solve_sliding
 from .layer import Coating as Coating
 from .layer import SecondBody as SecondBody
 from .mesh.mesh_cell import CellSides as CellSides

@@ -17,9 +17,8 @@ from multiscale.io.files import make_folder, replacing
 from multiscale.laws.bulk import J2, BulkLaw, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.bulk_law import contact_modulus as contact_modulus
 from multiscale.micro.averages import SPOTS, Keep, average_surface, pad_spots
-from multiscale.micro.elastic.graph_cell import GraphCell
+from multiscale.micro.elastic.elastic_cells import FlatCell, GraphCell
 from multiscale.micro.finite.finite_cell import FiniteCell
-from multiscale.micro.flat.flat_cell import FlatCell
 from multiscale.micro.layer import Coating, LayerLaw, SecondBody
 from multiscale.micro.mesh.mesh_cell import MeshCell
 from multiscale.micro.path import CellModel, Path, State

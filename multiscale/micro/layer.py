@@ -307,7 +307,7 @@ class SecondBody:
 
 def depth_caution(depth: float, period: float) -> str | None:
     """Return a warning if the layer is thinner than the period."""
-    from multiscale.micro.flat.compliance import layered_compliance
+    from multiscale.micro.elastic.compliance import layered_compliance
 
     if depth >= 0.99 * period:
         return None

@@ -201,7 +201,7 @@ def composite_coating(case: Case) -> tuple[Coating, ...]:
 
 def coating_caution(case: Case) -> list[str]:
     """Report the error of the compliance of a single coated body; flat cells add both bodies."""
-    from multiscale.micro.flat.flat_cell import flat_compliance
+    from multiscale.micro.elastic.elastic_cells import flat_compliance
 
     if not case.coated or case.cell.geometry == "flat":
         return []

@@ -8,8 +8,8 @@ from multiscale.fe.elasticity import assemble_elasticity, displacement_basis
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.bulk.bulk_law import lame_parameters
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
+from multiscale.micro.elastic.flat_contact import solve_flat
 from multiscale.micro.elastic.flat_reference import surface_slopes
-from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, moduli_by_layer
 from multiscale.numerics.factorisation import factorise
 from tests.support import rough_square

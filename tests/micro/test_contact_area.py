@@ -6,7 +6,7 @@ import pytest
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.averages import HALF_SPACE, contact_fraction, edge_layer
-from multiscale.micro.flat.viscoelastic import RelaxingSolid, solve_sliding
+from multiscale.micro.elastic.viscoelastic import RelaxingSolid, solve_sliding
 from tests.closed_forms import westergaard
 
 THETA = np.linspace(0.0, np.pi, 2049)

@@ -6,7 +6,7 @@ import xarray as xr
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import contact_modulus
-from multiscale.micro.flat.flat_cell import flat_compliance
+from multiscale.micro.elastic.elastic_cells import flat_compliance
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus

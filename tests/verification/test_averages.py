@@ -8,7 +8,7 @@ from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.bulk_law import lame_parameters
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.averages import average_traction
-from multiscale.micro.elastic.graph_cell import assemble_graph_cell
+from multiscale.micro.elastic.elastic_cells import assemble_graph_cell
 from multiscale.micro.layer import GraphMesh, graded_planes
 from tests.support import egg_box, observed_rate, rough_square
 

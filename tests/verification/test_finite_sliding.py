@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.laws.bulk import Prony
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro.flat.viscoelastic import RelaxingSolid, solve_sliding
+from multiscale.micro.elastic.viscoelastic import RelaxingSolid, solve_sliding
 
 AMPLITUDE = 0.002  # of the wave, for a wavelength of 1: a slope of .013
 LAW = Prony(1.0, 0.45, weights=(0.5,), times=(1.0,))

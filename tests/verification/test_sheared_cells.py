@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, run_ensemble
-from multiscale.micro.flat.viscoelastic import RelaxingSolid, solve_sliding
+from multiscale.micro.elastic.viscoelastic import RelaxingSolid, solve_sliding
 from multiscale.upscaling import (
     fit_law,
     friction_observations,

@@ -81,7 +81,7 @@ def local_fatigue(
     tolerance : float
         Bound on the relative error of the change of damage and plastic strain over a jump of
         cycles between two solves of the structure.
-    jump_tolerance, substeps : see :func:`~.fatigue.two_scale_fatigue`; they apply between two solves
+    jump_tolerance, substeps : see :func:`~.fatigue.two_scale_fatigue`; between two solves
     max_cycles : float
 
     Returns

@@ -1,1 +1,1 @@
-"""Elastic cells on meshes that follow a periodic height map."""
+"""Linear elastic layers: cells, compliance by wavelength, contact, stiffness of the mesh."""

@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from multiscale.convergence import Status, check_limits
-from multiscale.micro.flat.flat_contact import solve_flat
+from multiscale.micro.elastic.flat_contact import solve_flat
 from multiscale.micro.path import ContactState, untouched
 from multiscale.numerics.krylov import advance, conjugate_gradients, dot, turn
 

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.micro.averages import EdgeLayer, edge_layer
+from multiscale.micro.elastic.compliance import layered_compliance
 from multiscale.micro.elastic.lateral_fft import LateralInverse, SurfaceFilter, factorise_flat_cell
-from multiscale.micro.flat.compliance import layered_compliance
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
 
 EDGE_POINTS = 32  # points along the longest wavelength in the effect of elements at an edge

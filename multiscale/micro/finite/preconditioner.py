@@ -41,13 +41,13 @@ from functools import cached_property
 
 import numpy as np
 
+from multiscale.micro.elastic.flat_contact import solve_flat
 from multiscale.micro.elastic.flat_reference import Field, Reference, flat_inverse
 from multiscale.micro.elastic.lateral_fft import LateralInverse
 from multiscale.micro.finite.equations import Iterate, join
 from multiscale.micro.finite.large_strain import pressure_scale
 from multiscale.micro.finite.strain import kernel
 from multiscale.micro.finite.surfaces import MIRROR, Meeting
-from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.numerics.krylov import conjugate_gradients, minimal_residual
 

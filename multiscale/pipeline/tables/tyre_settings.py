@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
-from multiscale.micro.flat.viscoelastic import RelaxingSolid
+from multiscale.micro.elastic.viscoelastic import RelaxingSolid
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE
 from multiscale.pipeline.tables.structure_kind import Pressed, report_far

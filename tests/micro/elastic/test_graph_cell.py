@@ -13,9 +13,9 @@ from multiscale.micro.elastic.active_set import (
     ReferenceInverse,
     solve_elastic_contact,
 )
-from multiscale.micro.elastic.graph_cell import assemble_graph_cell
+from multiscale.micro.elastic.elastic_cells import assemble_graph_cell
+from multiscale.micro.elastic.flat_contact import solve_flat
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
-from multiscale.micro.flat.flat_contact import solve_flat
 from tests.support import egg_box, rough_square
 
 

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import NormalLaw
-from multiscale.micro.flat.flat_cell import FlatCell, assemble_flat_cell
+from multiscale.micro.elastic.elastic_cells import FlatCell, assemble_flat_cell
 
 CLOSED = 1e-9
 """Mean gap over the gap at the lowest pressure up to which a cell counts as closed."""

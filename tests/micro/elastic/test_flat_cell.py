@@ -5,10 +5,10 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.micro import Cell, Path, Surface, solve_cell
+from multiscale.micro.elastic import flat_contact
+from multiscale.micro.elastic.elastic_cells import assemble_flat_cell, flat_compliance
+from multiscale.micro.elastic.flat_contact import coarse_start
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
-from multiscale.micro.flat import flat_contact
-from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_compliance
-from multiscale.micro.flat.flat_contact import coarse_start
 from tests.closed_forms import westergaard
 from tests.support import rough_square, wave
 

@@ -6,7 +6,7 @@ import pytest
 from multiscale.convergence import Status
 from multiscale.laws import wlf_shift
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro.flat.viscoelastic import RelaxingSolid, solve_sliding
+from multiscale.micro.elastic.viscoelastic import RelaxingSolid, solve_sliding
 from tests.support import slow
 
 LENGTH = 1e-3

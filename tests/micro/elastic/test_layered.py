@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk.bulk_law import lame_parameters
+from multiscale.micro.elastic.compliance import layered_compliance
 from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
-from multiscale.micro.flat.compliance import layered_compliance
 from tests.closed_forms import layer
 
 SIZE = (1.0, 0.7)

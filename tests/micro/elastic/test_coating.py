@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
-from multiscale.micro.flat.flat_cell import flat_compliance
+from multiscale.micro.elastic.elastic_cells import flat_compliance
 from multiscale.micro.layer import elements_of
 from tests.support import rough_square, wave
 

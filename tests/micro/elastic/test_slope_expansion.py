@@ -7,7 +7,7 @@ import pytest
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Coating, Path, SecondBody, solve_cell
-from multiscale.micro.flat.compliance import expanded_compliance
+from multiscale.micro.elastic.compliance import expanded_compliance
 from multiscale.surfaces import Surface, composite
 from tests.support import egg_box, flat, rough_square, wave
 

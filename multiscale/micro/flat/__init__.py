@@ -1,1 +1,0 @@
-"""Cells of flat layers: roughness as gap, compliance by wavelength."""
