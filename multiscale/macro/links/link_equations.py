@@ -20,6 +20,7 @@ class Tangent:
     column: np.ndarray  # increasing in each row
     products: csr_array  # products of two coefficients of a row of B, shape (entries, rows)
     pair: np.ndarray  # places in their row of both coefficients of every product, shape (2, ...)
+    components: int  # of a node
     cholesky: Factorise
 
     @property
@@ -39,8 +40,8 @@ class Tangent:
 
     def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Return the upper triangle of along n n^T + across (I - n n^T) of the links, N/m."""
-        link, c = self.products.indices, (int(self.pair.max(initial=0)) + 1) // 2
-        (i, j), (first, second) = self.pair % c, self.pair // c
+        link = self.products.indices
+        (first, second), (i, j) = np.divmod(self.pair, self.components)
         moves = (link < len(direction)) & (i < 3) & (j < 3)
         link, i, j = link[moves], i[moves], j[moves]
         value = np.zeros(moves.size)
@@ -109,8 +110,8 @@ class LinkEquations:
         row, pair = np.nonzero(i >= 0)
         key = i[row, pair] * self.n + j[row, pair]
         order = np.argsort(key, kind="stable")
-        row, pair, key = row[order], pairs[:, pair[order]], key[order]
-        product = np.prod(self.coefficient[row, pair], axis=0)
+        row, places, key = row[order], pairs[:, pair[order]], key[order]
+        product = np.prod(self.coefficient[row, places], axis=0)
         # entries: runs of equal keys
         first = np.flatnonzero(np.diff(key, prepend=-1))
         shape = (first.size, len(self.unknown))
@@ -118,7 +119,8 @@ class LinkEquations:
         upper, column = np.divmod(key[first], max(self.n, 1))
         start = np.searchsorted(upper, np.arange(self.n + 1)).astype(np.int32)
         column = column.astype(np.int32)
-        return Tangent(start, column, products, pair, prepare_cholesky(start, column))
+        solver = prepare_cholesky(start, column)
+        return Tangent(start, column, products, places, self.number.shape[1], solver)
 
     def factorise(self, stiffness: np.ndarray) -> Solve:
         """Return the function that solves with B^T k B, for stiffnesses k of the rows, N/m."""
