@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, listed
-from multiscale.fe.elasticity import sum_blocks
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -279,6 +278,7 @@ def mortar_rows(
     every facet are the columns, ``sizes`` in all, if they are not its corners. Facets farther apart
     than ``reach`` do not meet.
     """
+    from multiscale.fe.elasticity import sum_blocks
     from multiscale.fe.integration import integrate_pairs
 
     columns = columns or facets

@@ -19,7 +19,6 @@ import numpy as np
 from multiscale.convergence import Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.averages import contact_fraction
-from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -223,6 +222,7 @@ def _close(
     fine: bool,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
     """Bring active points into contact at a constant load: pressure, gap, distance, iterations."""
+    from multiscale.numerics.krylov import minimal_residual
 
     def centred(values: np.ndarray) -> np.ndarray:
         return np.where(active, values - values[active].mean(), 0.0)
