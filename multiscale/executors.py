@@ -110,10 +110,7 @@ def _refuse(reason: str) -> NoReturn:
 
 
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function with a single thread for kernels, in a process that shares its machine.
-
-    A worker with ``OMP_NUM_THREADS`` set keeps its number of threads.
-    """
+    """Call a function with one thread for kernels, unless ``OMP_NUM_THREADS`` is set."""
     if "OMP_NUM_THREADS" in os.environ:
         return function(*arguments)
     with threads(1):
@@ -223,11 +220,7 @@ def usable_memory() -> float:
 
 
 def run_ranges(work: Callable[..., Any], items: int, *arguments: Any, least: int = 1) -> None:
-    """Call ``work(begin, end, *arguments)`` on ranges of items, one range per thread.
-
-    ``least`` items take about half a millisecond: with fewer of them, a further thread is not worth
-    the 50 us that it costs.
-    """
+    """Call ``work(begin, end, *arguments)`` on ranges of ``least`` items or more, by threads."""
     if items < 2 * least:
         work(0, items, *arguments)
         return

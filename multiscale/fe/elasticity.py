@@ -304,10 +304,7 @@ def free_motions(stiffness: csr_array, motions: np.ndarray) -> np.ndarray:
 
 
 def count_free_motions(position: np.ndarray, fixed: np.ndarray) -> int:
-    """Return the number of rigid motions of nodes that their supports leave free.
-
-    The components of ``fixed``, shape (nodes, c), are displacements and, if c = 6, rotations.
-    """
+    """Count rigid motions that supports of displacements (and rotations), (n, c), leave free."""
     n, components = fixed.shape
     size = float(np.abs(position - position.mean(axis=0)).max()) or 1.0
     places = np.repeat(position / size, components, axis=0)

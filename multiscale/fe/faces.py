@@ -98,10 +98,7 @@ def facet_normals(x: np.ndarray) -> np.ndarray:
 
 
 def nodal_normals(face: OrientedFace, x: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Average the facets around each node, moved to x, to unit normals, shape (n, d).
-
-    Components that are fixed, on a plane of symmetry, are set to zero.
-    """
+    """Average facets around each node, moved to x, to unit normals (n, d), zero where not free."""
     normal = np.zeros_like(x)
     facet = facet_normals(x[face.facets])
     for corner in face.facets.T:
@@ -137,10 +134,7 @@ def plane_frame(face: OrientedFace, boundary: str) -> np.ndarray:
 
 
 def plane_axes(place: np.ndarray) -> np.ndarray:
-    """Return the normal of the plane of points, shape (n, 3), and two axes in it, as rows (3, 3).
-
-    These are coordinate axes, unless the plane is oblique to all coordinate axes.
-    """
+    """Return the normal of a plane of points, (n, 3), and two axes in it, aligned if possible."""
     away = place - place.mean(axis=0)
     normal = np.linalg.eigh(away.T @ away)[1][:, 0]
     across = int(np.argmax(np.abs(normal)))
@@ -228,10 +222,7 @@ def corner_integrals(
 def match_faces(
     bases: tuple["CellBasis", "CellBasis"], boundaries: tuple[str, str]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Nodes and facets of side 1 that coincide with the sorted nodes and the facets of side 2.
-
-    Returns None if nodes or facets do not coincide, or the elements are of different kinds.
-    """
+    """Nodes and facets of side 1 that coincide with sorted ones of side 2; None if some do not."""
     from scipy.spatial import cKDTree
 
     nodes, middles = [], []

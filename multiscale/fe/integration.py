@@ -88,10 +88,7 @@ def _integrate_polygons(
 
 @compiled
 def _facing(c1, c2, unit, n2, reach):  # type: ignore[no-untyped-def]
-    """Whether facets face each other within reach, and the circles about them overlap.
-
-    Circles have rows of centre and radius.
-    """
+    """Whether facets face each other within reach, and circles around them overlap."""
     pairs = np.zeros((len(c1), len(c2)), dtype=np.bool_)
     for f in range(len(c1)):
         for g in range(len(c2)):
@@ -168,10 +165,7 @@ def _raise_order(N, trial):  # type: ignore[no-untyped-def]
 
 @compiled
 def _clip(polygon, window, clipped, new):  # type: ignore[no-untyped-def]
-    """Clip a polygon by a convex counter-clockwise window, and write it to ``clipped``.
-
-    Returns its number of corners, by the method of Sutherland and Hodgman.
-    """
+    """Clip a polygon by a convex window (Sutherland, Hodgman) and return its number of corners."""
     n = len(polygon)
     for k in range(n):  # a slice would have the compiler write its error message
         clipped[k, 0], clipped[k, 1] = polygon[k, 0], polygon[k, 1]

@@ -1,7 +1,5 @@
 from .asperities import Asperities as Asperities
 from .asperities import AsperityLaw as AsperityLaw
-from .asperities import class_densities as class_densities
-from .asperities import gaussian_asperities as gaussian_asperities
 from .friction_laws import BellFriction as BellFriction
 from .friction_laws import Coulomb as Coulomb
 from .friction_laws import DecayingFriction as DecayingFriction
@@ -10,7 +8,6 @@ from .friction_laws import RigidContact as RigidContact
 from .friction_laws import SteadySliding as SteadySliding
 from .friction_laws import wlf_shift as wlf_shift
 from .hysteretic import HystereticLaw as HystereticLaw
-from .interface_law import GapLaw as GapLaw
 from .interface_law import InterfaceLaw as InterfaceLaw
 from .interface_law import NormalLaw as NormalLaw
 from .interface_law import Response as Response
@@ -23,6 +20,5 @@ from .normal import Tabulated as Tabulated
 from .pressure_functions import AreaLaw as AreaLaw
 from .pressure_functions import ErrorFunctionArea as ErrorFunctionArea
 from .pressure_functions import PowerStiffness as PowerStiffness
-from .pressure_functions import StiffnessLaw as StiffnessLaw
 from .sliders import Sliders as Sliders
 from .softening import Softening as Softening

@@ -160,19 +160,7 @@ class Asperities:
 def class_densities(
     height: np.ndarray, weight: np.ndarray, density: float, classes: int = 101
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Divide a distribution of heights into classes.
-
-    Parameters
-    ----------
-    height : ndarray, shape (n,), rising heights, m
-    weight : ndarray, shape (n,), probability density at them, linear between them, in any unit
-    density : float, asperities per area, 1/m²
-    classes : int
-
-    Returns
-    -------
-    height, density : ndarray, shape (classes,), m and 1/m²
-    """
+    """Divide a density of heights, (n,), m, into classes: their heights, m, and densities, 1/m²."""
     z, w = np.asarray(height, dtype=float), np.asarray(weight, dtype=float)
     if z.ndim != 1 or z.shape != w.shape or z.size < 2 or not np.all(np.diff(z) > 0.0):
         raise CaseError(

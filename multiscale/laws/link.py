@@ -20,14 +20,8 @@ class LinkResponse:
 
 @dataclass(frozen=True)
 class LinkLaw(ABC):
-    r"""Maps the axial strain of a link to its tension, pointwise.
+    r"""Law of the tension of a link by its axial strain.
 
-    Parameters
-    ----------
-    rigidity : float, axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length
-
-    Notes
-    -----
     With the elastic tension :math:`t = EA\,\varepsilon`, the range :math:`[\tau^-, \tau^+]` of
     admissible tensions, ``lower`` to ``upper``, N, and the slack :math:`\lambda`,
 
@@ -41,7 +35,7 @@ class LinkLaw(ABC):
     lower: ClassVar[float] = -np.inf
     upper: ClassVar[float] = np.inf
 
-    rigidity: float
+    rigidity: float  # axial, N; infinite for a link of fixed length
 
     def __post_init__(self) -> None:
         if not self.rigidity > 0.0:
@@ -109,8 +103,6 @@ class Beam(LinkLaw):
         \Big[ (\varphi_1 - \varphi_2)^2 + \frac{3 (\varphi_1 + \varphi_2)^2}{1 + \Phi} \Big],
         \qquad \Phi = \frac{12 EI}{\kappa G A L^2}.    \tag{1}
 
-    References
-    ----------
     .. [1] J. S. Przemieniecki, Theory of Matrix Structural Analysis, McGraw-Hill, 1968.
     """
 
@@ -130,11 +122,7 @@ class Beam(LinkLaw):
             raise CaseError("up of a beam must not be zero; give the direction of its third axis")
 
     def mode_stiffness(self, length: np.ndarray) -> np.ndarray:
-        """Return the stiffness of the six modes (1) of beams of some lengths, m, shape (6, ...).
-
-        Elongation (N/m), twist, symmetric and antisymmetric bending about the second and about the
-        third local axis (N m).
-        """
+        """Stiffness of the six modes (1) of beams of lengths, m: N/m, then N m, shape (6, ...)."""
         L = np.asarray(length, dtype=float)
         shear = 12.0 / L**2
         slender_y = 1.0 + shear * self.bending_y / self.shear_z

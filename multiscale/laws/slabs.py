@@ -165,11 +165,7 @@ def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
 def resolve(
     source: np.ndarray, k: np.ndarray, state: np.ndarray, *arguments: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tangential jump on the law and on a search direction, and the failed points.
-
-    The minimum of the convex function with gradient (c) + k x is solved by Newton's method with
-    halved steps. If all forces are parallel it is piecewise quadratic and the last step is exact.
-    """
+    """Solve (c) + k x = 0 by Newton's method: tangential jump, and the points that failed."""
     points = source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
     results = jump, failed

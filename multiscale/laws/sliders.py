@@ -132,10 +132,7 @@ class SliderBed(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Solve the normal row, which is independent of friction, then the tangential rows.
-
-        Sliders and direction are the gradient of a strictly convex function of the tangential jump.
-        """
+        """Solve the normal row, which is independent of friction, then the tangential rows."""
         from multiscale.laws.slabs import resolve
 
         rows, _, kappa = self._layout

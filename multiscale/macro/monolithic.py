@@ -77,16 +77,9 @@ NO_LINKS = np.zeros(0)
 
 @dataclass(frozen=True)
 class InterfaceSolution(Solution):
-    """Displacement of bodies, and the jumps of their interface.
+    """Displacement of bodies, and the jump of their interface, m, summed over the steps."""
 
-    Attributes
-    ----------
-    jump : ndarray, shape (d, points)
-        m. It is summed over the steps, because the difference of both sides rounds: on a law a
-        million times as stiff as the bodies, rounding of displacements is 1e-10 of the traction.
-    """
-
-    jump: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    jump: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # (d, points), m
 
 
 def solve_interface(
@@ -272,14 +265,11 @@ class Assembled:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Iterate: bodies at some unknowns, and the tangent of the law at the same or another jump.
-
-    Jumps and tensions are summed over the steps: the difference of both sides would round them.
-    """
+    """Bodies at some unknowns, and the tangent of the law at the same or another jump."""
 
     value: np.ndarray  # unknowns, (n,), m
     gradient: np.ndarray  # residual forces with the tangent of the law, (n,), N
-    jump: np.ndarray  # of the bodies, (d, points), m
+    jump: np.ndarray  # of the bodies, (d, points), m, summed over steps: differences would round
     at: np.ndarray  # jump at which the law is evaluated, (d, points), m
     elastic: np.ndarray  # change of tension without slack, (links,), N
     traction: np.ndarray  # of the law, (d, points), Pa
@@ -353,11 +343,7 @@ class Equilibrium:
         at: np.ndarray | None = None,
         elastic: np.ndarray = NO_LINKS,
     ) -> Place:
-        """Evaluate the law and the imbalance K u + B^T (w t) - f, N.
-
-        The law is evaluated at the jump of the bodies if no other jump is given, and t is the
-        traction of its tangent there.
-        """
+        """Evaluate the law at a jump, by default that of the bodies, and the imbalance, N."""
         at = jump if at is None else at
         exact = self.law.respond(at, self.state)
         response = soften_tangent(exact, self.resistance)
@@ -434,10 +420,7 @@ def find_equilibrium(
     run: NewtonRun,
     note: Callable[[Place], object] = lambda here: None,
 ) -> tuple[Place, Place]:
-    """Newton's method from a start; see :func:`solve_interface`.
-
-    Returns the last iterate and the iterate of the smallest residual.
-    """
+    """Apply Newton's method from a start; return the last iterate and the closest iterate."""
     closest = best = here
     note(here)
     while run.goes_on(problem.residual(here), problem.rounding(here)):

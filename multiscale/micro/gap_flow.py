@@ -33,8 +33,6 @@ def open_gap(gap: np.ndarray, pressure: np.ndarray) -> np.ndarray:
 def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlow:
     r"""Solve for the flow of a liquid through the gap of a cell.
 
-    Notes
-    -----
     Finite volumes about the points, with harmonic means of :math:`h^3` between neighbours, solve
 
     .. math:: \nabla \cdot (h^3 \nabla p) = 0, \qquad

@@ -365,11 +365,7 @@ class GraphArrays(NamedTuple):
 
 @dataclass(frozen=True)
 class GraphMesh:
-    r"""Nodes of the conforming mesh :math:`z = Z_l + \varphi_l h(x, y)`, periodic in x and y.
-
-    The vertical map puts the rough surface exactly on the top nodes. The node planes :math:`Z_l`
-    run from the base 0 to the depth, :math:`\varphi_l = Z_l / H`.
-    """
+    r"""Nodes :math:`z = Z_l + \varphi_l h(x, y)`, periodic in x, y; :math:`\varphi_l = Z_l / H`."""
 
     surface: Surface  # even numbers of points; a single point across is plane strain
     planes: np.ndarray  # (layers + 1,), Z_l, m

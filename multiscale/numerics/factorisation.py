@@ -113,10 +113,7 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
 
 
 def new_pardiso(matrix_type: int = 11) -> Any:
-    """Return a fresh PARDISO solver, or nothing without pypardiso.
-
-    PARDISO counts matrices as 11, real and nonsymmetric, and 2, real and positive definite.
-    """
+    """Return a fresh solver (type 2: positive definite, 11: nonsymmetric), or None without it."""
     if (blank := _blank_pardiso(matrix_type)) is None:
         return None
     solver = copy(blank)
@@ -220,10 +217,7 @@ def on_diagonal(matrices: Iterable[csr_array | np.ndarray]) -> csr_array:
 
 
 def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
-    """Return the function that factorises matrices of the same pattern.
-
-    PARDISO takes the matrices, if pypardiso is installed; otherwise SuperLU in its symmetric mode.
-    """
+    """Return the function that factorises matrices of one pattern, by PARDISO or SuperLU."""
     if start.size == 1:
         return lambda entries, signs: np.copy
     solver = new_pardiso(POSITIVE_DEFINITE)

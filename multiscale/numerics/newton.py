@@ -56,10 +56,7 @@ class NewtonRun:
     begin: float = field(default_factory=perf_counter)  # on the clock, s
 
     def goes_on(self, residual: float, floor: float = 0.0) -> bool:
-        """Record the residual of an iterate and return whether to take another step.
-
-        A residual up to ``floor``, the rounding error, counts as converged too.
-        """
+        """Record a residual, converged up to ``floor``, and return whether to take another step."""
         if self.limits.callback is not None:
             self.limits.callback(len(self.residuals), residual)
         self.residuals.append(residual)

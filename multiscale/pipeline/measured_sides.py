@@ -13,12 +13,10 @@ from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.surfaces import (
     Roughness,
-    Spectrum,
     crop,
     describe_surface,
     detrend,
     find_lay,
-    fit_of_statistics,
     low_pass,
     mirror,
     resample,
@@ -27,6 +25,8 @@ from multiscale.surfaces import (
     spectrum,
     window,
 )
+from multiscale.surfaces.fourier import Spectrum
+from multiscale.surfaces.statistics import fit_of_statistics
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
 

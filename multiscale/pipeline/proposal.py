@@ -10,7 +10,8 @@ from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.pipeline.measured_sides import Measured, measured_side
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
-from multiscale.surfaces import Spectrum, Surface
+from multiscale.surfaces import Surface
+from multiscale.surfaces.fourier import Spectrum
 from multiscale.units import readable, to_si
 
 MOST_POINTS = 256  # of flat cells, along an edge

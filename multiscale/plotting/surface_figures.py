@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
 from multiscale.schema import Dataset
-from multiscale.surfaces import fit_of_statistics
+from multiscale.surfaces.statistics import fit_of_statistics
 from multiscale.units import length_unit
 
 if TYPE_CHECKING:

@@ -1,6 +1,4 @@
 from .fourier import Roughness as Roughness
-from .fourier import Spectrum as Spectrum
-from .fourier import nayak_parameter as nayak_parameter
 from .fourier import rms_height as rms_height
 from .fourier import rms_slope as rms_slope
 from .fourier import spectrum as spectrum
@@ -13,11 +11,8 @@ from .preparation import mirror as mirror
 from .preparation import resample as resample
 from .preparation import rotate as rotate
 from .preparation import window as window
-from .statistics import Lay as Lay
-from .statistics import SelfAffineFit as SelfAffineFit
 from .statistics import describe_surface as describe_surface
 from .statistics import find_lay as find_lay
-from .statistics import fit_of_statistics as fit_of_statistics
 from .statistics import fit_self_affine as fit_self_affine
 from .surface import Anisotropy as Anisotropy
 from .surface import Surface as Surface

@@ -46,8 +46,6 @@ def nayak_parameter(surface: Surface) -> float:
     is isotropic. The means are sums over the modes (1). The shortest wavelengths dominate the
     fourth moment: use :func:`low_pass` on a measured surface first.
 
-    References
-    ----------
     .. [1] P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608.
     """
     return breadth(*wave_power(surface))
@@ -137,21 +135,11 @@ class Roughness:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Modes of surfaces on the same grid, in rising order.
+    """Modes of surfaces on the same grid, in rising order."""
 
-    Attributes
-    ----------
-    wavenumber : ndarray, shape (modes,), wavenumbers, rad/m
-    power : ndarray, shape (modes,)
-        Share of each mode in the mean square height, averaged over the surfaces, m^2.
-    measured : tuple of float
-        Ratios of the mean squares of height and slope of the measured points to the mean squares
-        of all points, dimensionless.
-    """
-
-    wavenumber: np.ndarray
-    power: np.ndarray
-    measured: tuple[float, float] = (1.0, 1.0)
+    wavenumber: np.ndarray  # (modes,), rad/m
+    power: np.ndarray  # share of a mode in the mean square height, averaged, m²
+    measured: tuple[float, float] = (1.0, 1.0)  # mean squares of height and slope over those of all
 
     def roughness(self) -> Roughness:
         """Return the statistics of the measured points."""
@@ -167,10 +155,7 @@ class Spectrum:
         )
 
     def cutoff_holding(self, share: float, *, order: int) -> float:
-        """Longest cut-off that leaves a share of the rms height (order 0) or slope (2), m.
-
-        By Parseval's identity this is exact for :func:`low_pass` of periodic surfaces.
-        """
+        """Longest cut-off that leaves a share of the rms height (order 0) or slope (2), m."""
         return self._reach(self.wavenumber, self._sums[order], share)
 
     def share(self, long: float, short: float, *, order: int) -> float:

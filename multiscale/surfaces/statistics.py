@@ -21,23 +21,13 @@ FITTED = ("hurst_exponent", "roll_off", "fit_level", "fit_deviation")  # the fie
 
 @dataclass(frozen=True)
 class SelfAffineFit:
-    r"""A self-affine spectrum, :math:`C \propto \max(q, 2\pi/\lambda_r)^{-d-2H}`, and its range.
+    r"""Self-affine spectrum, :math:`C \propto \max(q, 2\pi/\lambda_r)^{-d-2H}`, and its range."""
 
-    Attributes
-    ----------
-    hurst_exponent : float, :math:`H`, between 0 and 1
-    roll_off : float, wavelength :math:`\lambda_r` above which the density is flat, m
-    level : float
-        Density of the flat range, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).
-    deviation : float, root mean square deviation of the density from the fit, in decades
-    dimensions : int, 2 for a map and 1 for a profile
-    """
-
-    hurst_exponent: float
-    roll_off: float
-    level: float
-    deviation: float
-    dimensions: int = 2
+    hurst_exponent: float  # between 0 and 1
+    roll_off: float  # wavelength above which the density is flat, m
+    level: float  # density of the flat range, m^4 of a map, m^3 of a profile
+    deviation: float  # root mean square deviation of the density from the fit, decades
+    dimensions: int = 2  # 2 for a map, 1 for a profile
 
     def density(self, wavenumber: np.ndarray) -> np.ndarray:
         """Evaluate the fit, m^4 or m^3, at wavenumbers, rad/m."""
@@ -45,10 +35,7 @@ class SelfAffineFit:
         return np.asarray(self.level * q ** (-self.dimensions - 2.0 * self.hurst_exponent))
 
     def rms_height(self, long_cutoff: float, short_cutoff: float) -> float:
-        """Root mean square height of an isotropic surface with wavelengths of a band only, m.
-
-        With the fit of a profile, the exponent of the surface spectrum is -2 - 2 H.
-        """
+        """Root mean square height of an isotropic surface with wavelengths of a band only, m."""
         q = 2.0 * np.pi * np.geomspace(1.0 / long_cutoff, 1.0 / short_cutoff, 2001)
         weight = self.density(q) * (q / (2.0 * np.pi) if self.dimensions == 2 else 1.0 / np.pi)
         return float(np.sqrt(np.trapezoid(weight, q)))
@@ -216,20 +203,11 @@ def _noise_from(q: np.ndarray, C: np.ndarray, shortest: float, dimensions: int) 
 
 @dataclass(frozen=True)
 class Lay:
-    r"""Direction of ridges and grooves.
+    """Direction of ridges and grooves."""
 
-    Attributes
-    ----------
-    angle : float, angle of the lay to the x axis, rad, from 0 to pi
-    ratio : float, root mean square slope across the lay over the slope along it, at least 1
-    oblique : float
-        Share of the lay lost in a mirror image: 0 for an isotropic map and for a lay along an
-        axis, :math:`|\sin 2\theta|` for parallel ridges.
-    """
-
-    angle: float
-    ratio: float
-    oblique: float
+    angle: float  # to the x axis, rad, from 0 to pi
+    ratio: float  # root mean square slope across the lay over along it, at least 1
+    oblique: float  # share of the lay that a mirror image loses
 
 
 def find_lay(surface: Surface, short_cutoff: float) -> Lay:

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import GapLaw, HystereticLaw, NormalLaw, Sliders
+from multiscale.laws import HystereticLaw, NormalLaw, Sliders
+from multiscale.laws.interface_law import GapLaw
 from multiscale.schema import (
     DAMAGE_SECTIONS,
     INTERFACE_LAW,

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import FrictionLaw, HystereticLaw, NormalLaw, StiffnessLaw
+from multiscale.laws import FrictionLaw, HystereticLaw, NormalLaw
+from multiscale.laws.pressure_functions import StiffnessLaw
 from multiscale.units import readable
 
 SLACK = 1e-9  # of the largest value tested

@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multiscale.laws import (
-    Asperities,
-    AsperityLaw,
-    class_densities,
-    gaussian_asperities,
-)
+from multiscale.laws import Asperities, AsperityLaw
+from multiscale.laws.asperities import class_densities, gaussian_asperities
 
 STEEL = {"radius": 1.36e-3, "youngs_modulus": 192.31e9, "poissons_ratio": 0.3}
 YIELD = {"yield_stress": 331.7e6, "tangent_modulus": 620e6}

@@ -24,7 +24,8 @@ from multiscale.macro import (
     solve_assembly,
 )
 from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.joint import TreadBlock, sliding_block
+from multiscale.macro.joint import TreadBlock
+from multiscale.macro.joint.tread import sliding_block
 from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
 from tests.pressed_joint import press_blocks
 

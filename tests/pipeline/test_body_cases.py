@@ -13,7 +13,8 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.executors import process_pool
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import save_law
-from multiscale.laws import Asperities, AsperityLaw, gaussian_asperities
+from multiscale.laws import Asperities, AsperityLaw
+from multiscale.laws.asperities import gaussian_asperities
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.plotting import load_pictures

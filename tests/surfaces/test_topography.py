@@ -15,14 +15,13 @@ from multiscale.surfaces import (
     detrend,
     low_pass,
     mirror,
-    nayak_parameter,
     resample,
     rms_height,
     rms_slope,
     rotate,
     window,
 )
-from multiscale.surfaces.fourier import ring_density, wave_power
+from multiscale.surfaces.fourier import nayak_parameter, ring_density, wave_power
 from tests.support import rough_square
 
 BAND = {"hurst_exponent": 0.8, "long_cutoff": 1.0e-4, "short_cutoff": 1.0e-5}

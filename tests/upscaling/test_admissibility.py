@@ -17,8 +17,8 @@ from multiscale.laws import (
     PowerLaw,
     PowerStiffness,
     Response,
-    StiffnessLaw,
 )
+from multiscale.laws.pressure_functions import StiffnessLaw
 from multiscale.upscaling import admissibility
 
 PRESSURES = (1e6, 1e8)

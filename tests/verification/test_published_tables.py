@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Path, solve_cell
-from multiscale.surfaces import nayak_parameter
-from multiscale.surfaces.fourier import wavenumbers
+from multiscale.surfaces.fourier import nayak_parameter, wavenumbers
 from tests.closed_forms import full_contact
 from tests.support import flat_cell, rough_square
 

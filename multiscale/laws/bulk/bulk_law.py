@@ -78,16 +78,10 @@ class BulkLaw(ABC):
 
 @dataclass(frozen=True)
 class IsotropicLaw(BulkLaw):
-    r"""Law of an isotropic solid with the volume energy :math:`\tfrac12 K_v \ln^2 J`.
+    r"""Law of an isotropic solid with the volume energy :math:`\tfrac12 K_v \ln^2 J`, J/m³."""
 
-    Parameters
-    ----------
-    youngs_modulus : float, Young's modulus :math:`E > 0` of the undeformed body, Pa
-    poissons_ratio : float, Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless
-    """
-
-    youngs_modulus: float
-    poissons_ratio: float
+    youngs_modulus: float  # of the undeformed body, Pa
+    poissons_ratio: float  # from -1 to 1/2
 
     def __post_init__(self) -> None:
         check_moduli(self.youngs_modulus, self.poissons_ratio)

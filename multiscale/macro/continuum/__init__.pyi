@@ -4,7 +4,6 @@ from .body import load_vector as load_vector
 from .contact import Contact as Contact
 from .contact import RigidGraph as RigidGraph
 from .contact import RigidPlane as RigidPlane
-from .contact_steps import ContactStep as ContactStep
 from .contact_steps import solve_contact as solve_contact
 from .crack_band import SHAPES as SHAPES
 from .crack_band import follow_crack_band as follow_crack_band

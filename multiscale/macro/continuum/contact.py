@@ -49,23 +49,13 @@ LOCKED = 0.1  # share of the free components of a node along an axis below which
 
 
 class RigidObstacle(ABC):
-    """Rigid surface that moves without rotation; every obstacle has a ``motion``.
+    """Rigid surface that moves without rotation, by ``motion``, m; at rest if it is empty."""
 
-    Attributes
-    ----------
-    motion : sequence of Value
-        Displacement of the obstacle, m: a number per component, multiplied by the time of the
-        step, or a function ``motion(position, time)``; at rest if empty.
-    """
-
-    motion: Sequence[Value] = ()
+    motion: Sequence[Value] = ()  # numbers times the time, or functions (position, time), m
 
     @abstractmethod
     def distance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (m, negative inside) and outward normal, shape (n, d), of points (n, d).
-
-        The obstacle is at its position at the start.
-        """
+        """Distance (m, negative inside) and outward normal of points, (n, d), at the start."""
 
     def moved(self, dim: int, time: float) -> np.ndarray:
         """Displacement at a time, shape (dim,), m."""
@@ -287,10 +277,7 @@ class ContactInterface:
         return np.asarray(distance(start)[0] + closing)
 
     def fitted_gap(self, gap: np.ndarray, area: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Gap at the start that is subtracted if the faces are stated to fit, m.
-
-        Refuses bodies that overlap at the start by less than the error of their facets.
-        """
+        """Gap at the start, m, that is subtracted if the faces fit; refuses bodies that overlap."""
         if self.contact.fitted:
             return gap + self.contact.interference
         facing = area > LEAST_AREA * self.area
@@ -307,11 +294,7 @@ class ContactInterface:
         return np.zeros_like(gap)
 
     def _sagitta(self, start: np.ndarray) -> float:
-        r"""Distance from facets to their curved surface, m; zero if the faces match.
-
-        An edge of the length L between normals that differ by :math:`\theta` misses its arc by
-        :math:`L \theta / 8`; this is the median over the nodes of the larger side.
-        """
+        r"""Median distance of facets to their arcs, :math:`L \theta / 8`, m; 0 if faces match."""
         from scipy.spatial import cKDTree
 
         x = [start[nodes] for nodes in self.nodes]

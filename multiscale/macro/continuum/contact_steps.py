@@ -28,11 +28,7 @@ MAX_CONDENSED = 1500  # contact unknowns up to which a linear problem is condens
 
 @dataclass(frozen=True)
 class SurfaceState:
-    """Traction, gap and slip of a contact at the end of a load step, by nodes of side 1.
-
-    The traction is work-conjugate to the jump, negative in contact, per deformed area between
-    bodies and per undeformed area on an obstacle.
-    """
+    """Traction (on bodies per deformed area), gap and slip of a contact, by nodes of side 1."""
 
     position: np.ndarray  # undeformed, shape (d, nodes), m
     frame: np.ndarray  # rows n (from side 1 to side 2), t1, t2, shape (nodes, d, d)

@@ -197,11 +197,7 @@ class _Weakened:
         return u
 
     def find_worst(self, u: np.ndarray, weight: np.ndarray) -> tuple[int, float, np.ndarray]:
-        """Element with the largest weighted principal stress of the sound material.
-
-        ``weight``, shape (elements,), is in 1/Pa. Returns the element, its weighted stress, 0
-        without any tension, and the direction of the stress.
-        """
+        """Element of the largest stress times ``weight``, 1/Pa, this product, and its direction."""
         d = self.body.mesh.dim()
         local = u.reshape(-1, d)[self.body.basis.element_dofs]  # (nodes, elements, d)
         gradient = np.zeros((3, 3, self.share.size))

@@ -8,4 +8,3 @@ from .tread import Footprint as Footprint
 from .tread import TreadBlock as TreadBlock
 from .tread import condense_tread as condense_tread
 from .tread import slide_tread as slide_tread
-from .tread import sliding_block as sliding_block

@@ -9,9 +9,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import box_mesh
-from multiscale.laws import GapLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.laws.interface_law import GapLaw, InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
 from multiscale.macro.continuum.body import Body, Pins, Supports
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares

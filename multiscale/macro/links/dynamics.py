@@ -408,8 +408,6 @@ def mean_tension(
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Return the weighted mean of the final tension of a step and its average over the elongation.
 
-    Notes
-    -----
     With :math:`V` the convex energy of a link and :math:`P` the projection onto the bounds,
 
     .. math::
@@ -420,8 +418,6 @@ def mean_tension(
     :math:`\theta \tau^+ + (1 - \theta) \tau^-`. The quotient is summed over the shares of the
     step below, between and above the bounds, without a difference of nearly equal energies.
 
-    References
-    ----------
     .. [1] O. Gonzalez, Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783,
        doi:10.1016/S0045-7825(00)00189-4.
     """
@@ -459,8 +455,6 @@ def limited_motion(
 ) -> Solution:
     r"""Solve the balance of momentum under the limits (A, b, C) of the rates.
 
-    Notes
-    -----
     The solution (y, p) of
 
     .. math:: g(y) + A^T p = 0, \qquad 0 \le p \perp b - A y + C p \ge 0    \tag{1}

@@ -38,14 +38,10 @@ def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limit
     :math:`\min \sum (\tau - \tau^0)^2 / 2k` under equilibrium, dual to the energy of
     :func:`solve_newton`. Links of fixed length have :math:`1/k = 0`.
 
-    Notes
-    -----
     Every iteration solves with :math:`B^T w B`, :math:`w = (1/k + \lambda / |\tau|)^{-1}`: the
     stiffness of a link in this tangent tends to zero as the link goes slack. The number of
     iterations hardly depends on load and size, while Newton's method fails at a singular tangent.
 
-    References
-    ----------
     .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
     """
     problem = _Problem(model, load_factor * model.load)
@@ -133,11 +129,7 @@ class _Problem:
         return max(unbalanced, 0.0) / scale + (misfit + gap) / largest
 
     def resistance(self, u: np.ndarray) -> float:
-        """Return the load per link that unit tension in every link could balance in a motion.
-
-        By virtual work any equilibrium has load . u <= sum tension * resisted elongation. The mean
-        tension is therefore at least the sum of the loads divided by this number.
-        """
+        """Return the load per link that unit tension in every link could balance in a motion."""
         e = self.model.elongate(u)
         resisted = np.where(self.one_sided, np.maximum(self.sign * e, 0.0), np.abs(e))
         pushed = float(self.load @ u) / (float(np.abs(self.load).sum()) or 1.0)

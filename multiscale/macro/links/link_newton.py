@@ -101,8 +101,6 @@ def solve_newton(
     eqs (7), (14) and (15) of the source, with the projection :math:`P` onto the admissible
     tensions: the proximal operator of the dual energy.
 
-    Notes
-    -----
     (1) is the gradient of a convex, piecewise quadratic energy. Its derivative along a Newton
     direction is piecewise linear and increasing, so that the step to its zero is exact and the
     energy falls in every iteration. Slack links have a small stiffness in the tangent, which is
@@ -117,8 +115,6 @@ def solve_newton(
     then relative to their size, and equilibrium holds to the rounding of the tensions for bars of
     any stiffness.
 
-    References
-    ----------
     .. [1] J. Nocedal, Math. Comput. 35 (1980) 773-782, doi:10.1090/S0025-5718-1980-0572855-7.
     .. [2] P. J. Lanzkron, D. J. Rose and J. T. Wilkes, SIAM J. Sci. Comput. 17 (1996) 538-559.
     """

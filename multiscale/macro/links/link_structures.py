@@ -108,11 +108,7 @@ def tensegrity_grid(
 
 
 def _grid_nodes(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return nodes in units of size and height, and the eight nodes of every module.
-
-    The corners of the lower layer come first, then the upper nodes on edges along x and on edges
-    along y; x runs fastest.
-    """
+    """Nodes in units of size and height, layer by layer, and the eight nodes of every module."""
     lower, along_x = (n + 1) * (m + 1), n * (m + 1)
     j, i = (index.ravel() for index in np.mgrid[: m + 1, : n + 1])
     y_x, x_x = (index.ravel() for index in np.mgrid[: m + 1, :n])

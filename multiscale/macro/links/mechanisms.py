@@ -212,11 +212,7 @@ def stability_eigenvalues(
 
 
 def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
-    """Return the smallest eigenvalue of a symmetric matrix, given by its upper triangle, N/m.
-
-    Lanczos on the inverse of the matrix, shifted to be positive definite. The result is NaN if no
-    shift makes it definite, or Lanczos does not converge.
-    """
+    """Smallest eigenvalue of an upper triangle, N/m, by inverse Lanczos; NaN without an answer."""
     n, diagonal = tangent.start.size - 1, tangent.diagonal
     matrix = tangent.matrix(entries)
     if n < 20:

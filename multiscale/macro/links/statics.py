@@ -297,8 +297,6 @@ def find_finite_state(
 
     with the actual positions :math:`x` and directions :math:`n`.
 
-    Notes
-    -----
     Newton with the exact tangent. A step must lower the energy or the residual. If the tangent is
     not positive definite, or the step must be cut, links have a stiffness across their axes in the
     tangent, as large as necessary: links without tension, or nearly along the line of their ends,

@@ -1,5 +1,4 @@
 from .backbone import Amplitudes as Amplitudes
-from .backbone import Backbone as Backbone
 from .backbone import follow_backbone as follow_backbone
 from .backbone import vibrate as vibrate
 from .modes import Preloaded as Preloaded

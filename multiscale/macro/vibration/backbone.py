@@ -87,27 +87,15 @@ class Amplitudes:
 
 @dataclass(frozen=True, eq=False)
 class Backbone:
-    """Frequency and damping of a mode against its amplitude; NaN where joints slide away.
+    """Frequency and damping of a mode against its amplitude; NaN where joints slide away."""
 
-    Attributes
-    ----------
-    frequency : ndarray, shape (amplitudes,), Hz
-    damping : ndarray, shape (amplitudes,), share of critical damping due to the joints
-    pressure, slipping : ndarray, shape (2, amplitudes, points)
-        Pressure, Pa, and share of it that slips, at the amplitude in both directions.
-    opens : ndarray of bool, shape (amplitudes,), whether contact opens in one direction
-    sheared : bool
-        Whether the preload leaves shear in the joints, so that loading curves depend on it.
-    failure : str, reason why the last amplitudes have no solution, or empty
-    """
-
-    frequency: np.ndarray
-    damping: np.ndarray
-    pressure: np.ndarray
-    slipping: np.ndarray
-    opens: np.ndarray
-    sheared: bool
-    failure: str
+    frequency: np.ndarray  # shape (amplitudes,), Hz
+    damping: np.ndarray  # share of critical damping due to the joints, (amplitudes,)
+    pressure: np.ndarray  # (2, amplitudes, points), Pa, at the amplitude in both directions
+    slipping: np.ndarray  # share of the pressure that slips
+    opens: np.ndarray  # whether contact opens in one direction, (amplitudes,)
+    sheared: bool  # whether the preload leaves shear in the joints: curves depend on it
+    failure: str  # reason why the last amplitudes have no solution, or empty
 
 
 @dataclass(frozen=True)
@@ -358,8 +346,6 @@ def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[fl
 def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
     r"""Return the work of a loading curve up to its points, J.
 
-    Notes
-    -----
     With the deficit :math:`d = \omega_0^2 - \alpha/q`, the work is
     :math:`\tfrac12 \omega_0^2 q^2 - \int d\, q'\, \mathrm{d}q'`. Between two points d is a power of
     q, as in micro-slip; below the first point it has the power of the first interval.

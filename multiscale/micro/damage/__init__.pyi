@@ -1,6 +1,4 @@
 from .cavities import Cavities as Cavities
-from .cavities import Cracks as Cracks
-from .cavities import Ellipsoids as Ellipsoids
 from .cavities import Recipe as Recipe
 from .cavities import boolean_spheres as boolean_spheres
 from .cavities import penny_cracks as penny_cracks
@@ -9,7 +7,6 @@ from .cavities import spheres as spheres
 from .cavities import voxelise as voxelise
 from .cracks import Microcracks as Microcracks
 from .cracks import grow_microcracks as grow_microcracks
-from .cracks import grow_volumes as grow_volumes
 from .cracks import softening_of as softening_of
 from .element_fatigue import local_fatigue as local_fatigue
 from .fatigue import FatigueMaterial as FatigueMaterial
@@ -19,4 +16,3 @@ from .rve import VoxelImage as VoxelImage
 from .rve import effective_stiffness as effective_stiffness
 from .rve import youngs_modulus_along as youngs_modulus_along
 from .sections import max_damage as max_damage
-from .sections import plane_damage as plane_damage

@@ -245,24 +245,12 @@ def grow_volumes(
     axis: int = 2,
     through: bool = False,
 ) -> Dataset:
-    r"""Pull each volume along an axis until a crack has cut it.
+    """Pull each volume along an axis until a crack has cut it: a dataset ``VOLUME_GROWTH``.
 
-    Parameters
-    ----------
-    volumes : sequence of Microcracks
-    share : ndarray, shape (volumes,)
-        Edge over the edge of the representative volume; 1 for representative volumes.
-    axis : int, direction of the tension
-    through : bool, see :func:`grow_microcracks`
-
-    Returns
-    -------
-    Dataset
-        Follows ``VOLUME_GROWTH``. ``damage`` is the largest damage, eq (1) of the source, on planes
-        normal to the tension through the cracks with the largest projections. The mean softening
-        law has the mean strength, and the openings :math:`w(s)`, averaged at equal shares s of the
-        strengths, are scaled to the mean fracture energy. The law of a volume that no crack has cut
-        is NaN.
+    ``share`` is the edge over the edge of the representative volume. ``damage`` is the largest,
+    eq (1) of the source, on planes across the cracks with the largest projections. The mean
+    softening law has the mean strength; openings, averaged at equal shares of the strengths, are
+    scaled to the mean fracture energy. The law of a volume that no crack has cut is NaN.
     """
     pull, n = np.eye(6)[axis], len(volumes)
     curves = np.full((4, n, RECORDS), np.nan)

@@ -33,11 +33,7 @@ INCLUSIONS = 8  # inclusions of an element with a scatter of fatigue limits
 
 
 def limit_factors(scatter: float) -> np.ndarray:
-    """Fatigue limits of the inclusions of an element over their median, rising.
-
-    ``scatter`` is the standard deviation of the logarithm of the limit; zero gives a single
-    inclusion, other values the middles of equal shares of a lognormal distribution.
-    """
+    """Fatigue limits over their median, rising: middles of equal shares of a lognormal scatter."""
     from scipy.special import ndtri
 
     if not 0.0 <= scatter < 1.0:

@@ -162,16 +162,12 @@ def solve_elastic_contact(
 ) -> ContactState:
     r"""Press a body against a rigid obstacle without friction.
 
-    Notes
-    -----
     The active set starts from the guess of the inverse, corrected by its error in the previous
     step. On a given active set conjugate gradients run in the space of displacements that satisfy
     the constraints, preconditioned by the constrained inverse. If the number of wrong nodes does
     not fall, single nodes are exchanged by least index, which terminates for every positive
     definite problem [2]_.
 
-    References
-    ----------
     .. [1] M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
        doi:10.1137/S1052623401383558.
     .. [2] J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596,
@@ -335,11 +331,7 @@ class _LinearStage:
         reduction: float,
         most: int,
     ) -> tuple[float, float, int]:
-        """Reduce the residual by a factor, or to the tolerance as long as no node is wrong.
-
-        ``u`` and the forces are changed in place. ``room`` is memory for the direction p and, in
-        turn, z and q. Returns the approach, the residual and the number of iterations.
-        """
+        """Reduce the residual by a factor, or to the tolerance while no node is wrong, in place."""
         p, p_delta, rz_old = room[1], 0.0, np.inf
         p[:] = 0.0
         best, patience, iteration = np.inf, _PATIENCE, 0

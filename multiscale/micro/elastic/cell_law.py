@@ -187,10 +187,7 @@ class _Memory:
         return np.asarray(k[at])
 
     def spline(self, k: np.ndarray) -> CubicHermiteSpline:
-        """Interpolate the logarithm of the pressure over the lowest against minus the gap.
-
-        Valid in the intervals k only, since cells of other intervals may be missing.
-        """
+        """Interpolate log pressure against minus the gap; valid in the intervals k only."""
         needed = np.unique(np.clip(k[:, None] + np.arange(-1, 3), 0, self.last))
         for j in (0, self.last, *needed):
             self.press(int(j))

@@ -48,8 +48,6 @@ def solve_flat(
 
     With a cap, :math:`\lambda \le \lambda_{max}` and the surfaces may overlap where it is reached.
 
-    Notes
-    -----
     Projected gradients on the box of forces that carry the load, with the two step lengths of
     Barzilai and Borwein in turn, each in the tangent of the box, and the exact minimum along the
     feasible direction: one application of :math:`C` in each iteration, and in total a half to a
@@ -59,8 +57,6 @@ def solve_flat(
     that the residual of these nodes has fallen to 3/100, and at the end, :math:`C \lambda` is
     computed anew in double precision, and all nodes are checked.
 
-    References
-    ----------
     .. [1] Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421,
        doi:10.1007/s10107-005-0595-2: the same problem.
     """
@@ -197,11 +193,7 @@ def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untype
 def _project(  # type: ignore[no-untyped-def]
     force, opening, closing, step, cap, delta, direction, node, unit, spread
 ):
-    """Write the projected step, as ``direction``, and over ``unit`` into the surface.
-
-    Returns the deepest overlap, the products of the direction with the opening and with itself, the
-    product of forces and distances from contact, and the sum of the forces.
-    """
+    """Write the projected step; return overlap, two products, complementarity and total force."""
     slope, length, distance, carried, deepest = 0.0, 0.0, 0.0, 0.0, -np.inf
     for i in range(force.size):
         apart = opening[i] - closing[i] * delta

@@ -116,11 +116,7 @@ def _pivot(d, sign, v):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def _forward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyped-def]
-    """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
-
-    The last axis of all arrays interleaves real and imaginary parts; the blocks are real. Loops
-    write to other arrays than they read, so that they are vectorised.
-    """
+    """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side."""
     nx, layers, _, m = values.shape
     for k in range(begin, end):
         row, sign = _row(k, nx, inverse)

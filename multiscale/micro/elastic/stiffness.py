@@ -40,11 +40,7 @@ def shape_functions(like):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def differences(nodes, grad, d, e, f, scale, lanes):  # type: ignore[no-untyped-def]
-    """Edge derivative in a direction at the Gauss points (qe, qf) of the other two directions.
-
-    ``d``, ``e`` and ``f`` are the distances in ``nodes`` between neighbours along the direction
-    of the derivative and along the other two directions; four rows of ``grad`` are written.
-    """
+    """Edge derivative along nodes ``d`` apart at the Gauss points of the other two directions."""
     for v in range(lanes):
         a = scale * (nodes[d + v] - nodes[v])
         b = scale * (nodes[d + f + v] - nodes[f + v])
@@ -109,11 +105,7 @@ def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[
 
 @compiled(fastmath=True)
 def gather(field, sides, layer, start, lanes, nodes):  # type: ignore[no-untyped-def]
-    """Corner values of a batch, component by component; the base is fixed.
-
-    ``field`` has the shape (nx, layers, 3, ny) and ``sides`` are the two planes of a strip of
-    elements. Lanes without an element repeat the first element.
-    """
+    """Corner values of a strip of elements between two planes, by components; the base is fixed."""
     ny = field.shape[3]
     for k in range(3):
         for a in range(2):

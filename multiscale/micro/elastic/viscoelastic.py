@@ -194,10 +194,7 @@ def solve_sliding(
 def _filters(
     surface: Surface, solid: RelaxingSolid, velocity: float
 ) -> "tuple[SurfaceFilter, SurfaceFilter, np.ndarray]":
-    """Return filters from pressure to displacement and back (1), without means, and slopes along x.
-
-    The mode with a wavelength of two points along x, on even grids, has a real modulus, no slope.
-    """
+    """Return filters from pressure to displacement and back (1), and slopes along x."""
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
     (nx, ny), (lx, ly) = surface.heights.shape, surface.size

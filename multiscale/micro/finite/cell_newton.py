@@ -208,11 +208,10 @@ def _press(
     work: np.ndarray,
     increments: int,
 ) -> CellState:
-    """Prescribe the approach of a flowing body until it carries the load of a target.
+    """Raise the approach of a flowing body, by ``longest``, m, at most, until it carries a load.
 
-    An increment of the approach, at most ``longest``, m, is never too long for the flow, for any
-    added load. Without hardening there may be no equilibrium under a larger load until another
-    asperity touches, but there is equilibrium at a larger approach.
+    Without hardening there may be no equilibrium under a larger load before another asperity
+    touches, but there is equilibrium at a larger approach.
     """
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0

@@ -115,19 +115,12 @@ class LinearSolver(Protocol):
         """Estimate contact nodes and approach, m, of an open cell under a load, N."""
 
     def step(self, now: "Iterate", forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
-        """Solve for a step from an iterate: displacement, m, approach, m, and linear iterations.
-
-        ``forcing`` is the tolerance relative to the residual, ``floor`` relative to its scale.
-        """
+        """Solve for a step to a relative residual: displacement, m, approach, m, iterations."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellScene:
-    r"""The constant data of a path on a cell: a body against a rigid side, or two bodies.
-
-    Vectors contain the displacements of, or the forces on, all bodies. The second body has a local
-    frame, in which z points out of its surface.
-    """
+    """Constant data of a path: a body against a rigid side, or two (z of the second points out)."""
 
     bodies: tuple[FiniteBody, ...]  # 1 or 2
     opposite: OppositeSide
@@ -421,12 +414,7 @@ class Iterate:
     def _exchange(
         self, vector: np.ndarray, turned: np.ndarray | None, more: np.ndarray | float
     ) -> None:
-        """Remove the contact forces from the surface forces and add their reactions, in place.
-
-        At a sticking node the contact force is the whole force; at a slipping node it consists of
-        the normal component, the friction at the bound, the resistance across the slip and the
-        change by the turning normal.
-        """
+        """Remove contact forces from the surface forces and add their reactions, in place."""
         top, normal = self.scene.surface(vector), self.meeting.normal
         pushed = np.sum(normal * top, axis=1)
         force = pushed[:, None] * normal + more

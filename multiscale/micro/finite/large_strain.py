@@ -208,11 +208,7 @@ def _run_coloured(kernel: Callable[..., None], u: np.ndarray, *arguments: Any) -
 def _respond(  # type: ignore[no-untyped-def]
     begin, end, colour, mesh, law, moduli, scale, u, state, out, tangent, least
 ):
-    """Compute the forces and the tangent of pairs of strips.
-
-    ``scale`` is the pressure per unit of its unknown, Pa/m, or 0 without pressures. Rows of
-    ``least`` are the smallest det F and the number of flowing Gauss points of a strip.
-    """
+    """Compute forces and tangent of strips, and the smallest det F and flowing points of each."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     has, mixed = state.shape[5] > 1, scale > 0.0

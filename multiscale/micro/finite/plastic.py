@@ -199,11 +199,7 @@ def plastic_state(s, moduli, state, new):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tangent(s, w, turned, moduli, tangent):  # type: ignore[no-untyped-def]
-    """Write the tangent (2) of a Gauss point.
-
-    ``w`` is scratch of SINGLE_ROWS in single precision. ``turned`` are the rows of e g, and
-    ``moduli`` the rows of kappa, tau_v and the factors of the first two terms, weighted.
-    """
+    """Write the tangent (2) of a Gauss point with weighted ``moduli``; ``w`` is scratch."""
     for k in range(9 * BATCH):
         w[TURNS + k] = s[PULLED + k]
     for k in range(9 * BATCH):

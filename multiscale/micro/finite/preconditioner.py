@@ -117,10 +117,7 @@ class FlatCells:
     def solve(
         self, loads: list[Field], correct: Callable[[Field], Field], meeting: Meeting
     ) -> list[Field]:
-        """Solve for nodal forces; ``correct`` returns contact forces from the relative motion.
-
-        The relative motion of the nodes and the forces have the shape (nx, 3, ny).
-        """
+        """Solve for nodal forces, (nx, 3, ny); ``correct`` maps relative motion to contact."""
         if len(self.references) == 1:
             return [self.references[0].solve(loads[0], correct)]
         point = meeting.point

@@ -246,10 +246,7 @@ class Meeting:
 
 @dataclass(frozen=True, eq=False)
 class OppositeSide:
-    """Rigid obstacle, or underside of the second body before deformation, seen from below.
-
-    The approach counts from the first touch of the nodes of the first body before any sliding.
-    """
+    """Rigid obstacle, or underside of the second body; the approach counts from the first touch."""
 
     body: Surface  # surface of the first body before deformation, with the grid of the nodes
     shape: Surface | None  # heights of the opposite side, m; None if it is flat

@@ -419,11 +419,7 @@ def _arrangement(
 
 
 def _uppermost_facets(cell: MeshCell) -> "tuple[np.ndarray, sparse.csr_array]":
-    """Locate the uppermost facet of the contact face above every point of the fields.
-
-    Returns the heights of the facets at the points, shape (nx, ny), m, and the matrix, shape
-    (nx ny, nodes), of the linear interpolation on triangles from the vertices of the mesh.
-    """
+    """Heights of the uppermost facets at points (nx, ny), m, and interpolation from vertices."""
     from scipy import sparse
 
     from multiscale.fe.faces import face_of

@@ -22,7 +22,8 @@ from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.law_figures import plot_friction_bell
 from multiscale.plotting.surface_figures import plot_road
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset, PlainDataset
-from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine
+from multiscale.surfaces import rms_height, rms_slope, self_affine
+from multiscale.surfaces.fourier import nayak_parameter
 from multiscale.surfaces.surface import Surface
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import fit_law, fitted_law, friction_observations, require_law

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage import grow_volumes
+from multiscale.micro.damage.cracks import grow_volumes
 from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.slide import run_realisations

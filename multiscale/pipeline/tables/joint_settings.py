@@ -10,7 +10,8 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale import macro, upscaling
 from multiscale.errors import CaseError
-from multiscale.laws import Asperities, AsperityLaw, class_densities, gaussian_asperities
+from multiscale.laws import Asperities, AsperityLaw
+from multiscale.laws.asperities import class_densities, gaussian_asperities
 from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import toml_model as toml

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from multiscale.micro.damage import Cavities, Ellipsoids, spheres, youngs_modulus_along
+from multiscale.micro.damage import Cavities, spheres, youngs_modulus_along
+from multiscale.micro.damage.cavities import Ellipsoids
 
 E, NU = 200e9, 0.3
 CUBE = (1.0, 1.0, 1.0)
