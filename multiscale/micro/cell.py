@@ -82,11 +82,6 @@ def Cell(  # noqa: N802  reads like the kinds that it builds
     -------
     FlatCell, GraphCell or FiniteCell
         A finite cell if there is a law at large strain, friction or a second body.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range or does not apply to this kind of cell.
     """
     moduli = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
     law: LayerLaw

@@ -32,11 +32,6 @@ class Coating:
     ----------
     thickness : float, m
     youngs_modulus, poissons_ratio : float, Pa and 1
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
     """
 
     thickness: float
@@ -95,11 +90,6 @@ class PeriodicLayer:
     coating : tuple of Coating
         Layers of other materials at the top, outermost first, on a body with an Elastic law. Node
         planes of a mesh move onto their lower faces.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
     """
 
     surface: Surface

@@ -75,11 +75,6 @@ class Path:
         Fewest increments of a step. More are taken where a body flows, slides or does not
         converge.
     refinement : int, divides the length of the default increments of a body that flows
-
-    Raises
-    ------
-    CaseError
-        If both or neither of pressure and approach are given, or a value is outside its range.
     """
 
     pressure: tuple[float, ...] | None = None

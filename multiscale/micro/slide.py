@@ -58,11 +58,6 @@ def shear_path(
         Sheared to :data:`REACH`, the cell is released: pressure and slide zero. An elastic cell
         then forgets its path.
 
-    Raises
-    ------
-    CaseError
-        If the cell has no friction, or a number is outside its range.
-
     Notes
     -----
     The bodies move by the slip :math:`u` of the interface and by their shear. For an interface with
@@ -148,11 +143,6 @@ def slide_cell(
     -------
     Dataset
         Follows ``SLIDING_RESPONSE``. After a failed step the values of a pressure are ``NaN``.
-
-    Raises
-    ------
-    CaseError
-        If a pressure or the distance is outside its range.
 
     Notes
     -----

@@ -85,11 +85,6 @@ class Bolt:
         Plane faces under the washers, with normals away from each other along x, y or z.
     stiffness : float, axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`
     preload : float, force :math:`F` at the factor 1 of the tightening, N
-
-    Raises
-    ------
-    CaseError
-        If stiffness or preload are not positive, or both sides are the same body.
     """
 
     sides: tuple[int, int]
@@ -119,13 +114,7 @@ class Bolt:
         return f"the bolt from {' to '.join(bodies[k].face_name(face, k) for k, face in ends)}"
 
     def washers(self, bodies: Sequence[Body]) -> tuple[Platen, Platen]:
-        """Rigid plates under the bolt, in the order of their positions along its axis.
-
-        Raises
-        ------
-        CaseError
-            If the washers are not opposite each other.
-        """
+        """Rigid plates under the bolt, in the order of their positions along its axis."""
         # centres and normals of both faces, in the order along the axis
         washers = []
         for body, name in zip(self.sides, self.boundaries, strict=True):
@@ -173,11 +162,6 @@ class BoltSection:
     sides : tuple of int, the bodies
     boundaries : tuple of str, plane faces of the cut, across x, y or z, with matching nodes
     preload : float, tension at the factor 1 of the tightening, N
-
-    Raises
-    ------
-    CaseError
-        If both sides are the same body, or the preload is not positive.
     """
 
     sides: tuple[int, int]
@@ -195,11 +179,6 @@ class BoltSection:
         """Return matching nodes of both sides, the axis, and the direction of the normal of side 2.
 
         The direction is 1 along the axis, else -1.
-
-        Raises
-        ------
-        CaseError
-            If the faces are not plane across an axis, or their nodes do not match.
         """
         from scipy.spatial import cKDTree
 
@@ -230,11 +209,6 @@ def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> fl
     ----------
     diameter, length : float, m
     youngs_modulus : float, Pa
-
-    Raises
-    ------
-    CaseError
-        If a parameter is not positive.
 
     Examples
     --------
@@ -271,11 +245,6 @@ class GapMap:
         and y where its normal is z.
     gap : ndarray, shape (n,), gap, m, NaN where it is undefined, such as in holes
     name : str, in messages
-
-    Raises
-    ------
-    CaseError
-        If the map has fewer than three defined points.
     """
 
     position: np.ndarray
@@ -295,12 +264,6 @@ class GapMap:
         Parameters
         ----------
         place : ndarray, shape (points, 3), m, in a plane across x, y or z
-
-        Raises
-        ------
-        CaseError
-            If the map does not cover the interface, because of its extents or undefined points, or
-            its gap is too large for the interface, which suggests a wrong unit.
         """
         from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
         from scipy.spatial import cKDTree
@@ -388,12 +351,6 @@ class Assembly:
     sections : sequence of BoltSection
         Cuts through meshed bolts, tightened by the same load case; their tension does not change
         with other loads.
-
-    Raises
-    ------
-    CaseError
-        If an interface, a platen or a bolt names a body or boundary that does not exist, the
-        washers of a bolt are not opposite each other, or the areas do not fit.
     """
 
     bodies: Sequence[Body]

@@ -31,11 +31,6 @@ def add_body_fields(
         With ``corners``, ``element_body``, ``equivalent_stress`` (Pa), ``energy_density``
         (J/m³) and, if damage is given, ``element_damage``. A step that failed is NaN.
 
-    Raises
-    ------
-    CaseError
-        If the result belongs to other bodies, or their elements are of two kinds.
-
     Notes
     -----
     The stress of an element is the mean over its volume; with its deviator :math:`s` the
@@ -63,13 +58,7 @@ def add_body_fields(
 
 
 def list_elements(bodies: Sequence[Body]) -> dict[str, np.ndarray]:
-    """Return ``corners`` and ``element_body`` of ``MACRO_RESULT`` for bodies in turn.
-
-    Raises
-    ------
-    CaseError
-        If their elements are of two kinds.
-    """
+    """Return ``corners`` and ``element_body`` of ``MACRO_RESULT`` for bodies in turn."""
     if len({body.mesh.t.shape[0] for body in bodies}) > 1:
         raise CaseError("the bodies have elements of two kinds; mesh all with the same kind")
     first = np.cumsum([0, *(body.basis.N for body in bodies)])

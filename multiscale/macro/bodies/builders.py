@@ -36,11 +36,6 @@ class LapShape:
     hole, washer : float, diameters
     element : float, largest edge of an element in plan; elements on the hole are smaller
     layers : int, elements through each thickness
-
-    Raises
-    ------
-    CaseError
-        If the dimensions do not fit each other.
     """
 
     length: float
@@ -89,11 +84,6 @@ def stacked_blocks(
     elements : tuple of int, hexahedra of a block along each axis
     materials : sequence of Elastic or AnisotropicElastic, of each block, two or more
     laws : sequence of InterfaceLaw, of each joint, from below
-
-    Raises
-    ------
-    CaseError
-        If there are fewer than two blocks, or the number of laws is not one less.
     """
     count = len(materials)
     if count < 2 or len(laws) != count - 1:

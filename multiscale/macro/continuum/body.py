@@ -60,12 +60,6 @@ class Body:
     bends : bool, default False
         Whether hexahedra of first order have incompatible modes, without which they bend too
         stiffly; see :func:`~multiscale.fe.elasticity.mode_stiffness`. For bodies that are cut.
-
-    Raises
-    ------
-    CaseError
-        If the mesh is of another kind, a boundary is unknown, no node lies at a pin, or a value
-        has the wrong number of components or is not finite.
     """
 
     mesh: "Mesh"

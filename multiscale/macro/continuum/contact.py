@@ -149,12 +149,6 @@ class Contact:
     interference : float, default 0.0
         Normal distance by which fitted bodies overlap everywhere at the start, independent of their
         facets, as in a press fit, m.
-
-    Raises
-    ------
-    CaseError
-        If the coefficient is negative or not finite, the reach is not positive, or the interference
-        is negative or given for bodies that are not fitted.
     """
 
     side1: tuple[str, str]

@@ -60,12 +60,6 @@ def follow_crack_band(
     Returns
     -------
     Dataset, follows ``CRACK_BAND``; ``converged`` is 0 if ``max_events`` came first
-
-    Raises
-    ------
-    CaseError
-        If the mesh is of triangles or tetrahedra, in which bands have no width, supports move, or
-        no element is in tension.
     """
     kinds = Elastic if body.mesh.dim() == 2 else Elastic | AnisotropicElastic
     if type(body.mesh).__name__ not in SHAPES or not isinstance(body.law, kinds):

@@ -27,12 +27,6 @@ class FiniteAssembly:
     ----------
     bodies : mapping of str to Body, all of two or all of three dimensions
     contacts : mapping of str to Contact
-
-    Raises
-    ------
-    CaseError
-        If a contact names an unknown body or boundary, no body has a support, or a body has
-        neither support nor contact.
     """
 
     bodies: Mapping[str, Body]

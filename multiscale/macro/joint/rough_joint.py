@@ -34,11 +34,6 @@ class Block:
     layers : int, default 4, number of elements over the height
     effective : AnisotropicElastic, optional
         Elasticity of the block with cavities or cracks, in place of its moduli; see :func:`soften`.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
     """
 
     height: float
@@ -100,11 +95,6 @@ class RoughJoint:
     quadrature_order : int, default 3
         Degree that the quadrature of the interface integrates exactly; higher for a joint that
         opens locally.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
     """
 
     section: tuple[float, float]
@@ -145,11 +135,6 @@ def soften(block: Block, stiffness: float | np.ndarray) -> Block:
         A factor of its stiffness, above 0 and up to 1, such as 1 - D, the same in all directions.
         Or, in place of its moduli, the tensor of a representative volume in the axes of the joint,
         shape (6, 6), Pa.
-
-    Raises
-    ------
-    CaseError
-        If the factor is outside its range, or the volume is cut through.
     """
     if isinstance(stiffness, np.ndarray):
         return replace(block, effective=AnisotropicElastic(stiffness))
@@ -195,11 +180,6 @@ def press_joint(
         other. Where the inversion of the law failed, the step is NaN with ``converged`` 0; far
         outside the data of the law it is NaN with ``known`` 0. A law with an unloading branch also
         gives ``unloading_stiffness``, for small cycles of the preload below its value.
-
-    Raises
-    ------
-    CaseError
-        If a preload is not positive, or the force is eccentric.
 
     Notes
     -----

@@ -27,11 +27,6 @@ class TreadBlock:
     size : tuple of float, lengths along the motion (x), across it (y) and height (z), m
     youngs_modulus, poissons_ratio : float, Pa, and at least 0 and below 1/2
     elements : tuple of int, along x, y and z; 27 nodes each
-
-    Raises
-    ------
-    CaseError
-        If a modulus is outside its range.
     """
 
     size: tuple[float, float, float]
@@ -142,11 +137,6 @@ def slide_tread(
     law : SteadySliding, law of the contact, with a velocity along x and y
     pressure : float, nominal, Pa
     tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
-
-    Raises
-    ------
-    CaseError
-        If the pressure is not positive.
 
     Notes
     -----

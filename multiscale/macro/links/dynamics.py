@@ -74,11 +74,6 @@ def simulate(
         the mean over the step. A step that fails is NaN with ``converged`` 0 and ends the motion;
         the attribute ``failure`` states the reason.
 
-    Raises
-    ------
-    CaseError
-        If times, masses or the scheme are refused, or the start stretches an inextensible link.
-
     Notes
     -----
     A step of size h from :math:`(u^-, v^-)` solves

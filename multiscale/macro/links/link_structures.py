@@ -57,11 +57,6 @@ def tensegrity_grid(
         The lower nodes on the edges x = 0 and x = n a are fixed. Neighbouring modules share nodes
         and have parallel cables.
 
-    Raises
-    ------
-    CaseError
-        If a number is out of range.
-
     Notes
     -----
     With the defaults and n = 16 this is the test structure of section 4 of the source: 256
@@ -156,11 +151,6 @@ def cable_net(
     LinkSystem
         Links: cables along x, then cables along y. Nodes run along x first.
 
-    Raises
-    ------
-    CaseError
-        If a number is out of range.
-
     Notes
     -----
     With a constant force density along each direction, a node is in equilibrium if its height is
@@ -213,12 +203,6 @@ def system_from_table(
         ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of the law. Optional:
         ``prestress``, N, and ``group``.
     laws : mapping of str to LinkLaw
-
-    Raises
-    ------
-    CaseError
-        If a column is missing or unknown, a support is neither 0 nor 1, a law is unknown, or the
-        structure is refused.
 
     Examples
     --------

@@ -39,11 +39,6 @@ def self_stress(system: LinkSystem) -> np.ndarray:
     ndarray, shape (modes, links)
         Orthonormal tensions. A single state has the sign that puts most cables in tension.
 
-    Raises
-    ------
-    CaseError
-        If the structure is too large for a dense decomposition.
-
     Examples
     --------
     >>> from multiscale.macro import tensegrity_grid
@@ -85,12 +80,6 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     Returns
     -------
     LinkSystem, the same structure with its prestress
-
-    Raises
-    ------
-    CaseError
-        If the structure has no such state, or no cable or strut that selects it, or already has a
-        prestress.
 
     Examples
     --------

@@ -74,11 +74,6 @@ def structure_mass(
     problem : CutProblem, of the bodies
     bodies : sequence of Body
     densities : sequence of float, of each body, kg/m3; bolts have no mass
-
-    Raises
-    ------
-    CaseError
-        If a density is not positive.
     """
     for number, (body, density) in enumerate(zip(bodies, densities, strict=True)):
         if not 0.0 < density < np.inf:

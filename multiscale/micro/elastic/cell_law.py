@@ -38,11 +38,6 @@ class CellLaw(NormalLaw):
         ``solved``: cells pressed so far; ``reused``: gaps by cells that were pressed before;
         ``linear_iterations``: total iterations of their solver.
 
-    Raises
-    ------
-    CaseError
-        If the cell is not flat or has a hardness, or the pressures or their ratio do not rise.
-
     Notes
     -----
     The cell has the mean gaps :math:`g_k` at the pressures :math:`p_k = p_0 r^k`. It is pressed

@@ -39,11 +39,6 @@ class RelaxingSolid:
     times : tuple of float
         Relaxation times :math:`\tau_i > 0` of the moduli at the reference temperature, s.
 
-    Raises
-    ------
-    CaseError
-        If a value is outside its range, or there are not as many moduli as times.
-
     Notes
     -----
     .. math:: E(\omega) = E_\infty + \sum_i E_i\, \frac{i\omega a_T\tau_i}{1 + i\omega a_T\tau_i}
@@ -131,11 +126,6 @@ def solve_sliding(
     -------
     SlidingContact
         With the status of the solver.
-
-    Raises
-    ------
-    CaseError
-        If the pressure is not positive, or a body without viscosity slides.
 
     Notes
     -----

@@ -83,11 +83,6 @@ class MeshCell:
     points : tuple of int, optional
         Points along x and y of the stored fields of a mesh without such a layer.
     friction_coefficient : float, coefficient of the local Coulomb law
-
-    Raises
-    ------
-    CaseError
-        If a boundary is missing or the moduli do not fit the mesh.
     """
 
     mesh: "Mesh"

@@ -78,12 +78,6 @@ def graph_mesh_cell(
     pores : Cavities, optional
         Cavities of an elastic layer, in a box from its base to its mean plane that is lifted with
         the surface. Elements with their centres in a cavity have 1e-4 of the modulus.
-
-    Raises
-    ------
-    CaseError
-        If the grid does not fit the element, moduli vary within a layer, or pores contain no
-        element, cut the top, or are given with a metal that flows.
     """
     layer = PeriodicLayer(surface, depth, layers, law)
     if layer.heterogeneous:
@@ -206,11 +200,6 @@ def cell_from_file(
     sides : CellSides
     points : tuple of int, optional, points along x and y of the stored fields
     friction_coefficient : float, see :class:`MeshCell`
-
-    Raises
-    ------
-    CaseError
-        If the file cannot be read, elements are inverted, or names and elements do not fit.
     """
     mesh = load_mesh(path, scale=scale, curved=True)
     if mesh.dim() != 3:
