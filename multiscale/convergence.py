@@ -7,7 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError, require
 
 
 class Status(Enum):
@@ -61,10 +61,9 @@ class Solution:
 
 def check_limits(tolerance: float, max_iterations: int | None = None) -> None:
     """Refuse limits with which no iteration can converge or stop."""
-    if not 0.0 < tolerance < 1.0:
-        raise CaseError(f"tolerance is relative and must lie between 0 and 1, got {tolerance:g}")
-    if max_iterations is not None and max_iterations < 1:
-        raise CaseError(f"max_iterations must be at least 1, got {max_iterations}")
+    require("tolerance is relative and", tolerance, "(0, 1)")
+    if max_iterations is not None:
+        require("max_iterations", max_iterations, "[1, inf)")
 
 
 def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:

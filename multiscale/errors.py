@@ -2,6 +2,10 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from math import inf
+
+RANGES = {"[]": "from {:g} to {:g}", "[)": "from {:g} to below {:g}"}  # by the ends of an interval
+RANGES |= {"()": "between {:g} and {:g}", "(]": "above {:g} and up to {:g}"}
 
 
 class MultiscaleError(Exception):
@@ -33,3 +37,18 @@ def suggest(name: str, known: Iterable[str], otherwise: str) -> str:
 def listed(names: Iterable[str]) -> str:
     """List names in a message, or "none"."""
     return ", ".join(sorted(names)) or "none"
+
+
+def require(name: str, value: float, interval: str, unit: str = "") -> None:
+    """Refuse a number outside an interval such as "(0, 1]", and NaN; ( and ) exclude an end."""
+    low, high = (float(end) for end in interval[1:-1].split(","))
+    above = low < value or (value == low and interval[0] == "[")
+    if above and (value < high or (value == high and interval[-1] == "]")):
+        return
+    if high < inf:
+        words = "lie " + RANGES[interval[0] + interval[-1]].format(low, high)
+    elif low == 0.0:
+        words = "be positive" if interval[0] == "(" else "not be negative"
+    else:
+        words = f"be at least {low:g}"
+    raise CaseError(f"{name} must {words}{f' ({unit})' if unit else ''}, got {value:g}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.fe.faces import facet_normals
 from multiscale.io import read_text
 from multiscale.io.gmsh_model import mesh_geometry
@@ -196,8 +196,7 @@ def box_mesh(
     ['back', 'bottom', 'front', 'left', 'right', 'top']
     """
     for length, number, axis in zip(size, elements, "xyz", strict=True):
-        if not (length > 0.0 and np.isfinite(length)):
-            raise CaseError(f"the block must have a positive length along {axis} (m), got {length}")
+        require(f"the length of the block along {axis}", length, "(0, inf)", "m")
         if number < 1:
             raise CaseError(f"the block needs at least one element along {axis}, got {number}")
     fractions = [np.linspace(0.0, 1.0, number + 1) for number in elements]

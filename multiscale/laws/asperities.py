@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError, require
 from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.laws.interface_law import Response, check_parameters
 from multiscale.laws.sliders import SliderBed
@@ -78,10 +78,8 @@ class Asperities:
                 f"zero, got {n.min(initial=0.0):g} to {n.max(initial=0.0):g}; give the density"
             )
         check_parameters(self, radius="m", youngs_modulus="Pa")
-        if not 0.0 <= self.poissons_ratio <= 0.5:
-            raise CaseError(f"poissons_ratio must be from 0 to 0.5, got {self.poissons_ratio:g}")
-        if not self.yield_stress > 0.0:
-            raise CaseError(f"yield_stress must be positive (Pa), got {self.yield_stress:g}")
+        require("poissons_ratio", self.poissons_ratio, "[0, 0.5]")
+        require("yield_stress", self.yield_stress, "(0, inf]", "Pa")
         if not 0.0 <= self.tangent_modulus < self.youngs_modulus:
             raise CaseError(
                 f"tangent_modulus must be from 0 to less than youngs_modulus (Pa), got "

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, check_parameters
 
 LEAST_RATIO = 1e-150
@@ -277,8 +277,7 @@ class RigidContact(InterfaceLaw):
     n_state, compliant = 2, False
 
     def __post_init__(self) -> None:
-        if not (self.friction >= 0.0 and np.isfinite(self.friction)):
-            raise CaseError(f"friction must not be negative, got {self.friction:g}")
+        require("friction", self.friction, "[0, inf)")
         if not np.isfinite(self.gap):
             raise CaseError(f"the initial gap must be finite (m), got {self.gap:g}")
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,7 @@ class LinkLaw(ABC):
     rigidity: float  # axial, N; infinite for a link of fixed length
 
     def __post_init__(self) -> None:
-        if not self.rigidity > 0.0:
-            raise CaseError(f"rigidity must be positive (N), got {self.rigidity}")
+        require("rigidity", self.rigidity, "(0, inf]", "N")
 
     def respond(self, strain: np.ndarray) -> LinkResponse:
         """Evaluate (1) for a strain relative to the relaxed length; refused if inextensible."""
@@ -116,8 +115,7 @@ class Beam(LinkLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("torsion", "bending_y", "bending_z", "shear_y", "shear_z"):
-            if not getattr(self, name) > 0.0:
-                raise CaseError(f"{name} of a beam must be positive, got {getattr(self, name)}")
+            require(f"{name} of a beam", getattr(self, name), "(0, inf]")
         if not np.any(self.up):
             raise CaseError("up of a beam must not be zero; give the direction of its third axis")
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.bulk_law import check_moduli, lame_parameters
 from multiscale.surfaces.fourier import nayak_parameter, rms_height, rms_slope
@@ -39,10 +39,7 @@ class Coating:
     poissons_ratio: float
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.thickness < np.inf:
-            raise CaseError(
-                f"the thickness of a coating must be positive (m), got {self.thickness:g}"
-            )
+        require("the thickness of a coating", self.thickness, "(0, inf)", "m")
         check_moduli(self.youngs_modulus, self.poissons_ratio, least=0.0)
 
 
@@ -115,8 +112,7 @@ class PeriodicLayer:
                     f"{name} must be a number, or an array of the layers ({self.layers},) or of "
                     f"the elements ({nx}, {self.layers}, {ny}), got shape {shape}"
                 )
-        if not self.depth > 0.0:
-            raise CaseError(f"the depth of the cell must be positive (m), got {self.depth:g}")
+        require("the depth of the cell", self.depth, "(0, inf]", "m")
         if self.layers < 2:
             raise CaseError(f"the cell needs at least 2 layers, got {self.layers}")
         uniform = np.ndim(self.law.youngs_modulus) == np.ndim(self.law.poissons_ratio) == 0

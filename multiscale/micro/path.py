@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, Protocol, TypeVar
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.micro.averages import HALF_SPACE, ContactSurface, EdgeLayer, to_components
 from multiscale.needs import Choice
 from multiscale.schema import branch_of
@@ -97,8 +97,7 @@ class Path:
             )
         object.__setattr__(self, name, steps)
         for name in ("increments", "refinement"):
-            if getattr(self, name) < 1:
-                raise CaseError(f"{name} of a path must be at least 1, got {getattr(self, name)}")
+            require(f"{name} of a path", getattr(self, name), "[1, inf)")
         if self.slide is not None:
             slide = np.asarray(self.slide, dtype=float)
             if slide.shape != (len(steps), 2) or not np.all(np.isfinite(slide)):

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from multiscale.convergence import check_limits
-from multiscale.errors import CaseError, SchemaError
+from multiscale.errors import CaseError, SchemaError, require
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.laws.bulk.bulk_law import mindlin_ratio
@@ -157,8 +157,7 @@ def slide_cell(
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
     if steps < 1:
         raise CaseError(f"sliding takes at least 1 step, got {steps}")
-    if not 0.0 < distance < np.inf:
-        raise CaseError(f"the sliding distance must be positive (m), got {distance:g}")
+    require("the sliding distance", distance, "(0, inf)", "m")
     period = cell.surface.size[0]
     if distance > LONGEST_SLIDE * period:
         raise CaseError(

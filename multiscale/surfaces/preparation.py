@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.surfaces.fourier import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
@@ -91,8 +91,7 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
     :math:`(1 - 5\theta/4)^2`, the margin is smoother than the middle, and contact spots gather in
     the middle.
     """
-    if not 0.0 < taper <= 0.5:
-        raise CaseError(f"taper must be above 0 and at most 0.5, got {taper:g}")
+    require("taper", taper, "(0, 0.5]")
     mean, faded = surface.heights.mean(), surface.heights - surface.heights.mean()
     for axis, n in enumerate(surface.heights.shape):
         if n > 1:  # not across a line scan; the import of scipy.signal would take longer
@@ -183,8 +182,7 @@ def low_pass(surface: Surface, short_cutoff: float) -> Surface:
     This limits a measured surface to the wavelengths that a grid resolves. ``short_cutoff`` is the
     shortest wavelength that stays, m, positive.
     """
-    if not 0.0 < short_cutoff < np.inf:
-        raise CaseError(f"short_cutoff must be a positive length (m), got {short_cutoff:g}")
+    require("short_cutoff", short_cutoff, "(0, inf)", "m")
     spectrum = scipy.fft.rfft2(surface.heights)
     spectrum[wavenumbers(surface) > 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)] = 0.0
     return Surface(scipy.fft.irfft2(spectrum, s=surface.heights.shape), surface.size)

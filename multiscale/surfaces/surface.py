@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.units import html_table
 
 if TYPE_CHECKING:
@@ -143,8 +143,7 @@ class Anisotropy:
     direction: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.ratio < np.inf:
-            raise CaseError(f"the ratio of an anisotropy must be at least 1, got {self.ratio:g}")
+        require("the ratio of an anisotropy", self.ratio, "[1, inf)")
 
 
 def self_affine(
@@ -209,13 +208,12 @@ def self_affine(
     """
     roll_off = long_cutoff if roll_off is None else roll_off
     _check_band(points, size, long_cutoff, short_cutoff, roll_off)
-    if not 0.0 <= hurst_exponent <= 1.0:
-        raise CaseError(f"hurst_exponent must lie between 0 and 1, got {hurst_exponent:g}")
+    require("hurst_exponent", hurst_exponent, "[0, 1]")
     if (rms_height is None) == (rms_slope is None):
         raise CaseError("give exactly one of rms_height (m) and rms_slope")
     for name, value in (("rms_height", rms_height), ("rms_slope", rms_slope)):
-        if value is not None and not 0.0 < value < np.inf:
-            raise CaseError(f"{name} must be positive, got {value:g}")
+        if value is not None:
+            require(name, value, "(0, inf)")
 
     # modes of the band, with random phases
     i, j, q = _modes(size, short_cutoff)
@@ -281,8 +279,7 @@ def _check_band(
         "short_cutoff": short_cutoff,
     }
     for name, value in lengths.items():
-        if not 0.0 < value < np.inf:
-            raise CaseError(f"{name} must be a positive length (m), got {value:g}")
+        require(name, value, "(0, inf)", "m")
     if not short_cutoff <= roll_off <= long_cutoff:
         raise CaseError(
             f"the wavelengths must be in the order short_cutoff <= roll_off <= long_cutoff, got "

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws.bulk.bulk_law import (
     PAIRS,
     BulkResponse,
@@ -113,8 +113,7 @@ class Prony(IsotropicLaw):
             )
         if not (min(self.times) > 0.0 and np.all(np.isfinite(self.times))):
             raise CaseError(f"relaxation times must be positive (s), got {self.times}")
-        if not 0.0 <= self.time_step < np.inf:
-            raise CaseError(f"time_step must not be negative (s), got {self.time_step:g}")
+        require("time_step", self.time_step, "[0, inf)", "s")
 
     @property
     def n_state(self) -> int:  # type: ignore[override]
@@ -236,8 +235,7 @@ class J2(IsotropicLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.yield_stress > 0.0 and np.isfinite(self.yield_stress)):
-            raise CaseError(f"yield_stress must be positive (Pa), got {self.yield_stress}")
+        require("yield_stress", self.yield_stress, "(0, inf)", "Pa")
         for name, unit in (("hardening_modulus", "Pa"), ("saturation_rate", "1")):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise CaseError(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.fe.faces import face_of
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.continuum.body import Body, Value
@@ -93,10 +93,7 @@ class Bolt:
     preload: float
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.stiffness < np.inf:
-            raise CaseError(
-                f"the stiffness of a bolt must be positive (N/m), got {self.stiffness:g}"
-            )
+        require("the stiffness of a bolt", self.stiffness, "(0, inf)", "N/m")
         if self.sides[0] == self.sides[1]:
             raise CaseError(
                 f"a bolt between two faces of body {self.sides[0]} clamps nothing; choose faces of "

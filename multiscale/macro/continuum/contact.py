@@ -32,7 +32,7 @@ from typing import cast
 import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.fe.faces import OrientedFace, mortar_rows, nodal_normals, tangent_frames
 from multiscale.macro.continuum.body import Value
 
@@ -160,12 +160,8 @@ class Contact:
     interference: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.friction_coefficient < np.inf:
-            raise CaseError(
-                f"friction_coefficient must not be negative, got {self.friction_coefficient}"
-            )
-        if not self.reach > 0.0:
-            raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
+        require("friction_coefficient", self.friction_coefficient, "[0, inf)")
+        require("the reach of a contact", self.reach, "(0, inf]", "m")
         if not 0.0 <= self.interference < np.inf or (self.interference and not self.fitted):
             raise CaseError(
                 f"the interference of a contact must not be negative (m) and needs fitted=True, "

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import GapLaw, InterfaceLaw
@@ -60,17 +60,9 @@ class Block:
         return self.height * float(np.linalg.inv(self.effective.stiffness)[2, 2])
 
     def __post_init__(self) -> None:
-        if not self.height > 0.0:
-            raise CaseError(f"height of a block must be positive (m), got {self.height:g}")
-        if not self.youngs_modulus > 0.0:
-            raise CaseError(
-                f"youngs_modulus of a block must be positive (Pa), got {self.youngs_modulus:g}"
-            )
-        if not -1.0 < self.poissons_ratio < 0.5:
-            raise CaseError(
-                f"poissons_ratio of a block must lie between -1 and 0.5, "
-                f"got {self.poissons_ratio:g}"
-            )
+        require("height of a block", self.height, "(0, inf]", "m")
+        require("youngs_modulus of a block", self.youngs_modulus, "(0, inf]", "Pa")
+        require("poissons_ratio of a block", self.poissons_ratio, "(-1, 0.5)")
         if self.layers < 1:
             raise CaseError(f"a block needs at least one layer of elements, got {self.layers}")
 
@@ -110,8 +102,7 @@ class RoughJoint:
             raise CaseError(f"section must have positive lengths (m), got {self.section}")
         if min(self.elements) < 1:
             raise CaseError(f"elements must be at least 1 along x and y, got {self.elements}")
-        if self.quadrature_order < 1:
-            raise CaseError(f"quadrature_order must be at least 1, got {self.quadrature_order}")
+        require("quadrature_order", self.quadrature_order, "[1, inf)")
         for arm, length in zip(self.eccentricity or (0.0, 0.0), self.section, strict=True):
             if not abs(arm) < 0.5 * length:
                 raise CaseError(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.convergence import Solution, check_limits
-from multiscale.errors import CaseError
+from multiscale.errors import require
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
@@ -35,12 +35,8 @@ class TreadBlock:
     elements: tuple[int, int, int] = (10, 6, 3)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.youngs_modulus < np.inf:
-            raise CaseError(f"youngs_modulus must be positive (Pa), got {self.youngs_modulus:g}")
-        if not 0.0 <= self.poissons_ratio < 0.5:
-            raise CaseError(
-                f"poissons_ratio must be at least 0 and below 0.5, got {self.poissons_ratio:g}"
-            )
+        require("youngs_modulus", self.youngs_modulus, "(0, inf)", "Pa")
+        require("poissons_ratio", self.poissons_ratio, "[0, 0.5)")
 
     @property
     def area(self) -> float:
@@ -150,8 +146,7 @@ def slide_tread(
     ``detail`` of a solution that did not converge.
     """
     check_limits(tolerance)
-    if not 0.0 < pressure < np.inf:
-        raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
+    require("the pressure", pressure, "(0, inf)", "Pa")
     closed = float(law.normal.gap_at(np.array(pressure))) - law.normal.gap
     solution = tread.whole.solve(
         law, np.array([pressure]), start=closed * tread.lifted, tolerance=tolerance

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.convergence import Solution, Status
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.macro.links.link_equations import LinkEquations, equations
 from multiscale.macro.links.link_system import LinkSystem, link_dataset
 from multiscale.nonsmooth import solve_lcp
@@ -111,10 +111,8 @@ def simulate(
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
         raise CaseError(f"times must rise and be at least two (s), got {times[:5]}")
-    if not 0.5 <= theta <= 1.0:
-        raise CaseError(f"theta must lie between 1/2 and 1, got {theta:g}")
-    if not 0.0 <= restitution <= 1.0:
-        raise CaseError(f"restitution must lie between 0 and 1, got {restitution:g}")
+    require("theta", theta, "[0.5, 1]")
+    require("restitution", restitution, "[0, 1]")
     model = equations(system)
     masses = _nodal_masses(model, mass)
     rigid_bar = np.isinf(model.stiffness) & np.isinf(model.lower) & np.isinf(model.upper)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, listed, suggest
+from multiscale.errors import CaseError, listed, require, suggest
 from multiscale.io.mesh_groups import NamedMesh
 from multiscale.laws.link import Bar, Beam, Cable, LinkLaw
 from multiscale.macro.links.link_system import LinkSystem
@@ -74,10 +74,8 @@ def tensegrity_grid(
     if min(n, m) < 1:
         raise CaseError(f"a grid needs at least one module along x and y, got {n} x {m}")
     for name, value in (("size", size), ("height", height)):
-        if not (value > 0.0 and np.isfinite(value)):
-            raise CaseError(f"{name} of a module must be positive (m), got {value}")
-    if not (prestress >= 0.0 and np.isfinite(prestress)):
-        raise CaseError(f"prestress must not be negative (N), got {prestress}")
+        require(f"{name} of a module", value, "(0, inf)", "m")
+    require("prestress", prestress, "[0, inf)", "N")
     position, modules = _grid_nodes(n, m)
     position = position * np.array([size, size, height])
     ends = modules[:, MODULE_ENDS].reshape(-1, 2)
@@ -161,8 +159,7 @@ def cable_net(
     if min(n, m) < 2:
         raise CaseError(f"a net needs at least two meshes each way, got {n} x {m}")
     for name, value in (("mesh", mesh), ("prestress", prestress)):
-        if not (value > 0.0 and np.isfinite(value)):
-            raise CaseError(f"{name} must be positive, got {value}")
+        require(name, value, "(0, inf)")
     y, x = (axis.ravel() for axis in np.mgrid[: m + 1, : n + 1])
     height = rise * ((2.0 * x / n - 1.0) ** 2 - (2.0 * y / m - 1.0) ** 2)
     position = np.stack([mesh * x, mesh * y, height], axis=1)

@@ -14,7 +14,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.io.images import VoxelImage
 
 NEGLIGIBLE = 1e-9  # ratio of a length to the size of its body below which it counts as zero
@@ -436,12 +436,9 @@ def _mean_volume(radius: float, spread: float) -> float:
 
 
 def _check(radius: float, porosity: float, spread: float) -> None:
-    if not 0.0 <= porosity < 1.0:
-        raise CaseError(f"the porosity must lie from 0 to below 1, got {porosity:g}")
-    if not (radius > 0.0 and np.isfinite(radius)):
-        raise CaseError(f"the radius of the spheres must be positive (m), got {radius:g}")
-    if not 0.0 <= spread <= 1.0:
-        raise CaseError(f"the spread of radii must lie from 0 to 1, got {spread:g}")
+    require("the porosity", porosity, "[0, 1)")
+    require("the radius of the spheres", radius, "(0, inf)", "m")
+    require("the spread of radii", spread, "[0, 1]")
 
 
 @dataclass(frozen=True)
@@ -480,8 +477,8 @@ class Recipe:
             (self.porosity, self.pore_radius, "pore_radius"),
             (self.crack_density, self.crack_radius, "crack_radius"),
         ):
-            if share > 0.0 and not radius > 0.0:
-                raise CaseError(f"{name} must be positive (m), got {radius:g}")
+            if share > 0.0:
+                require(name, radius, "(0, inf]", "m")
 
     def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
         """Draw a periodic volume of a size, m."""

@@ -25,7 +25,7 @@ from typing import Self
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws.softening import Softening
 from multiscale.micro.damage.cavities import NEGLIGIBLE, Cavities, penny_cracks
 from multiscale.micro.damage.sections import plane_damage
@@ -75,8 +75,7 @@ class Microcracks:
 
     def __post_init__(self) -> None:
         for name in ("edge", "youngs_modulus", "toughness", "bridging"):
-            if not getattr(self, name) > 0.0:
-                raise CaseError(f"{name} must be positive, got {getattr(self, name):g}")
+            require(name, getattr(self, name), "(0, inf]")
         if not (-1.0 < self.poissons_ratio < 0.5 and self.rise >= 0.0):
             raise CaseError(
                 f"poissons_ratio must lie between -1 and 0.5 and rise must not be negative, got "

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from multiscale.convergence import check_limits
-from multiscale.errors import CaseError
+from multiscale.errors import require
 from multiscale.micro.damage.fatigue import (
     STATE_SIZE,
     FatigueMaterial,
@@ -36,8 +36,7 @@ def limit_factors(scatter: float) -> np.ndarray:
     """Fatigue limits over their median, rising: middles of equal shares of a lognormal scatter."""
     from scipy.special import ndtri
 
-    if not 0.0 <= scatter < 1.0:
-        raise CaseError(f"scatter of the fatigue limit must lie from 0 to 1, got {scatter:g}")
+    require("scatter of the fatigue limit", scatter, "[0, 1)")
     n = INCLUSIONS if scatter else 1
     return np.asarray(np.exp(scatter * ndtri((np.arange(n) + 0.5) / n)))
 

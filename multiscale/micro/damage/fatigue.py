@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.schema import FATIGUE, WOEHLER, Dataset
 
 STATE_SIZE = 20
@@ -68,22 +68,13 @@ class FatigueMaterial:
             ("damage_exponent", "dimensionless"),
         ):
             value = getattr(self, name)
-            if not (value > 0.0 and np.isfinite(value)):
-                raise CaseError(f"{name} must be positive ({unit}), got {value:g}")
+            require(name, value, "(0, inf)", unit)
         for name, unit in (("hardening", "Pa"), ("threshold", "dimensionless")):
             value = getattr(self, name)
-            if not (value >= 0.0 and np.isfinite(value)):
-                raise CaseError(f"{name} must not be negative ({unit}), got {value:g}")
-        if not -1.0 < self.poissons_ratio < 0.5:
-            raise CaseError(
-                f"poissons_ratio must lie between -1 and 0.5, got {self.poissons_ratio:g}"
-            )
-        if not 0.0 < self.critical_damage <= 1.0:
-            raise CaseError(
-                f"critical_damage must lie above 0 and up to 1, got {self.critical_damage:g}"
-            )
-        if not 0.0 <= self.closure <= 1.0:
-            raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
+            require(name, value, "[0, inf)", unit)
+        require("poissons_ratio", self.poissons_ratio, "(-1, 0.5)")
+        require("critical_damage", self.critical_damage, "(0, 1]")
+        require("closure", self.closure, "[0, 1]")
 
     def parameters(self) -> np.ndarray:
         """Return the parameters in SI units, in the order of the fields and of the kernel."""
@@ -330,8 +321,8 @@ def two_scale_fatigue(
     >>> round(float(life["cycles_to_rupture"]))
     4684
     """
-    if jump_tolerance is not None and not 0.0 < jump_tolerance < 1.0:
-        raise CaseError(f"jump_tolerance must lie between 0 and 1, got {jump_tolerance:g}")
+    if jump_tolerance is not None:
+        require("jump_tolerance", jump_tolerance, "(0, 1)")
     if not max_cycles >= 1.0 or substeps < 1:
         raise CaseError(
             f"max_cycles and substeps must be at least 1, got {max_cycles:g} and {substeps}"

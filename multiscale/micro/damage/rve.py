@@ -41,7 +41,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.convergence import Solution, Status, check_limits, verdict
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError, require
 from multiscale.io.images import VoxelImage as VoxelImage
 from multiscale.laws.bulk.bulk_law import (
     check_moduli,
@@ -142,8 +142,7 @@ def effective_stiffness(
         )
     check_moduli(youngs_modulus, poissons_ratio)
     lame, shear = map(float, lame_parameters(1.0, poissons_ratio))  # over Young's modulus
-    if not 0.0 <= void_modulus < np.inf:
-        raise CaseError(f"void_modulus must not be negative (Pa), got {void_modulus:g}")
+    require("void_modulus", void_modulus, "[0, inf)", "Pa")
     if image.void.all() and void_modulus == 0.0:
         raise CaseError("the image contains no solid; check which voxels are void")
     # lengths and moduli relative to the longest edge and the modulus of the solid

@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import perpendicular
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
@@ -72,8 +72,7 @@ def plane_damage(
     """
     _check_volume(rve)
     direction = _unit(normal)
-    if not (slab >= 0.0 and np.isfinite(slab)):
-        raise CaseError(f"the slab must have a thickness of at least 0 (m), got {slab:g}")
+    require("the thickness of the slab", slab, "[0, inf)", "m")
     distances = np.atleast_1d(np.asarray(offset, dtype=float))
     places = distances.ravel()
     if closed:  # copies of the plane in the box, at distances of a period

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.finite.finite_cell import FiniteCell
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, SecondBody, statistics_of
@@ -216,8 +216,8 @@ class FlatCell(PeriodicLayer):
                 "moduli of a flat cell vary from layer to layer, not from element to element; use "
                 "the conforming geometry"
             )
-        if self.hardness is not None and not 0.0 < self.hardness < np.inf:
-            raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
+        if self.hardness is not None:
+            require("the hardness", self.hardness, "(0, inf)", "Pa")
         if self.slope_order not in (1, 2):
             raise CaseError(f"slope_order of a flat cell must be 1 or 2, got {self.slope_order}")
         if self.slope_order == 2:

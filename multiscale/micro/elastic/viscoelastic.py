@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.convergence import Status, check_limits
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.micro.averages import contact_fraction
 from multiscale.surfaces.surface import Surface
 
@@ -57,10 +57,8 @@ class RelaxingSolid:
     times: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.relaxed_modulus < np.inf:
-            raise CaseError(f"relaxed_modulus must be positive (Pa), got {self.relaxed_modulus:g}")
-        if not 0.0 <= self.poissons_ratio <= 0.5:
-            raise CaseError(f"poissons_ratio must lie between 0 and 0.5, got {self.poissons_ratio}")
+        require("relaxed_modulus", self.relaxed_modulus, "(0, inf)", "Pa")
+        require("poissons_ratio", self.poissons_ratio, "[0, 0.5]")
         if len(self.moduli) != len(self.times):
             raise CaseError(
                 f"give one modulus for each relaxation time, got {len(self.moduli)} moduli and "
@@ -135,10 +133,8 @@ def solve_sliding(
     residuals, preconditioned by the stiffness (1).
     """
     check_limits(tolerance, max_iterations)
-    if not 0.0 < pressure < np.inf:
-        raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
-    if not 0.0 <= velocity < np.inf:
-        raise CaseError(f"the velocity must not be negative (m/s), got {velocity:g}")
+    require("the pressure", pressure, "(0, inf)", "Pa")
+    require("the velocity", velocity, "[0, inf)", "m/s")
     if velocity > 0.0 and not solid.moduli:
         raise CaseError(
             "the body slides but is not viscous, so that the velocity has no effect; give moduli "

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro.averages import ContactSurface, EdgeLayer
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, SecondBody
@@ -46,8 +46,7 @@ class FiniteCell(PeriodicLayer):
     def __post_init__(self) -> None:
         super().__post_init__()
         mu = self.friction_coefficient
-        if not 0.0 <= mu < np.inf:
-            raise CaseError(f"the friction coefficient must not be negative, got {mu:g}")
+        require("the friction coefficient", mu, "[0, inf)")
 
     def _check_obstacle(self) -> None:
         if self.second is None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from multiscale.errors import CaseError, listed
+from multiscale.errors import CaseError, listed, require
 from multiscale.laws.bulk import J2
 from multiscale.laws.bulk.bulk_law import check_moduli, lame_parameters
 from multiscale.micro.averages import ContactSurface, recovered_force
@@ -102,8 +102,7 @@ class MeshCell:
                 f"{type(self.law).__name__}"
             )
         mu = self.friction_coefficient
-        if not 0.0 <= mu < np.inf:
-            raise CaseError(f"the friction coefficient must not be negative, got {mu:g}")
+        require("the friction coefficient", mu, "[0, inf)")
         fits = {CellSides.PERIODIC} if mu > 0.0 else {CellSides.PERIODIC, CellSides.SLIDING}
         if self.remembers and (self.sides not in fits or self.obstacle is not None):
             raise CaseError(
