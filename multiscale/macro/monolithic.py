@@ -26,7 +26,7 @@ from scipy.sparse import block_diag, csr_array, hstack, issparse
 
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import ConvergenceError, MultiscaleError
-from multiscale.fe.condensation import compliances
+from multiscale.fe.elasticity import compliances
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.newton import Limits, NewtonRun, enough, join_solutions, step_length

@@ -193,7 +193,7 @@ def solve_cell(
         ``spot_area``, ``spot_traction`` and ``spot_traction_by_normal``; NaN beyond the last spot.
     keep_flow : bool
         Keep the flow through the gap along x and y, as ``hydraulic_aperture`` and
-        ``percolating_share``; see :func:`~.gap_flow.gap_flow`.
+        ``percolating_share``; see :func:`~.averages.gap_flow`.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, as expensive as the contact itself. Flat and finite cells ignore it.

@@ -114,7 +114,7 @@ def plot_flow_channels(fields: Dataset, *, direction: str = "x", ax: Axes | None
     """Plot the flow along x or y at the highest pressure at which a path leads through a cell."""
     from matplotlib.colors import LogNorm
 
-    from multiscale.micro.gap_flow import gap_flow, open_gap
+    from multiscale.micro.averages import gap_flow, open_gap
 
     gap, pressure = (fields[name].to_numpy().swapaxes(1, 2) for name in ("gap", "pressure"))
     size = _edges(fields)

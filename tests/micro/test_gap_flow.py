@@ -7,7 +7,7 @@ from skfem import ElementHex1, MeshHex
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, MeshCell, Path, self_affine, solve_cell
-from multiscale.micro.gap_flow import gap_flow, open_gap
+from multiscale.micro.averages import gap_flow, open_gap
 
 SPACING = (0.5e-6, 0.8e-6)  # m
 

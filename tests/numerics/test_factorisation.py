@@ -6,7 +6,7 @@ from scipy.sparse import block_array, csc_array, csr_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
-from multiscale.fe.condensation import compliances, condense_body
+from multiscale.fe.elasticity import compliances, condense_body
 from multiscale.numerics import factorisation
 from multiscale.numerics.factorisation import factorise, on_diagonal
 from multiscale.numerics.krylov import minimal_residual

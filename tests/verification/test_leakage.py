@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.micro.gap_flow import gap_flow
+from multiscale.micro.averages import gap_flow
 from multiscale.upscaling.transport import effective_permeability
 from tests.support import press_flat, rough_square
 

@@ -31,8 +31,7 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import ConvergenceError, MultiscaleError
-from multiscale.fe.condensation import compliances
-from multiscale.fe.elasticity import count_free_motions, sum_blocks
+from multiscale.fe.elasticity import compliances, count_free_motions, sum_blocks
 from multiscale.macro.continuum.contact import Coupling
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.nonsmooth.friction_methods import linearise

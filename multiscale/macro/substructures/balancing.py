@@ -27,7 +27,7 @@ import numpy as np
 from numpy.linalg import cholesky, eigh, norm, qr, solve
 from scipy.sparse import coo_array, csr_array
 
-from multiscale.fe.condensation import Split
+from multiscale.fe.elasticity import Split
 from multiscale.macro.substructures.coarse import interface_motions
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import ProcessGroup, together

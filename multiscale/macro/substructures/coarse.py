@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.condensation import compliances
+from multiscale.fe.elasticity import compliances
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import (
     Factors,

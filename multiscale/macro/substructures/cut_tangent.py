@@ -13,7 +13,7 @@ from scipy.sparse import block_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.condensation import CondensedStiffness, condense, split
+from multiscale.fe.elasticity import CondensedStiffness, condense, split
 from multiscale.macro.substructures.balancing import Balancing, lay_out
 from multiscale.macro.substructures.problem import CutProblem, Substructure
 from multiscale.macro.substructures.stack import (

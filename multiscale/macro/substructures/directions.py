@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.fe.condensation import condense, split
+from multiscale.fe.elasticity import condense, split
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, ProcessGroup, Sides, Stack

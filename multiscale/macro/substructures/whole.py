@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from multiscale.errors import CaseError
-from multiscale.fe.condensation import CondensedStiffness, condense_body
+from multiscale.fe.elasticity import CondensedStiffness, condense_body
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.monolithic import Assembled
 from multiscale.macro.substructures.capacity import find_slide

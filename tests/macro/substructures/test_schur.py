@@ -9,7 +9,7 @@ from scipy.linalg import eigh, null_space
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
-from multiscale.fe.condensation import condense, split
+from multiscale.fe.elasticity import condense, split
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
