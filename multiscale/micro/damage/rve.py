@@ -182,8 +182,7 @@ def _solve(
     callback: Callable[[int, float], None] | None,
 ) -> tuple[Solution, np.ndarray]:
     """Solve for nodal forces by conjugate gradients: u and the residual forces."""
-    from multiscale.micro.damage.voxels import update_iterate
-    from multiscale.numerics.krylov import dot, turn
+    from multiscale.numerics.krylov import advance, dot, turn
 
     begin = perf_counter()
     u, r = np.zeros(load.shape), load.copy()
@@ -203,7 +202,8 @@ def _solve(
         if not curvature > 0.0:
             status = Status.STALLED if np.isfinite(curvature) else Status.NOT_FINITE
             break
-        update_iterate(power / curvature, p, q, u, r, rough)
+        advance(power / curvature, *(field.ravel() for field in (p, u, q, r)))
+        rough[...] = r
         z = operator.precondition(rough)
         previous, power = power, dot(r, z)
         residuals.append(float(np.sqrt(max(power, 0.0) / first)))

@@ -53,8 +53,8 @@ from scipy import fft, ndimage
 from multiscale.convergence import Solution
 from multiscale.executors import run_ranges, thread_count
 from multiscale.laws.bulk.bulk_law import VOIGT
-from multiscale.numerics import krylov as vectors
 from multiscale.numerics.compiled import compiled
+from multiscale.numerics.krylov import dot
 
 LEAST = 10_000  # fewest bricks for a thread
 DEEP = 12  # edge of the box over the depth to which loaded places are solid, as a first choice
@@ -221,7 +221,7 @@ def traction_stiffness(
         solved.append(replace(solution, value=solution.value.astype(np.float32)))
         for j in range(k + 1):
             u = solved[j].value
-            F[j, k] = F[k, j] = vectors.dot(loads[j], solution.value) + vectors.dot(u, r)
+            F[j, k] = F[k, j] = dot(loads[j], solution.value) + dot(u, r)
     stiffness = np.zeros((6, 6))
     loaded = np.ix_(carried, carried)
     stiffness[loaded] = np.linalg.inv(F[loaded]) / (np.prod(edges) * modulus.size)  # (2)
@@ -236,22 +236,6 @@ def _loaded(solid: np.ndarray) -> np.ndarray:
         if depth == 1 or deep.any():
             return deep
         depth //= 2
-
-
-def update_iterate(
-    share: float, p: np.ndarray, q: np.ndarray, u: np.ndarray, r: np.ndarray, rough: np.ndarray
-) -> None:
-    """Add share * p to u and -share * q to r in place, and copy r in single precision."""
-    fields = (field.ravel() for field in (p, q, u, r, rough))
-    run_ranges(_update_iterate, p.size, share, *fields, least=vectors.LEAST)
-
-
-@compiled
-def _update_iterate(begin, end, share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
-    for i in range(begin, end):
-        u[i] += share * p[i]
-        r[i] -= share * q[i]
-        rough[i] = r[i]
 
 
 @compiled(fastmath=True)
