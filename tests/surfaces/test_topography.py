@@ -238,7 +238,7 @@ def test_window_lowers_the_mean_square_height_as_stated(taper):
 
 @pytest.mark.parametrize("taper", [0.0, 0.6])
 def test_taper_outside_its_range_is_refused(taper):
-    with pytest.raises(CaseError, match=r"taper must be above 0 and at most 0\.5"):
+    with pytest.raises(CaseError, match=r"taper must lie above 0 and up to 0\.5"):
         window(Surface(np.zeros((4, 4)), (1.0, 1.0)), taper=taper)
 
 
