@@ -7,8 +7,7 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_law, open_response, write_dataset
 from multiscale.laws import Exponential, HystereticLaw, ModifiedLaw
 from multiscale.micro import Path
-from multiscale.micro.damage import max_damage
-from multiscale.micro.damage.sections import plane_damage
+from multiscale.micro.damage import max_damage, plane_damage
 from multiscale.schema import DAMAGE_SECTIONS, HOLDING, INTERFACE_LAW, LOADING, UNLOADING
 from multiscale.upscaling import (
     fit_branches,

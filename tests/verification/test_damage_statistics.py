@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from multiscale.micro.damage import boolean_spheres, voxelise
-from multiscale.micro.damage.sections import plane_damage
+from multiscale.micro.damage import boolean_spheres, plane_damage, voxelise
 from tests.support import observed_rate
 
 RADIUS = 1.0

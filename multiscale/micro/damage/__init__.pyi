@@ -16,3 +16,4 @@ from .rve import VoxelImage as VoxelImage
 from .rve import effective_stiffness as effective_stiffness
 from .rve import youngs_modulus_along as youngs_modulus_along
 from .sections import max_damage as max_damage
+from .sections import plane_damage as plane_damage

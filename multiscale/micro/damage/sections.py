@@ -58,13 +58,31 @@ def plane_damage(
     slab: float = 0.0,
     closed: bool = False,
 ) -> np.ndarray:
-    r"""Compute the damage :math:`D = S_D / S` on parallel planes, eq (1) of the source.
+    r"""Compute the damage on parallel planes, eq (1) of the source.
 
-    Planes lie at an ``offset``, m, from the centre along the ``normal``; NaN where they miss the
-    box. Flat cracks within a ``slab``, m, about a plane count with their projection
-    :math:`A\,|n \cdot m|`, without a slab only those that it meets. ``closed`` planes continue
-    through the periodic medium until they close, along a lattice direction of the box.
+    Parameters
+    ----------
+    rve : Cavities or VoxelImage
+    normal : array_like, shape (3,), direction :math:`n`, of any length but zero
+    offset : float or ndarray
+        Distance of the planes from the centre of the volume along the normal, m.
+    slab : float
+        Thickness of the slab about a plane, m. Flat cracks in it count with their projection on
+        the plane, :math:`A\,|n \cdot m|`, since the section of a flat crack is a line without
+        area. With 0 only the cracks that the plane meets count.
+    closed : bool
+        Whether the plane continues through the periodic medium until it closes, instead of ending
+        at the box. The normal must then be a lattice direction of the box.
 
+    Returns
+    -------
+    ndarray, shape of ``offset``
+        :math:`D = S_D / S` with the area of the section within the box, exact up to round-off
+        for closed forms (overlaps are counted once) and for the voxels of an image. NaN where
+        the plane misses the box.
+
+    Examples
+    --------
     >>> from multiscale.micro.damage import Cavities, spheres
     >>> rve = Cavities((1.0, 1.0, 1.0), [spheres([[0.5, 0.5, 0.5]], 0.3)])
     >>> float(plane_damage(rve, (0, 0, 1)).round(5))

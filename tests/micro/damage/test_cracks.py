@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage import Microcracks, Recipe, grow_microcracks, softening_of
-from multiscale.micro.damage.sections import plane_damage
+from multiscale.micro.damage import (
+    Microcracks,
+    Recipe,
+    grow_microcracks,
+    plane_damage,
+    softening_of,
+)
 from multiscale.schema import CRACK_GROWTH
 
 E, NU, EDGE, K = 30e9, 0.2, 0.1, 0.6e6

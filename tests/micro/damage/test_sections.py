@@ -9,12 +9,13 @@ from multiscale.micro.damage import (
     boolean_spheres,
     max_damage,
     penny_cracks,
+    plane_damage,
     random_spheres,
     spheres,
     voxelise,
 )
 from multiscale.micro.damage.cavities import Ellipsoids
-from multiscale.micro.damage.sections import fit_tensor, plane_damage, sphere_directions
+from multiscale.micro.damage.sections import fit_tensor, sphere_directions
 from multiscale.numerics.box_sections import box_section, void_section
 from multiscale.schema import DAMAGE_SECTIONS
 from tests.micro.damage.solid import CUBE, MIDDLE, channels, ellipsoids, lattice

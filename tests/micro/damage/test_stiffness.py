@@ -16,13 +16,13 @@ from multiscale.micro.damage import (
     boolean_spheres,
     effective_stiffness,
     penny_cracks,
+    plane_damage,
     random_spheres,
     spheres,
     voxelise,
     youngs_modulus_along,
 )
 from multiscale.micro.damage.rve import SIDES
-from multiscale.micro.damage.sections import plane_damage
 from tests.closed_forms.elastic_solids import (
     hashin_shtrikman_bound,
     isotropic_stiffness,
