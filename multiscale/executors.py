@@ -155,7 +155,6 @@ def process_pool(jobs: int) -> Iterator["ProcessPoolExecutor"]:
 
 @contextmanager
 def _dask_workers(address: str) -> Iterator[Executor]:
-    """Yield the workers of a dask scheduler."""
     try:
         from distributed import Client
         from distributed.scheduler import KilledWorker

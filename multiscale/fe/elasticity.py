@@ -421,7 +421,6 @@ def compliances(
 def _inverse_between(
     solve: Solve, rows: csr_array, columns: csr_array, start: np.ndarray
 ) -> list[np.ndarray]:
-    """Compute ``rows @ inverse @ columns`` of every body, in batches of right-hand sides."""
     sizes = np.diff(start)
     width = int(sizes.max(initial=0))
     entries = columns.tocoo()
@@ -436,5 +435,4 @@ def _inverse_between(
 
 
 def _symmetric(block: np.ndarray) -> np.ndarray:
-    """Symmetric part."""
     return np.asarray(0.5 * (block + block.T))

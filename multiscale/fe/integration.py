@@ -191,13 +191,11 @@ def _clip(polygon, window, clipped, new):  # type: ignore[no-untyped-def]
 
 @compiled
 def _cross(a, b, c):  # type: ignore[no-untyped-def]
-    """Twice the signed area of a triangle."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 @compiled
 def _area(polygon, n):  # type: ignore[no-untyped-def]
-    """Signed area of a polygon of n corners."""
     total = 0.0
     for k in range(1, n - 1):
         total += 0.5 * _cross(polygon[0], polygon[k], polygon[k + 1])

@@ -134,7 +134,6 @@ class Asperities:
 
     @cached_property
     def _spline(self):  # type: ignore[no-untyped-def]
-        """Spline of the ratio over the logarithm of the approach, and the ends of its range, m."""
         from scipy.interpolate import CubicSpline
         from scipy.optimize import brentq
 

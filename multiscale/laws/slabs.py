@@ -79,7 +79,6 @@ def respond_slabs(
 
 
 def _least(state: np.ndarray) -> int:
-    """Least number of points per thread."""
     return -(-LEAST // len(state))
 
 

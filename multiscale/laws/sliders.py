@@ -328,7 +328,6 @@ class Sliders(SliderBed):
 
     @cached_property
     def _curve(self) -> NormalLaw:
-        """Elastic curve of the normal law."""
         return self.normal.elastic_curve(*self._pressures)[0]
 
     def _springs(self, jump: np.ndarray, history: np.ndarray) -> np.ndarray:
@@ -365,6 +364,5 @@ class Sliders(SliderBed):
 
 
 def _flat(value: np.ndarray) -> np.ndarray:
-    """Return an array with all points in one axis."""
     points = int(np.prod(value.shape[1:]))
     return np.ascontiguousarray(value, dtype=float).reshape(value.shape[0], points)

@@ -227,7 +227,6 @@ class Assembled:
 
     @cached_property
     def _solve(self) -> Solve:
-        """Solve with the stiffness."""
         return factorise(self.stiffness, name="the stiffness of the structure")
 
     @cached_property

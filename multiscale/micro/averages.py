@@ -327,7 +327,6 @@ def contact_areas(
 def _shifted(
     nodes: tuple[np.ndarray, ...], axis: int, steps: int, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, ...]:
-    """Shift nodes of a periodic grid by a number of steps along an axis."""
     moved = list(nodes)
     moved[axis] = (nodes[axis] + steps) % shape[axis]
     return tuple(moved)

@@ -125,7 +125,6 @@ class PeriodicLayer:
         self._check_obstacle()
 
     def _check_obstacle(self) -> None:
-        """Refuse an obstacle on another grid."""
         surface, obstacle = self.surface, self.obstacle
         if obstacle is not None and (
             obstacle.heights.shape != surface.heights.shape or obstacle.size != surface.size

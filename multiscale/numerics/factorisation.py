@@ -175,7 +175,6 @@ def _scaled_solve(solve: Solve, scale: np.ndarray, rhs: np.ndarray) -> np.ndarra
 
 
 def _random_signs(n: int) -> np.ndarray:
-    """Random right-hand side, to which no structure of a matrix is orthogonal."""
     return np.random.default_rng(seed=0).choice([-1.0, 1.0], size=n)
 
 
@@ -190,7 +189,6 @@ def _softest_motion(matrix: csr_array | np.ndarray, solve: Solve) -> tuple[float
 
 
 def _diagonal_scale(matrix: csr_array | np.ndarray) -> np.ndarray:
-    """Scale of every unknown that makes the diagonal equal to 1."""
     diagonal = np.abs(matrix.diagonal())
     return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
 

@@ -167,7 +167,6 @@ class Spectrum:
 
     @cached_property
     def _sums(self) -> dict[int, np.ndarray]:
-        """Running sums of mean square height and slope."""
         return {order: np.cumsum(self.wavenumber**order * self.power) for order in (0, 2)}
 
     def length_holding(self, share: float) -> float:

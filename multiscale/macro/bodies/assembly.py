@@ -292,7 +292,6 @@ class GapMap:
 
 
 def _extents(x: np.ndarray) -> str:
-    """Extents of points in a plane."""
     low, high = x.min(axis=0), x.max(axis=0)
     return " by ".join(f"from {a:.4g} to {b:.4g} m" for a, b in zip(low, high, strict=True))
 

@@ -329,7 +329,6 @@ def _contact_stiffness(assembly: FiniteAssembly, B: csr_array, area: np.ndarray)
 
 
 def _block_diagonal(blocks: np.ndarray) -> csr_array:
-    """Sparse matrix of small square blocks, shape (n, c, c)."""
     n, c, _ = blocks.shape
     place = np.arange(n * c).reshape(n, c)
     return sum_blocks(blocks, place, place, (n * c, n * c))
@@ -403,7 +402,6 @@ class CondensedContact:
         return u
 
     def _jump(self, before: ContactEquilibrium, u: np.ndarray, time: float) -> np.ndarray:
-        """Gap and slip of a displacement, m."""
         motions = (before.displacement, u)
         coupling, times = self.coupling, (before.time, time)
         return self.assembly.jump(coupling, coupling, motions, times)

@@ -165,8 +165,6 @@ def _choose(
     limits: Limits,
     callback: Callable[[float, int, float], None] | None,
 ) -> Solve:
-    """Newton on all unknowns, or on the unknowns of the contacts."""
-
     def at(time: float) -> Limits:
         return replace(limits, callback=callback and partial(callback, time))
 

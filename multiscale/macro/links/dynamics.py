@@ -500,5 +500,4 @@ def limited_motion(
 
 
 def _largest(vector: np.ndarray) -> float:
-    """Return the largest absolute entry, zero of an empty vector."""
     return float(np.abs(vector).max(initial=0.0))

@@ -145,7 +145,6 @@ def solve_static(
 def _check_options(
     system: LinkSystem, factors: np.ndarray, method: str, exact: bool, stability: bool
 ) -> None:
-    """Refuse options that do not fit the structure."""
     if factors.ndim != 1 or not factors.size or not np.isfinite(factors).all():
         raise CaseError(f"load_factor must be a finite number or a list of them, got {factors}")
     if method not in METHODS:
@@ -377,7 +376,6 @@ class _Problem:
 
 @np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
 def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Limits) -> Solution:
-    """Solve (1) at a load factor."""
     model, u = problem.model, start
     scale = force_scale(model, load_factor * model.load)
     shape = problem.shape(u)

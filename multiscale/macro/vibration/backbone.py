@@ -318,7 +318,6 @@ def _opens(driven: _Mode, pressure: np.ndarray) -> np.ndarray:
 
 
 def _sheared(driven: _Mode) -> bool:
-    """Return whether the preload leaves shear in the joints."""
     traction, area = driven.law.rest, driven.structure.weight
     limit = driven.rest.law.friction_limit(np.maximum(-traction[0], 0.0))
     return bool(np.linalg.norm(traction[1:], axis=0) @ area > SHEARED * (limit @ area))

@@ -431,7 +431,6 @@ def boolean_spheres(
 
 
 def _mean_volume(radius: float, spread: float) -> float:
-    """Mean volume of spheres with log-normal radii, m³."""
     return 4.0 / 3.0 * pi * radius**3 * exp(4.5 * spread**2)
 
 

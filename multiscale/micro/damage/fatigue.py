@@ -116,7 +116,6 @@ def _slow_variables(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
 
 
 def _set_slow_variables(state: np.ndarray, slow: np.ndarray, material: FatigueMaterial) -> None:
-    """Write slow variables into states and keep their plastic strain."""
     modulus = 2.0 / 3.0 * material.hardening * (1.0 - slow[:, :1] * material.feedback)
     state[:, :2], state[:, 8:14] = slow[:, :2], slow[:, 2:] + modulus * state[:, 2:8]
 

@@ -106,7 +106,6 @@ def _mean(s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _equivalent(s):  # type: ignore[no-untyped-def]
-    """Mises norm of a deviator."""
     direct = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
     return np.sqrt(1.5 * (direct + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5])))
 
@@ -217,7 +216,6 @@ def _plastic_step(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
 
 @compiled
 def _product(x, y):  # type: ignore[no-untyped-def]
-    """Inner product of the Mises norm."""
     direct = x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
     return 1.5 * (direct + 2.0 * (x[3] * y[3] + x[4] * y[4] + x[5] * y[5]))
 

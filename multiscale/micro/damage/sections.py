@@ -267,7 +267,6 @@ def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.n
 
 
 def _check_volume(rve: object) -> None:
-    """Refuse objects other than volumes, such as a bare array."""
     if not isinstance(rve, Volume):
         raise CaseError(
             f"sections need Cavities or a VoxelImage, got {type(rve).__name__}; an array becomes "
@@ -335,7 +334,6 @@ def fit_tensor(normals: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _without_opposites(points: np.ndarray) -> np.ndarray:
-    """Drop points that are equal or opposite to earlier points."""
     distinct: list[np.ndarray] = []
     for point in points:
         x, y, z = np.round(point, 9)

@@ -81,7 +81,6 @@ class VoxelOperator:
 
     @property
     def _least(self) -> int:
-        """Fewest planes of bricks for a thread."""
         return -(-LEAST // int(self.lame[0].size))
 
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:

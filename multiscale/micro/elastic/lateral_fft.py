@@ -56,7 +56,6 @@ def _block(between, x, k, y, j):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True, forceinline=True)
 def _times(matrix, x, y, z):  # type: ignore[no-untyped-def]
-    """Multiply a symmetric matrix of six entries by a vector."""
     xx, xy, xz, yy, yz, zz = matrix
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
@@ -141,7 +140,6 @@ def _forward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyp
 
 @compiled(fastmath=True)
 def _backward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyped-def]
-    """Substitute downwards from the surface."""
     nx, layers, _, m = values.shape
     for k in range(begin, end):
         row, sign = _row(k, nx, inverse)
@@ -180,7 +178,6 @@ class LateralInverse:
 
     @cached_property
     def _pivots(self) -> np.ndarray:
-        """Inverse pivots at the surface, for all modes."""
         nx = self.shape[0]
         rows = np.arange(nx)
         pivots = self.inverse[np.minimum(rows, nx - rows), -1, :, ::2]

@@ -284,7 +284,6 @@ def assemble_elastic_mesh(cell: MeshCell, *, recover_stress: bool = False) -> "E
 
 
 def _cell_basis(cell: MeshCell) -> "CellBasis":
-    """Finite-element space of a displacement component of a cell."""
     from skfem import Basis
     from skfem.refdom import RefTet, RefTri
 

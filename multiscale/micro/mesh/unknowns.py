@@ -191,7 +191,6 @@ def mean_strain(basis: "CellBasis") -> np.ndarray:
 
 
 def _side(points: np.ndarray, axis: int) -> np.ndarray:
-    """Select the points on both planes that bound the cell along an axis."""
     low, high = points[axis].min(), points[axis].max()
     near = 1e-9 * (high - low)
     return np.flatnonzero((points[axis] - low < near) | (high - points[axis] < near))
