@@ -231,8 +231,12 @@ class Assembled:
 
     @cached_property
     def resistance(self) -> float:
-        """Stiffness of the bodies per area, Pa/m."""
-        return face_stiffness(self.stiffness.diagonal(), self.jump[: self.weight.size], self.weight)
+        """Stiffness of the bodies per area of the interface, Pa/m, from its diagonal."""
+        if not self.weight.size:
+            return 0.0
+        touched = abs(self.jump[: self.weight.size]).T @ self.weight
+        diagonal = np.abs(self.stiffness.diagonal())
+        return SOFT * float(np.sum(diagonal[touched > 0.0]) / np.sum(touched))
 
     @cached_property
     def flexible(self) -> "FlexibleBodies | None":
@@ -564,11 +568,3 @@ def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np
     """Traction of the tangent of a law at a jump, for another jump, shape (d, points), Pa."""
     change = np.einsum("ijp,jp->ip", response.tangent, jump - at)
     return np.asarray(response.traction + change)
-
-
-def face_stiffness(diagonal: np.ndarray, normal_jump: csr_array, weight: np.ndarray) -> float:
-    """Stiffness of bodies per area of an interface, Pa/m, from the diagonal stiffness, N/m."""
-    if not weight.size:
-        return 0.0
-    touched = abs(normal_jump).T @ weight
-    return SOFT * float(np.sum(np.abs(diagonal)[touched > 0.0]) / np.sum(touched))
