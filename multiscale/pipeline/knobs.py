@@ -19,43 +19,23 @@ LOWEST, HIGHEST = -2, 6
 
 @dataclass(frozen=True, eq=False)
 class Knob:
-    """A setting of accuracy on a ladder; rung 0 is the case as it is given.
-
-    Attributes
-    ----------
-    name : str
-    change : callable, from a case and a rung to the case there
-        Raises ``CaseError`` where there is no such rung, and returns an equal case at all rungs
-        where the case does not have the setting.
-    terms : terms of the error budget in which its error is counted
-    orders : lowest and highest power of 2 by which its error falls from rung to rung
-    costs : power of 2 by which the seconds of stages grow from rung to rung, until measured
-    measured : bool
-        Whether its error is measured by the answer at the rung below; the budget has it otherwise.
-    scatters : bool
-        Whether cells of another rung have other surfaces, so that answers differ by chance.
-    draws : power of 2 by which the sampling error falls from rung to rung
-    adds : whether a higher rung adds cells to the cells of the rungs below
-    """
+    """A setting of accuracy on a ladder; rung 0 is the case as it is given."""
 
     name: str
     change: "Callable[[Case, int], Case]"
-    terms: tuple[str, ...] = ()
-    orders: tuple[float, float] = (1.0, 2.0)
+    """Return the case at a rung, an equal case if it lacks the setting, or refuse the rung."""
+    terms: tuple[str, ...] = ()  # of the error budget, with its error
+    orders: tuple[float, float] = (1.0, 2.0)  # powers of 2 by which its error falls, at most
     costs: Mapping[str, float] = field(default_factory=dict)
-    measured: bool = True
-    scatters: bool = False
-    draws: float = 0.0
-    adds: bool = False
+    """Powers of 2 by which the seconds of stages grow from rung to rung, until measured."""
+    measured: bool = True  # by the answer at the rung below; the budget has it otherwise
+    scatters: bool = False  # whether cells of another rung have other surfaces
+    draws: float = 0.0  # power of 2 by which the sampling error falls
+    adds: bool = False  # whether a higher rung adds cells to the cells of the rungs below
 
     def applies(self, case: "Case") -> bool:
         """Whether a case has the setting."""
-        for rung in (1, -1):
-            try:
-                return self.change(case, rung) != case
-            except CaseError:
-                continue
-        return False
+        return self._has(case, 1) or self._has(case, -1)
 
     def lowest(self, case: "Case") -> int:
         """Return the lowest rung of a case."""

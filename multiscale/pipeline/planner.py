@@ -35,7 +35,7 @@ STEPS, ADDED = 2, 4
 """Rungs of a knob in a round, and of a knob that adds cells."""
 
 MOST_GROWTH = 10.0
-"""Time of a round over the time of the round before: an early error says little of a later one."""
+"""Time of a round over the time of the last answer: an early error shows little of a later one."""
 
 SURE = 0.5  # width of a range of orders that is believed without two differences
 LEVEL = (
@@ -49,19 +49,11 @@ SAMPLING = "sampling"
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """An answer at a setting.
+    """An answer at a setting."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (places,), any unit
-    half_width : mapping of str to ndarray, shape (places,)
-        Half-widths by the terms of the budget, relative; empty of an answer without its budget.
-    seconds : mapping of str to float, time of the stages, s
-    """
-
-    value: np.ndarray
-    half_width: Mapping[str, np.ndarray]
-    seconds: Mapping[str, float]
+    value: np.ndarray  # shape (places,), any unit
+    half_width: Mapping[str, np.ndarray]  # by terms, relative; empty without a budget
+    seconds: Mapping[str, float]  # of the stages, s
 
 
 Solve = Callable[[Setting, bool], Outcome]
@@ -123,62 +115,35 @@ class SourceCost:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """The answer of a plan.
-
-    Attributes
-    ----------
-    state : State
-    error : ndarray, shape (places,), relative 95 % bound on the error of the value
-    rounds : list of Round
-    sources : list of SourceCost, the largest error first
-    halving : Round or None, the cheapest setting that is expected to halve the error
-    stopped : str, why the target was not reached; empty if it was
-    """
+    """The answer of a plan."""
 
     state: State
-    error: np.ndarray
+    error: np.ndarray  # shape (places,), relative 95 % bound on the error of the value
     rounds: Sequence[Round]
-    sources: Sequence[SourceCost]
-    halving: Round | None
-    stopped: str = ""
+    sources: Sequence[SourceCost]  # the largest error first
+    halving: Round | None  # the cheapest setting that is expected to halve the error
+    stopped: str = ""  # why the target was not reached
 
 
 @dataclass(eq=False)
 class Planner:
-    """Rounds of settings towards a target.
-
-    Attributes
-    ----------
-    knobs : sequence of Knob
-    solve : Solve
-    lowest : mapping of str to int, lowest rung of every knob
-    target : float, largest relative error; inf if only the time counts
-    time : float, limit for the seconds of all solves
-    spent : callable, seconds that were spent so far
-    report : callable, called with a sentence after every round
-    """
+    """Rounds of settings towards a target."""
 
     knobs: Sequence[Knob]
     solve: Solve
-    lowest: Mapping[str, int]
-    target: float = inf
-    time: float = inf
-    spent: Callable[[], float] = lambda: 0.0
-    report: Callable[[str], None] = lambda line: None
+    lowest: Mapping[str, int]  # rung of every knob
+    target: float = inf  # largest relative error; inf if only the time counts
+    time: float = inf  # limit for the seconds of all solves
+    spent: Callable[[], float] = lambda: 0.0  # seconds so far
+    report: Callable[[str], None] = lambda line: None  # takes a sentence after every round
     highest: dict[str, int] = field(default_factory=dict)  # where a higher rung was refused
 
     def run(self) -> Reached:
-        """Solve settings until the error is below the target, or the time is over.
-
-        Raises
-        ------
-        CaseError
-            If terms that no knob reduces exceed the target.
-        ConvergenceError
-            If the error stays above the target for :data:`MOST_ROUNDS` rounds.
-        """
+        """Solve settings until the error is below the target, or the time is over."""
         rounds = list[Round]()
-        step: Round | None = Round({knob.name: self._start(knob) for knob in self.knobs}, nan, nan)
+        # a knob that is measured has a rung below the first
+        start = {knob.name: self.lowest[knob.name] + knob.measured for knob in self.knobs}
+        step: Round | None = Round(start, nan, nan)
         state: State | None = None
         while step is not None:
             before, begin = state, self.spent()
@@ -191,7 +156,7 @@ class Planner:
             if error <= self.target < inf:
                 break
             self._refuse_floor(state)
-            growth = MOST_GROWTH * max(rounds[-1].seconds, sum(state.outcome.seconds.values()))
+            growth = MOST_GROWTH * sum(state.outcome.seconds.values())
             step = self.choose(state, min(self.time - self.spent(), growth))
             step = step or self.choose(state, self.time - self.spent())
             if step is not None and len(rounds) == MOST_ROUNDS:
@@ -212,10 +177,6 @@ class Planner:
             self.cheapest(state, 0.5 * error, inf),
             self._reason(state, error) if error > self.target else "",
         )
-
-    def _start(self, knob: Knob) -> int:
-        """Return the first rung: there is one below it if the error is measured by it."""
-        return self.lowest[knob.name] + knob.measured
 
     def _advance(self, state: State | None, step: Round) -> State:
         """Solve the next setting; a rung that is refused is the end of its ladder."""
@@ -408,11 +369,7 @@ class Planner:
 def halving_seconds(
     seconds: Mapping[str, float], powers: Mapping[str, float], order: float, adds: bool
 ) -> float:
-    """Return the time in which a knob halves its error, s, from the time of the stages.
-
-    ``powers`` of two by which the time of stages grows from rung to rung; ``order`` is the power by
-    which the error falls. A knob that adds cells needs only the further time.
-    """
+    """Return the time in which a knob halves its error, s, by powers of two of time and error."""
     moved = {stage: power for stage, power in powers.items() if power and seconds.get(stage)}
     grown = sum(seconds[stage] * 2.0 ** (power / order) for stage, power in moved.items())
     return float(grown - (sum(seconds[stage] for stage in moved) if adds else 0.0))
