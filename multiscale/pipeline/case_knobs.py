@@ -74,7 +74,7 @@ def body_knobs(case: Case) -> Iterator[Knob]:
         ("steps of a vibration", {"vibration.steps": 2}, (1.0, 2.0), 1.0),
     ):
         stages = (STRUCTURE, "vibration")
-        terms = () if name == "slabs" else (MACRO,)
+        terms = (MACRO,) if name == "elements" else ()  # meshes of files have it in the budget
         yield Knob(name, scaled(keys), terms, orders, dict.fromkeys(stages, cost))
 
 
