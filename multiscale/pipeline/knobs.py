@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.tables.toml_model import Model
+from multiscale.pipeline.tables.toml_model import AnySettings
 
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
@@ -62,7 +62,7 @@ def scaled(factors: Mapping[str, float]) -> "Callable[[Case, int], Case]":
     return change
 
 
-def _scale(table: Model, path: tuple[str, ...], factor: float) -> Model:
+def _scale(table: AnySettings, path: tuple[str, ...], factor: float) -> AnySettings:
     """Return a table with a key multiplied; a missing key stays missing."""
     name, *inner = path
     value = getattr(table, name, None)

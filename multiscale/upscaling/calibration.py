@@ -23,10 +23,10 @@ from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling.branches import tangential_values
 from multiscale.upscaling.budget import NORMAL
-from multiscale.upscaling.calibrated_law import law_of_interfaces
-from multiscale.upscaling.measured_data import Curve, Interface, Measured
+from multiscale.upscaling.measured_data import BedCurve, Curve, MeasuredJoint
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, draw, find_mode
+from multiscale.upscaling.posterior_law import law_of_interfaces
 from multiscale.upscaling.reading import fitted_laws, pick, refuse_band, require_law
 
 FRICTION, RATIO = 0.5, 0.12
@@ -53,8 +53,8 @@ DISAGREES, LEARNS = 3.0, 0.05  # standard deviations of a pull; share of a varia
 
 RELIABLE = 0.7  # shape of the tail of the weights
 
-Answer = Callable[[Measured, Interface, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
-"""Maps a table, a law and nuisances to values and gradient; see :meth:`Measured.answer`."""
+Answer = Callable[[MeasuredJoint, BedCurve, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
+"""Maps a table, a law and nuisances to values and gradient; see :meth:`MeasuredJoint.answer`."""
 
 
 class Parameter(NamedTuple):
@@ -97,7 +97,7 @@ class Calibration:
 
 def calibrate(
     law: Dataset,
-    measured: Sequence[Measured],
+    measured: Sequence[MeasuredJoint],
     solve: Answer | None = None,
     *,
     roughness: float = ROUGHNESS,
@@ -114,10 +114,10 @@ def calibrate(
     law : Dataset
         Follows ``INTERFACE_LAW``; with friction and stiffness ratio, see :func:`assume_shear`, if a
         table depends on them.
-    measured : sequence of Measured, see :func:`read_measured`
+    measured : sequence of MeasuredJoint, see :func:`read_measured`
     solve : callable, optional
         Values and gradient of a table by a law and by its nuisances, with the arguments and the
-        result of :meth:`Measured.answer`, which is taken if not given; see
+        result of :meth:`MeasuredJoint.answer`, which is taken if not given; see
         :func:`by_differences` for a structure without gradient.
     roughness, discrepancy, exponent : float
         Half-widths of the 95 % intervals of the logarithms of all heights and of the stiffness of
@@ -195,13 +195,13 @@ def calibrate(
     return Calibration(calibrated, parameters, rows, sentences, draws.effective, mode.solves)
 
 
-def predict_measured(law: Dataset, table: Measured) -> tuple[np.ndarray, np.ndarray]:
+def predict_measured(law: Dataset, table: MeasuredJoint) -> tuple[np.ndarray, np.ndarray]:
     """Predict the values of a table by a law with samples, such as a calibrated law.
 
     Parameters
     ----------
     law : Dataset, follows ``INTERFACE_LAW``
-    table : Measured, of which the measured values are not used
+    table : MeasuredJoint, of which the measured values are not used
 
     Returns
     -------
@@ -235,12 +235,12 @@ def predict_measured(law: Dataset, table: Measured) -> tuple[np.ndarray, np.ndar
     for normal, (ratio, friction) in zip(laws, shears, strict=True):
         stiffness = normal.stiffness(normal.gap_at(np.exp(x)))
         curve = Curve(x, np.log(stiffness), np.empty((0, x.size)))
-        values.append(table.answer(Interface(curve, ratio, friction), {})[0])
+        values.append(table.answer(BedCurve(curve, ratio, friction), {})[0])
     return values[0], np.percentile(values[1:], [2.5, 97.5], axis=0)
 
 
 def by_differences(
-    values: Callable[[Measured, Interface, Mapping[str, float]], np.ndarray],
+    values: Callable[[MeasuredJoint, BedCurve, Mapping[str, float]], np.ndarray],
     step: float = 1e-3,
     executor: Executor | None = None,
 ) -> Answer:
@@ -257,16 +257,16 @@ def by_differences(
     """
 
     def answer(
-        table: Measured, interface: Interface, nuisances: Mapping[str, float]
+        table: MeasuredJoint, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         curve, ratio, friction = interface
 
-        def moved(h: float) -> Iterator[tuple[Interface, Mapping[str, float]]]:
+        def moved(h: float) -> Iterator[tuple[BedCurve, Mapping[str, float]]]:
             for rate in curve.rates:
                 stiffer = replace(curve, log_stiffness=curve.log_stiffness + h * rate)
-                yield Interface(stiffer, ratio, friction), nuisances
-            yield Interface(curve, ratio * np.exp(h), friction), nuisances
-            yield Interface(curve, ratio, friction * np.exp(h)), nuisances
+                yield BedCurve(stiffer, ratio, friction), nuisances
+            yield BedCurve(curve, ratio * np.exp(h), friction), nuisances
+            yield BedCurve(curve, ratio, friction * np.exp(h)), nuisances
             for name, width in table.nuisances.items():
                 yield interface, {**nuisances, name: nuisances[name] + h * width}
 
@@ -297,7 +297,7 @@ class _Prior:
     def of(
         cls,
         law: Dataset,
-        measured: Sequence[Measured],
+        measured: Sequence[MeasuredJoint],
         roughness: float,
         discrepancy: tuple[float, float],
         cells: float | None,
@@ -346,7 +346,7 @@ class _Prior:
         shear = shears.get("stiffness_ratio", 1.0), shears.get("friction", 1.0)
         return cls(x, mean, modes.reshape(n, x.size), tuple(names), np.array(scale), shear)
 
-    def interface(self, theta: np.ndarray) -> Interface:
+    def interface(self, theta: np.ndarray) -> BedCurve:
         """Return the law by parameters, with its rates by modes and by heights, if uncertain."""
         n, shift, rates = len(self.modes), 0.0, self.modes
         uncertain = HEIGHTS in self.names
@@ -361,7 +361,7 @@ class _Prior:
         if STIFFNESS_RATIO in self.names:
             step = np.exp(self.scale[at : at + 2] * theta[at : at + 2])
             ratio, friction = ratio * step[0], friction * step[1]
-        return Interface(curve, float(ratio), float(friction))
+        return BedCurve(curve, float(ratio), float(friction))
 
     def heights(self, theta: np.ndarray) -> np.ndarray:
         """Return the factors of the heights of rows of parameters."""
@@ -371,7 +371,7 @@ class _Prior:
         return np.asarray(np.exp(self.scale[k] * theta[:, k]))
 
     def residual(
-        self, theta: np.ndarray, measured: Sequence[Measured], answer: Answer
+        self, theta: np.ndarray, measured: Sequence[MeasuredJoint], answer: Answer
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return all residuals over their deviations, and their derivatives."""
         interface = self.interface(theta)
@@ -425,7 +425,7 @@ def _shear_widths(law: Dataset, shears: Mapping[str, float]) -> Iterator[float]:
         yield float(np.hypot(scatter, width / NORMAL))
 
 
-def _refuse_outside(table: Measured, law: Dataset, extrapolate: bool) -> None:
+def _refuse_outside(table: MeasuredJoint, law: Dataset, extrapolate: bool) -> None:
     """Refuse preloads outside the pressures of the law."""
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
     p = table.pressure
@@ -438,7 +438,7 @@ def _refuse_outside(table: Measured, law: Dataset, extrapolate: bool) -> None:
         )
 
 
-def _refuse_contradiction(mode: Mode, measured: Sequence[Measured]) -> None:
+def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None:
     """Refuse data of which many lie far from the nearest law."""
     far = np.abs(mode.residual) > FAR
     if far.sum() <= FEW * far.size:
@@ -454,7 +454,7 @@ def _refuse_contradiction(mode: Mode, measured: Sequence[Measured]) -> None:
 
 
 def _rows(
-    mode: Mode, prior: _Prior, measured: Sequence[Measured], answer: Answer
+    mode: Mode, prior: _Prior, measured: Sequence[MeasuredJoint], answer: Answer
 ) -> Iterator[MeasuredRow]:
     """Yield the measured values with their predictions."""
     residual, J = prior.residual(mode.theta, measured, answer)

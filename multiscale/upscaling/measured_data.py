@@ -89,7 +89,7 @@ class Curve:
         return np.asarray(np.tensordot(WEIGHTS, np.array([integrand, *rates]), axes=(0, 1)))
 
 
-class Interface(NamedTuple):
+class BedCurve(NamedTuple):
     """Law of an interface with its derivatives; parameters are of the curve, ln kappa, ln mu."""
 
     curve: Curve
@@ -98,7 +98,7 @@ class Interface(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Measured(ABC):
+class MeasuredJoint(ABC):
     """A table of measured values of a joint with an even pressure.
 
     Attributes
@@ -125,7 +125,7 @@ class Measured(ABC):
 
     @abstractmethod
     def answer(
-        self, interface: Interface, nuisances: Mapping[str, float]
+        self, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the values by a law, and their gradient.
 
@@ -155,13 +155,13 @@ class Measured(ABC):
         return np.column_stack([*of_curve, nothing + ratio, nothing + friction, *rows])
 
 
-class MeasuredStiffness(Measured):
+class MeasuredStiffness(MeasuredJoint):
     r"""Normal stiffness at preloads: :math:`1 / k = 1 / K(p) + c`."""
 
     unit = "Pa m-1"
 
     def answer(
-        self, interface: Interface, nuisances: Mapping[str, float]
+        self, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the stiffness of the interface, bodies and frame in series."""
         p, moves = self._loaded(nuisances)
@@ -186,7 +186,7 @@ class MeasuredTangential(MeasuredStiffness):
     sheared = True
 
 
-class MeasuredClosure(Measured):
+class MeasuredClosure(MeasuredJoint):
     r"""Closure since the first row: :math:`\int_{p_0}^p \mathrm{d}p' / K(p') + c\, (p - p_0)`.
 
     The displacement since the first row has the zero of that row as a nuisance.
@@ -195,7 +195,7 @@ class MeasuredClosure(Measured):
     unit = "m"
 
     def answer(
-        self, interface: Interface, nuisances: Mapping[str, float]
+        self, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the closure of the interface, bodies and frame."""
         p, moves = self._loaded(nuisances)
@@ -211,7 +211,7 @@ class MeasuredClosure(Measured):
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredLoop(Measured):
+class MeasuredLoop(MeasuredJoint):
     r"""Shear, Pa, over the tangential displacement of the joint, along loops at constant preloads.
 
     The first loading :math:`B(\delta)` under the pressure p follows from
@@ -248,7 +248,7 @@ class MeasuredLoop(Measured):
         return np.array(amplitudes), np.array(pressures), matrix
 
     def answer(
-        self, interface: Interface, nuisances: Mapping[str, float]
+        self, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the shear along the loops."""
         amplitude, pressure, sums = self._branches
@@ -269,7 +269,7 @@ class MeasuredLoop(Measured):
 
 
 def _first_loading(
-    amplitude: np.ndarray, p: np.ndarray, interface: Interface, series: float
+    amplitude: np.ndarray, p: np.ndarray, interface: BedCurve, series: float
 ) -> tuple[np.ndarray, ...]:
     """Return (1) at displacements, and its derivatives by all parameters.
 
@@ -351,7 +351,7 @@ def read_measured(
     bodies: float = 0.0,
     frame: float | None = None,
     offset: float | None = None,
-) -> Measured:
+) -> MeasuredJoint:
     """Read measured values of a joint from a table with units in its head.
 
     Parameters

@@ -19,8 +19,8 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import interval_errors
 from multiscale.upscaling.calibration import HEIGHTS
 from multiscale.upscaling.measured_data import (
+    BedCurve,
     Curve,
-    Interface,
     MeasuredClosure,
     MeasuredLoop,
     MeasuredStiffness,
@@ -63,7 +63,7 @@ def interface(factor=1.0, ratio=0.8, friction=0.3, exponent=1.0):
     x = X - np.log(2e7)
     rates = np.array([np.ones(X.size), x])
     log_stiffness = np.log(factor * 2e7 / 0.45e-6) + exponent * x
-    return Interface(Curve(X, log_stiffness, rates), ratio, friction)
+    return BedCurve(Curve(X, log_stiffness, rates), ratio, friction)
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +156,7 @@ def test_intervals_cover_the_true_joint(law, repeats):
         log_stiffness += (0.1 * z[1] + 0.05 * z[2] * (X - np.log(2.2e7))) / HALF
         ratio = 0.8 * np.exp(0.12 / HALF * z[3])
         friction = 0.3 * np.exp(0.5 / HALF * z[4])
-        truth = Interface(Curve(X, log_stiffness, np.empty((0, X.size))), ratio, friction)
+        truth = BedCurve(Curve(X, log_stiffness, np.empty((0, X.size))), ratio, friction)
         offsets = [{"frame": 1e-15 * z[5 + 2 * k], "offset": 3e5 * z[6 + 2 * k]} for k in range(2)]
         data = [
             measure(table, truth, random, **given)
@@ -190,7 +190,7 @@ def test_a_wrong_prior_is_named(law):
     mean, factor = law_from_dataset(law), 1.5
     p = np.exp(np.clip(X - np.log(factor), np.log(5e6), np.log(1e8)))
     log_stiffness = np.log(mean.stiffness(mean.gap_at(p))) + X - np.log(factor) - np.log(p)
-    truth = Interface(Curve(X, log_stiffness, np.empty((0, X.size))), 0.8, 0.3)
+    truth = BedCurve(Curve(X, log_stiffness, np.empty((0, X.size))), 0.8, 0.3)
     data = [measure(table, truth, np.random.default_rng(7)) for table in (stiffness(), loop())]
     text = "\n".join(calibrate(law, data, discrepancy=0.02).sentences)
     assert f"disagree with the prior of the {HEIGHTS}" in text

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from multiscale.pipeline.tables.toml_model import Settings, Tolerance, quantity, with_unit
-from multiscale.upscaling import Measured, read_measured
+from multiscale.upscaling import MeasuredJoint, read_measured
 
 Compliance = Annotated[float, quantity("m/Pa"), Field(ge=0.0), with_unit("m/Pa")]
 Zero = Annotated[float, quantity("Pa"), Field(ge=0.0), with_unit("Pa")]
@@ -38,7 +38,7 @@ class MeasuredTable(Settings):
     area: Area | None = None
     """Nominal area of the joint, whose few cells scatter; many cells if not given."""
 
-    def read(self) -> Measured:
+    def read(self) -> MeasuredJoint:
         """Read the table."""
         given = self.model_dump(include={"error", "bodies", "frame", "offset"})
         return read_measured(self.file, self.kind, **given)

@@ -205,7 +205,7 @@ class OneOf:
     models: tuple[type[Settings], ...]
 
 
-Model = TypeVar("Model", bound=Settings)
+AnySettings = TypeVar("AnySettings", bound=Settings)
 Kinds = Mapping[str, type[BaseModel]]
 
 
@@ -241,7 +241,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise CaseError(f"{path}: not valid TOML: {message}{line}") from error
 
 
-def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:
+def validate(
+    model: type[AnySettings], content: dict[str, Any], path: Path, kinds: Kinds
+) -> AnySettings:
     """Return the content of a file as settings, with the models of ``kinds`` by their tags."""
     try:
         return model.model_validate(content)

@@ -19,7 +19,7 @@ from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.fit import with_branch
 from multiscale.upscaling.free_form import N_TERMS, fit_spline, place_knots
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
-from multiscale.upscaling.measured_data import Interface
+from multiscale.upscaling.measured_data import BedCurve
 from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.sampling import half_range
 
@@ -31,7 +31,7 @@ REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit"
 
 def law_of_interfaces(
     law: Dataset,
-    interfaces: Sequence[Interface],
+    interfaces: Sequence[BedCurve],
     heights: np.ndarray,
     sentences: Sequence[str],
     *,
@@ -76,7 +76,7 @@ def law_of_interfaces(
     return with_cautions(with_budget(after, _budget(law, after, *drawn)), *sentences)
 
 
-def _with_shear(law: Dataset, interfaces: Sequence[Interface]) -> Dataset:
+def _with_shear(law: Dataset, interfaces: Sequence[BedCurve]) -> Dataset:
     """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean."""
     ratio = np.array([[one.ratio] * 2 for one in interfaces])
     friction = np.array([one.friction for one in interfaces])
