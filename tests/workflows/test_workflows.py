@@ -53,7 +53,7 @@ def test_few_measured_specimens_have_a_law_without_a_band(specimens, said, tmp_p
     assert said in capsys.readouterr().out
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
     script = runpy.run_path(str(FOLDER / "manual" / "pictures.py"))
     names = ["ground_steel", "tensegrity_grid", "rough_blocks", "deposit"]
