@@ -19,7 +19,12 @@ from multiscale.macro.substructures.capacity import refuse_free
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.measures import joint_shares
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stepping import JointState, PreparedStructure, follow
+from multiscale.macro.substructures.stepping import (
+    FollowedPath,
+    JointState,
+    PreparedStructure,
+    follow,
+)
 from multiscale.macro.substructures.whole import (
     AssembledNewton,
     CondensedProblem,
@@ -220,14 +225,19 @@ class Preloaded:
         The same structure with springs against free rigid motions of the whole.
     path : Dataset, follows ``MACRO_RESULT``, the steps of the preload on the small problem
     law : SideBySide, laws of all joints for further loads, without plastic flow
-    state : JointState, at the end of the preload
+    followed : FollowedPath, the preload
     """
 
     free: CutProblem
     condensed: CondensedProblem
     path: Dataset
     law: SideBySide
-    state: JointState
+    followed: FollowedPath
+
+    @property
+    def state(self) -> JointState:
+        """State at the end of the preload."""
+        return self.followed.end
 
     def tangent(self) -> csr_array:
         """Stiffness of the whole against small changes, N/m, shape (whole.n, whole.n).
@@ -268,7 +278,8 @@ def press_structure(
         Whether pressures may lie far outside the data of the laws; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
     near : Preloaded, optional
-        The same bodies under other laws and loads; provides the condensed stiffness.
+        The same bodies under other laws and loads; provides the condensed stiffness, and initial
+        guesses.
 
     Raises
     ------
@@ -294,7 +305,8 @@ def press_structure(
     pressed = condensed.small
     if preload_laws is not None:
         pressed = pressed.with_laws(preload_laws)
-    followed = follow(PreparedStructure(pressed, AssembledNewton()), factors)
+    guesses = near.followed if near and near.followed.unknowns.shape[1] == pressed.n else None
+    followed = follow(PreparedStructure(pressed, AssembledNewton()), factors, near=guesses)
     path = followed.result
     if not path["converged"].values.all():
         raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
@@ -306,7 +318,7 @@ def press_structure(
         path = with_load_shares(path, shares, data, extrapolate=extrapolate, loads=loads)
         if not (extrapolate or path["known"].values[-1]):
             raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
-    return Preloaded(free, condensed, path, condensed.small.law.shaken_down(), followed.end)
+    return Preloaded(free, condensed, path, condensed.small.law.shaken_down(), followed)
 
 
 def require_joined(assembly: Assembly) -> None:

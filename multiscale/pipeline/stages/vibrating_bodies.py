@@ -204,9 +204,10 @@ def _with_budget(
     rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
-    if job.executor is not None:  # workers do not receive factorisations
+    if job.executor is not None:  # workers receive neither factorisations nor dense matrices
         free = substructures.CondensedProblem(still.rest.free, still.rest.free)
-        still = replace(still, rest=replace(still.rest, condensed=free))
+        followed = replace(still.rest.followed, problem=still.rest.free)
+        still = replace(still, rest=replace(still.rest, condensed=free, followed=followed))
     solve = partial(_solve_changed, bodies, case, laws, still)
     return body_budget.with_joint_budget(rest, sources, solve, asked, job)
 
