@@ -12,6 +12,7 @@ from multiscale.macro.granulate import (
     Solver,
     box,
     compact,
+    deposit,
     simulate_grains,
 )
 from multiscale.macro.granulate.grain_motion import initial_state, step_grains
@@ -194,3 +195,19 @@ def test_a_hyperstatic_pile_stays_at_rest():
     assert moved < 1e-4 * radius
     weight = 9.81 * float(grains.mass.sum())
     assert -float(result["wall_force"][-1, :, 2].sum()) == pytest.approx(weight, rel=1e-3)
+
+
+@pytest.mark.parametrize(("friction", "across"), [(0.5, 0.1), (0.0, 0.0)])
+@pytest.mark.parametrize(
+    ("spheres", "edge", "seconds"),
+    [(120, 0.1, 0.2), pytest.param(1000, 0.2, 1.0, marks=pytest.mark.long)],
+)
+def test_a_dense_deposit_with_rigid_normals_is_solved(friction, across, spheres, edge, seconds):
+    # sweeps alone meet 1e-4 of the rigid law in a third of the steps of 1000 spheres, or fewer
+    law = ContactLaw(friction, tangential_compliance=across)
+    model = deposit(np.full(spheres, 0.01), (edge, edge), law)
+    result = simulate_grains(model, seconds, 2e-3, solver=Solver(most_assembled=100))
+    assert float(result["converged"].mean()) >= 0.99
+    assert float(result["penetration"].max()) < 1e-3
+    energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
+    assert np.diff(energy, prepend=0.0).max() < 1e-6 * float(result["work"].max())
