@@ -229,7 +229,6 @@ def _answer(law: Dataset) -> Iterator[str]:
     touches = float(step["contact_fraction"]) < CLOSED
     yield from View(shown).sentences(step, OPEN if touches else FLAT)
     yield from list_missing(law)
-    yield from str(law.attrs.get("plan", "")).splitlines()
     yield from behaviour(law)
     yield from negative_gap(law["fit_mean_gap"].to_numpy(), law)
     if "hydraulic_aperture" in law:

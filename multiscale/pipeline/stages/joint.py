@@ -235,10 +235,9 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     result = datasets[JOINT.name]
-    planned = str(result.attrs.get("plan", "")).splitlines()
     remarks = [*showing.list_missing(result), *showing.list_facts(result)]
     stiffness = {"joint_stiffness": on_axes(plot_joint_stiffness, result, size=WIDE)}
-    yield Section("Joint", planned, *JOINT_TABLE.rows(result), stiffness, remarks=remarks)
+    yield Section("Joint", (), *JOINT_TABLE.rows(result), stiffness, remarks=remarks)
     yield from (replace(section, printed=False) for section in budget_sections(result))
 
 

@@ -109,7 +109,7 @@ class Case(Settings):
     )
     seal: case_tables.SealSettings = ABSENT
     accuracy: case_tables.AccuracySettings = ABSENT
-    """Target of a planner, which then chooses the cells."""
+    """Target for the error of an answer, for which a planner chooses the settings."""
     rve: RveSettings = ABSENT
     growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
@@ -301,7 +301,7 @@ class Case(Settings):
             )
 
     def _check_control(self) -> None:
-        """Refuse control cells that cannot be built, or that a planner chooses."""
+        """Refuse control cells that cannot be built, or are flat already."""
         if not (self.micro.control or self.micro.control_realisations):
             return
         if self.cell.geometry == "flat" or self.cell.mesh is not None:
