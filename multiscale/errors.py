@@ -47,8 +47,10 @@ def require(name: str, value: float, interval: str, unit: str = "") -> None:
         return
     if high < inf:
         words = "lie " + RANGES[interval[0] + interval[-1]].format(low, high)
+    elif value == inf:
+        words = "be finite"
     elif low == 0.0:
         words = "be positive" if interval[0] == "(" else "not be negative"
     else:
-        words = f"be at least {low:g}"
+        words = f"be {'above' if interval[0] == '(' else 'at least'} {low:g}"
     raise CaseError(f"{name} must {words}{f' ({unit})' if unit else ''}, got {value:g}")

@@ -10,10 +10,11 @@ from multiscale.errors import CaseError, require
 @pytest.mark.parametrize(
     ("interval", "inside", "outside", "words"),
     [
-        ("(0, inf)", (1e-300, 1e300), (0.0, -1.0, math.inf), "be positive"),
+        ("(0, inf)", (1e-300, 1e300), (0.0, -1.0), "be positive"),
         ("(0, inf]", (math.inf,), (0.0,), "be positive"),
-        ("[0, inf)", (0.0,), (-1e-300, math.inf), "not be negative"),
+        ("[0, inf)", (0.0,), (-1e-300,), "not be negative"),
         ("[1, inf)", (1, 2), (0, 0.999), "be at least 1"),
+        ("(1, inf)", (1.001,), (0.0, 1.0), "be above 1"),
         ("[0, 1]", (0.0, 1.0), (-0.1, 1.1), "lie from 0 to 1"),
         ("[0, 1)", (0.0,), (1.0,), "lie from 0 to below 1"),
         ("(0, 1]", (1.0,), (0.0,), "lie above 0 and up to 1"),
@@ -26,3 +27,9 @@ def test_numbers_outside_their_interval_are_refused(interval, inside, outside, w
     for value in (*outside, math.nan):
         with pytest.raises(CaseError, match=rf"^share must {words} \(Pa\), got {value:g}$"):
             require("share", value, interval, "Pa")
+
+
+@pytest.mark.parametrize("interval", ["(0, inf)", "[0, inf)", "[1, inf)"])
+def test_an_infinite_number_is_refused_as_such(interval):
+    with pytest.raises(CaseError, match=r"^share must be finite, got inf$"):
+        require("share", math.inf, interval)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import eigvalsh_tridiagonal
 
+from multiscale.errors import MultiscaleError
 from multiscale.executors import run_ranges
 from multiscale.numerics.compiled import compiled
 
@@ -44,7 +45,13 @@ def conjugate_gradients(
         rz = float(np.vdot(r, z))
         p = z + (rz / rz_old) * p
         q = apply(p)
-        alpha = rz / float(np.vdot(p, q))
+        curvature = float(np.vdot(p, q))
+        if curvature == 0.0:
+            raise MultiscaleError(
+                "conjugate gradients met a direction with a stiffness of 0, so that the matrix is "
+                "singular; support all parts"
+            )
+        alpha = rz / curvature
         note(alpha, rz / rz_old)
         x += alpha * p
         r -= alpha * q
