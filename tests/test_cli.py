@@ -36,7 +36,9 @@ def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeyp
 def test_a_run_that_lacks_answers_shows_what_it_has_and_ends_with_one(
     command, monkeypatch, tmp_path, capsys
 ):
-    finished = SimpleNamespace(cautions=["few"], lines=lambda: ["half"], failure="no other step")
+    finished = SimpleNamespace(
+        cautions=["few"], lines=lambda **_: ["half"], failure="no other step"
+    )
     monkeypatch.setattr("multiscale.pipeline.run", lambda case, out, **options: None)
     monkeypatch.setattr("multiscale.report.show_run", lambda out: finished)
     case = write_scene(tmp_path, PORES)
@@ -103,7 +105,10 @@ def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(sys, "argv", ["multiscale", "fit", str(file), *out, "--shear", "s.nc"])
     with pytest.raises(SystemExit, match="1"):
         cli.main()
-    assert "--shear and --sliding belong to a response" in capsys.readouterr().err
+    assert (
+        "--shear, --sliding and --measured belong to a response, not to a table"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(

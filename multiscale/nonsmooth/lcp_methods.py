@@ -168,8 +168,8 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
 
     The path of :math:`0 \le A x + b + x_0 \perp x \ge 0` ends at x_0 = 0 for P-matrices, positive
     semidefinite and copositive ones whenever there is an admissible x, or far out on a second ray
-    (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, SIAM 2009, sections
-    4.4 and 4.9). The start is not used.
+    (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, SIAM 2009,
+    doi:10.1137/1.9780898719000, sections 4.4 and 4.9). The start is not used.
     """
     n = start.size
     yield np.zeros(n)

@@ -126,11 +126,11 @@ def _resized(case: Case, size: int, grid: int) -> Case:
     cell, larger, finer = case.cell, 2.0**size, 2.0 ** (size + grid)
     most, layers = float(max(cell.points)), cell.layers
     spacing = 2.0**-grid * cell.spacing
-    shortest = min(wave for wave in _cutoffs(case) if wave is not None)
+    shortest = min((wave for wave in _cutoffs(case) if wave is not None), default=np.inf)
     if finer * min(cell.points) < FEWEST_POINTS or 2.0 * spacing >= shortest:
         raise CaseError(
-            f"{finer * min(cell.points):g} points along an edge do not resolve wavelengths of "
-            f"{shortest:.3g} m"
+            f"{finer * min(cell.points):g} points along an edge are too few for the surfaces of "
+            f"the case, with a shortest wavelength of {shortest:.3g} m"
         )
     across = larger * max(cell.size) / longest_wave(case)
     if size < 0 and not case.from_maps and across < FEWEST_WAVELENGTHS:

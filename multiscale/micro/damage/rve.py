@@ -127,7 +127,7 @@ def effective_stiffness(
         VoxelOperator,
         traction_stiffness,
     )
-    from multiscale.numerics.krylov import dot
+    from multiscale.numerics.vectors import dot
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
@@ -182,7 +182,7 @@ def _solve(
     callback: Callable[[int, float], None] | None,
 ) -> tuple[Solution, np.ndarray]:
     """Solve for nodal forces by conjugate gradients: u and the residual forces."""
-    from multiscale.numerics.krylov import advance, dot, turn
+    from multiscale.numerics.vectors import advance, dot, turn
 
     begin = perf_counter()
     u, r = np.zeros(load.shape), load.copy()

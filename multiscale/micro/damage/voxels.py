@@ -54,7 +54,7 @@ from multiscale.convergence import Solution
 from multiscale.executors import run_ranges, thread_count
 from multiscale.laws.bulk.bulk_law import VOIGT
 from multiscale.numerics.compiled import compiled
-from multiscale.numerics.krylov import dot
+from multiscale.numerics.vectors import dot
 
 LEAST = 10_000  # fewest bricks for a thread
 DEEP = 12  # edge of the box over the depth to which loaded places are solid, as a first choice

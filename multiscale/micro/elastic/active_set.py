@@ -21,7 +21,8 @@ import numpy as np
 from multiscale.convergence import Status, check_limits
 from multiscale.micro.elastic.flat_contact import solve_flat
 from multiscale.micro.path import ContactState, untouched
-from multiscale.numerics.krylov import advance, conjugate_gradients, dot, turn
+from multiscale.numerics.krylov import conjugate_gradients
+from multiscale.numerics.vectors import advance, dot, turn
 
 _COARSE = 1e-2  # reduction of the residual before the first check of the active set
 _INNER = 1e-4  # tolerance of the surface problems in the preconditioner: no more iterations

@@ -9,7 +9,7 @@ from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 from multiscale.numerics.compiled import compiled
-from multiscale.numerics.krylov import dot
+from multiscale.numerics.vectors import dot
 
 _GAIN = 0.03  # reduction of the residual in single precision, on the nodes near contact
 _NEAR = 0.02  # largest distance of a node near contact, over the range of the gap
