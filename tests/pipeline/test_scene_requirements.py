@@ -264,7 +264,7 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
 def test_a_step_without_friction_allocates_less():
     peaks = []
     places = np.stack(np.meshgrid(*[np.arange(10)] * 3), axis=-1).reshape(-1, 3)
-    for friction in (0.0, 0.5):
+    for friction in (0.0, 0.0, 0.5):  # the first imports
         walls = box((0, 0, 0), (0.202, 0.202, np.inf))
         model = Model(Grains((2.02 * places + 1.01) * 0.01, 0.01), walls, ContactLaw(friction))
         state = initial_state(model)
@@ -275,7 +275,7 @@ def test_a_step_without_friction_allocates_less():
             state, _ = step_grains(model, state, 2e-3, sweeps)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[0] < 0.75 * peaks[1]
+    assert peaks[1] < 0.75 * peaks[2]
 
 
 def count(monkeypatch, owner, name):
