@@ -346,7 +346,7 @@ class Equilibrium:
         at: np.ndarray | None = None,
         elastic: np.ndarray = NO_LINKS,
     ) -> Place:
-        """Evaluate the law at a jump, by default that of the bodies, and the imbalance, N."""
+        """Evaluate the law at a jump, by default the jump of the bodies, and the imbalance, N."""
         at = jump if at is None else at
         exact = self.law.respond(at, self.state)
         response = soften_tangent(exact, self.resistance)

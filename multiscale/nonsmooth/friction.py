@@ -65,7 +65,7 @@ LARGEST_FACTORISED = 2000
 
 SOFTENING, SOFT_SWEEPS, SOFT_TOLERANCE = 0.05, 4000, 1e-4
 """Mobility added across the normals to see whether friction alone prevents an answer, relative to
-that of the contact, with the limit of sweeps and the tolerance of this trial."""
+the mobility of the contact; limit of sweeps and tolerance of this trial."""
 
 CENTRES = (1.0, 10.0, 0.1, 3.0, 0.3, 30.0, 0.03)
 """Starts of the interior point along the axis of the cones, dimensionless."""

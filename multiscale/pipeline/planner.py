@@ -38,9 +38,9 @@ MOST_GROWTH = 10.0
 """Time of a round over the time of the last answer: an early error shows little of a later one."""
 
 SURE = 0.5  # width of a range of orders that is believed without two differences
-LEVEL = (
-    1.0 / 3.0
-)  # 0.67 / 1.96: deviation of a bias that stays hidden in scatter, over a 95 % width
+LEVEL = 1.0 / 3.0
+"""Deviation of a bias that stays hidden in scatter, over a 95 % half-width: about 0.67 / 1.96."""
+
 NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting."""
 

@@ -71,7 +71,7 @@ def collide(
     rest: float,
     length: float,
 ) -> np.ndarray:
-    r"""Let pairs that meet within a step bounce in turn, in place; return the ways before impacts.
+    r"""Solve the impacts of pairs within a step in turn, in place; return the ways before impacts.
 
     At its time :math:`\theta h`, from the gap :math:`g + u \theta h + a (\theta h)^2 / 2 = 0`, a
     pair has the impulses of Newton's and Coulomb's laws,
@@ -232,7 +232,7 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def _collide(contacts, coulomb, motion, strain, law, shift, limit):  # type: ignore[no-untyped-def]
-    """Let the pairs bounce in turn until no pair meets in the step; see :func:`collide`."""
+    """Solve impacts in turn until no pair meets in the step; see :func:`collide`."""
     velocity, mobility = motion
     gained, h, restitution, rest = law
     ends, normals, branch = contacts.ends, contacts.normal, contacts.branch

@@ -285,7 +285,7 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
     replaced = {term for knob in campaign.knobs for term in knob.terms}
     missing = [term for term in campaign.missing if term not in replaced]
     if missing:
-        lines.append(f"The error does not count what is not known: {', '.join(missing)}.")
+        lines.append(f"The error does not include unknown terms: {', '.join(missing)}.")
     if fixed := planner.fixed(reached.state):
         listed = ", ".join(f"{term} ({100.0 * half:.2g} %)" for term, half in fixed.items())
         lines.append(f"No setting reduces: {listed}.")

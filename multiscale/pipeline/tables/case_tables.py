@@ -414,8 +414,8 @@ class AccuracySettings(toml.Settings):
     """Answer with this error, by its name or in words, such as `"loss"`; the first answer of the
     last stage if not given."""
     quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] | None = None
-    """Answer with this error as in earlier versions: of the joint at every preload, the last three
-    of the interface at every pressure."""
+    """Answer with this error as in earlier versions: the first of the joint at every preload, the
+    others of the interface at every pressure."""
     at: toml.Pressure | None = None
     """Pressure or preload of the answer, Pa; the error counts at all of them if not given."""
     time: toml.Duration | None = None
