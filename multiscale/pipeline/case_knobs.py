@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline.case_cells import longest_wave
-from multiscale.pipeline.knobs import Knob, scaled
+from multiscale.pipeline.knobs import Knob, as_read, scaled
 from multiscale.pipeline.tables.settings import Case
 from multiscale.upscaling.budget import MACRO
 
@@ -31,14 +31,23 @@ iterations grow, too."""
 def cell_knobs(case: Case) -> Iterator[Knob]:
     """Yield the knobs of pressed and sheared cells."""
     each = dict.fromkeys((CELLS, SHEAR, FLAT), 1.0)
-    yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+    # the sampling error of a law that measured joints calibrate is that of their posterior, which
+    # does not fall with the number of cells
+    sampled = case.measured is None
+    if sampled:
+        yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
     yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), {CELLS: 1.0}, measured=False)
     if case.cell.mesh is None:
         fine = LAYERED if case.cell.geometry != "flat" else PLANE
         finer, larger = {CELLS: fine, SHEAR: LAYERED}, dict.fromkeys(each, PLANE)
         yield Knob("points of the cells", _finer, ("micro discretisation",), costs=finer)
         yield Knob(
-            "size of the cells", _larger, ("cell size",), costs=larger, scatters=True, draws=1.0
+            "size of the cells",
+            _larger,
+            ("cell size",),
+            costs=larger,
+            scatters=True,
+            draws=1.0 if sampled else 0.0,
         )
 
 
@@ -101,7 +110,7 @@ def _denser(case: Case, rung: int) -> Case:
         raise CaseError("the pressures of the case are the fewest")
     pressures = case.micro.pressures
     for _ in range(rung):
-        middle = np.sqrt(np.multiply(pressures[1:], pressures[:-1])).tolist()
+        middle = map(as_read, np.sqrt(np.multiply(pressures[1:], pressures[:-1])))
         pressures = tuple(sorted((*pressures, *middle)))
     micro = case.micro.model_copy(update={"pressures": pressures})
     return case.model_copy(update={"micro": micro})
@@ -126,11 +135,14 @@ def _resized(case: Case, size: int, grid: int) -> Case:
     cell, larger, finer = case.cell, 2.0**size, 2.0 ** (size + grid)
     most, layers = float(max(cell.points)), cell.layers
     spacing = 2.0**-grid * cell.spacing
+    count = finer * min(cell.points)
+    if count < FEWEST_POINTS:
+        raise CaseError(f"{count:g} points along an edge are too few for a cell")
+    # a surface without a shortest wavelength has the wavelengths of its grid
     shortest = min((wave for wave in _cutoffs(case) if wave is not None), default=np.inf)
-    if finer * min(cell.points) < FEWEST_POINTS or 2.0 * spacing >= shortest:
+    if 2.0 * spacing >= shortest:
         raise CaseError(
-            f"{finer * min(cell.points):g} points along an edge are too few for the surfaces of "
-            f"the case, with a shortest wavelength of {shortest:.3g} m"
+            f"{count:g} points along an edge do not resolve wavelengths of {shortest:.3g} m"
         )
     across = larger * max(cell.size) / longest_wave(case)
     if size < 0 and not case.from_maps and across < FEWEST_WAVELENGTHS:
@@ -144,7 +156,7 @@ def _resized(case: Case, size: int, grid: int) -> Case:
         return tuple(2 * max(2, round(0.5 * finer * n)) for n in given)
 
     new = {
-        "size": tuple(larger * edge for edge in cell.size),
+        "size": tuple(as_read(larger * edge) for edge in cell.size),
         "points": points(cell.points),
         "layers": max(4, round(graded)),
     }

@@ -25,7 +25,7 @@ LEAST = 1e-5
 def stage_seconds(datasets: Mapping[str, Dataset], stages: Iterable[Shown]) -> dict[str, float]:
     """Return the time of stages and of their intervals, s.
 
-    Ensembles have the time of all their cells, also of cells of an earlier run.
+    The time of ensembles includes cells of earlier runs.
     """
     seconds: dict[str, float] = {}
     for stage in stages:
@@ -72,7 +72,9 @@ def cost_section(seconds: Mapping[str, float], costs: Iterable[SourceCost], answ
     costs = [cost for cost in costs if cost.error > LEAST]
     rows = [(name.replace("_", " "), f"{time:.3g}", "", "") for name, time in shown.items()]
     for cost in costs:
-        halved = f"{cost.seconds:.3g}" if cost.seconds > 0.0 else "no setting reduces it"
+        halved = f"{cost.seconds:.3g}" if cost.seconds > 0.0 else "not known"
+        if np.isnan(cost.seconds):
+            halved = "no setting reduces it"
         rows.append((cost.name, "", format_error(cost.error), halved))
     figure = on_axes(plot_costs, shown, [(c.name, c.error, c.seconds) for c in costs], size=WIDE)
     text = (

@@ -76,11 +76,16 @@ def _scale(table: AnySettings, path: tuple[str, ...], factor: float) -> AnySetti
     return table.model_copy(update={name: new})
 
 
+def as_read(value: float) -> float:
+    """Return a number with the 15 digits that case files are read with."""
+    return float(f"{value:.15g}")
+
+
 def _times(value: float, factor: float, name: str) -> float:
     """Multiply a number; a whole number must stay whole."""
     new = value * factor
     if not isinstance(value, int):
-        return new
+        return as_read(new)
     if new != round(new) or new < 1:
         raise CaseError(f"{name} = {value} has no whole multiple by {factor:g}")
     return round(new)

@@ -8,7 +8,7 @@ there:
 .. math:: \Delta_k = A(v) - A(v - e_k), \qquad
     \epsilon_k = \frac{\Delta_k}{2^{p_k} - 1}.    \tag{1}
 
-The order :math:`p_k` is believed where two differences show it, or where its range is narrow; then
+The order :math:`p_k` is taken where two differences show it, or where its range is narrow; then
 :math:`\epsilon_k` is added to the answer, and half of its range is a bias. Otherwise
 :math:`|\Delta_k| / (2^{p_{\min}} - 1)` is. The seconds of a stage grow with every knob by a power
 of two, measured by the same differences. The next setting is the cheapest of all steps of few rungs
@@ -23,7 +23,7 @@ from math import inf, isfinite, log2, nan
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import CaseError
 from multiscale.pipeline.knobs import HIGHEST, Knob, Setting
 from multiscale.upscaling.budget import total_error
 
@@ -37,10 +37,10 @@ STEPS, ADDED = 2, 4
 MOST_GROWTH = 10.0
 """Time of a round over the time of the last answer: an early error shows little of a later one."""
 
-SURE = 0.5  # width of a range of orders that is believed without two differences
-LEVEL = 1.0 / 3.0
-"""Deviation of a bias that stays hidden in scatter, over a 95 % half-width: about 0.67 / 1.96."""
-
+NARROW = 0.5  # width of a range of orders that is taken without two differences
+BELOW, ABOVE = 0.5, 0.7  # distance of an observed order from its range, at most
+NEAR = 0.5  # distance of an order from the observed one, at most
+HIDDEN = 0.67  # bias that stays hidden in scatter, over its 95 % half-width
 NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting."""
 
@@ -54,6 +54,7 @@ class Outcome:
     value: np.ndarray  # shape (places,), any unit
     half_width: Mapping[str, np.ndarray]  # by terms, relative; empty without a budget
     seconds: Mapping[str, float]  # of the stages, s
+    bias: Mapping[str, np.ndarray] = field(default_factory=dict)  # by terms, relative, with signs
 
 
 Solve = Callable[[Setting, bool], Outcome]
@@ -61,7 +62,7 @@ Solve = Callable[[Setting, bool], Outcome]
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
+class KnobError:
     """Error that a knob leaves in an answer, relative, shape (places,)."""
 
     correction: np.ndarray  # to be added to the answer
@@ -83,9 +84,9 @@ class State:
 
     setting: Setting
     outcome: Outcome
-    left: Mapping[str, Left]
+    left: Mapping[str, KnobError]
     growth: Mapping[tuple[str, str], float]  # power of two by stage and knob
-    surprise: float = 0.0  # distance from the prediction, relative
+    prediction_error: float = 0.0  # distance from the prediction, relative
 
     @property
     def value(self) -> np.ndarray:
@@ -106,7 +107,10 @@ class Round:
 
 @dataclass(frozen=True)
 class SourceCost:
-    """Error that a source leaves, and the seconds that halve it: NaN if no knob reduces it."""
+    """Error that a source leaves, and the seconds that halve it.
+
+    The seconds are NaN if no knob reduces it, and 0 if the time of its stages is not known.
+    """
 
     name: str
     error: float
@@ -136,7 +140,7 @@ class Planner:
     time: float = inf  # limit for the seconds of all solves
     spent: Callable[[], float] = lambda: 0.0  # seconds so far
     report: Callable[[str], None] = lambda line: None  # takes a sentence after every round
-    highest: dict[str, int] = field(default_factory=dict)  # where a higher rung was refused
+    refused: list[Setting] = field(default_factory=list)  # with all settings above them
 
     def run(self) -> Reached:
         """Solve settings until the error is below the target, or the time is over."""
@@ -160,12 +164,6 @@ class Planner:
             step = self.choose(state, min(self.time - self.spent(), growth))
             step = step or self.choose(state, self.time - self.spent())
             if step is not None and len(rounds) == MOST_ROUNDS:
-                if isfinite(self.target):
-                    raise ConvergenceError(
-                        f"the error is {100.0 * error:.3g} % after {MOST_ROUNDS} rounds, above the "
-                        f"target of {100.0 * self.target:.3g} %; run again to go on, or ask for a "
-                        f"larger target"
-                    )
                 break
         assert state is not None
         error = float(np.max(self.error(state)))
@@ -175,25 +173,24 @@ class Planner:
             rounds,
             sorted(self.sources(state), key=lambda source: -source.error),
             self.cheapest(state, 0.5 * error, inf),
-            self._reason(state, error) if error > self.target else "",
+            "" if error <= self.target else self._reason(state, error, len(rounds)),
         )
 
     def _advance(self, state: State | None, step: Round) -> State:
-        """Solve the next setting; a rung that is refused is the end of its ladder."""
+        """Solve the next setting; no setting at or above a refused one is tried again."""
         try:
             return self.measure(step.setting, state)
         except CaseError as error:
             if state is None:
                 raise
-            raised = [k for k, rung in step.setting.items() if rung > state.setting[k]]
-            self.report(f"{', '.join(raised)} stay: {error}")
-            self.highest |= {name: state.setting[name] for name in raised}
+            self.refused.append(step.setting)
+            self.report(f"the setting {_rungs(step.setting)} is refused: {error}")
             return state
 
     def measure(self, setting: Setting, before: State | None) -> State:
         """Solve the answer at a setting, and below it for every knob that matters."""
         outcome = self.solve(setting, True)
-        left, growth = dict[str, Left](), dict(before.growth) if before else {}
+        left, growth = dict[str, KnobError](), dict(before.growth) if before else {}
         sampling = outcome.half_width.get(SAMPLING, np.zeros(outcome.value.shape))
         bound = self.target if isfinite(self.target) else 0.0
         for knob in self.knobs:
@@ -204,7 +201,14 @@ class Planner:
             if old is not None and fixed and old.size < NEGLIGIBLE * bound:
                 left[name] = old
                 continue
-            coarse = self.solve({**setting, name: setting[name] - 1}, False)
+            below = {**setting, name: setting[name] - 1}
+            coarse = self.solve(below, False)
+            if coarse.value.shape != outcome.value.shape or not np.isfinite(coarse.value).all():
+                raise CaseError(
+                    f"the answer at the coarser setting {_rungs(below)} is not known at all of its "
+                    f"places, and its error by {name} neither; ask for another answer, or give "
+                    f"finer settings"
+                )
             difference = 1.0 - coarse.value / outcome.value
             left[name] = _left(knob, difference, setting[name], old, sampling)
             growth |= _growth(knob, outcome.seconds, coarse.seconds)
@@ -222,33 +226,39 @@ class Planner:
         """Return the error of the answer, or the error expected so many rungs higher."""
         up, rung = up or {}, {knob.name: knob for knob in self.knobs}
         draws = sum(knob.draws * up.get(knob.name, 0) for knob in self.knobs)
-        square, bias = np.zeros(state.outcome.value.shape), np.full((), state.surprise)
-        for term, half in self._rows(state).items():
+        square, bias = np.zeros((2, *state.outcome.value.shape))
+        for term, (half, shift) in self._rows(state).items():
             fall = draws if term == SAMPLING else 0.0
             for knob in self.knobs:
                 if not knob.measured and term in knob.terms:
                     fall += knob.orders[0] * up.get(knob.name, 0)
             square = square + (2.0**-fall * half) ** 2
+            bias = bias + 2.0**-fall * shift
+        bias = np.abs(bias) + state.prediction_error  # terms have signs, bounds have none
         for name, left in state.left.items():
-            fall = _believed(rung[name], left) * up.get(name, 0)
+            fall = _expected_order(rung[name], left) * up.get(name, 0)
             bias = bias + 2.0**-fall * left.bias
             square = square + (2.0**-draws * left.noise) ** 2
         return total_error(bias, np.sqrt(square))
 
-    def _rows(self, state: State) -> dict[str, np.ndarray]:
-        """Return the terms of the budget that no measured knob replaces."""
+    def _rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Return half-width and bias of the terms of the budget that no measured knob replaces."""
         replaced = {term for knob in self.knobs if knob.measured for term in knob.terms}
-        half = state.outcome.half_width
-        return {term: np.nan_to_num(half[term]) for term in half if term not in replaced}
+        none = np.zeros(state.outcome.value.shape)
+        return {
+            term: (np.nan_to_num(half), np.nan_to_num(state.outcome.bias.get(term, none)))
+            for term, half in state.outcome.half_width.items()
+            if term not in replaced
+        }
 
     def choose(self, state: State, time: float) -> Round | None:
         """Return the next setting, None if no step fits into the time or helps."""
         now = float(np.max(self.error(state)))
         aim = AIM * self.target
         for goal in (aim, np.sqrt(aim * now)) if isfinite(aim) else ():
-            found = self.cheapest(state, goal, time)
-            if found is not None:
-                return found
+            step = self.cheapest(state, goal, time)
+            if step is not None:
+                return step
         helping = [
             step
             for step in self.steps(state)
@@ -270,7 +280,7 @@ class Planner:
         ranges = []
         for knob in self.knobs:
             most = 1 if knob.scatters else ADDED if knob.adds else STEPS
-            room = self.highest.get(knob.name, HIGHEST) - state.setting[knob.name]
+            room = HIGHEST - state.setting[knob.name]
             useful = knob.adds or knob.draws or knob.scatters or self._matters(state, knob)
             ranges.append(range(1 + (min(most, max(room, 0)) if useful else 0)))
         for rungs in product(*ranges):
@@ -278,6 +288,8 @@ class Planner:
                 continue
             up = {knob.name: u for knob, u in zip(self.knobs, rungs, strict=True)}
             setting = {name: rung + up[name] for name, rung in state.setting.items()}
+            if any(all(setting[k] >= low[k] for k in low) for low in self.refused):
+                continue
             error = float(np.max(self.error(state, up)))
             yield Round(setting, nan, nan, error, self.seconds(state, up))
 
@@ -285,7 +297,8 @@ class Planner:
         """Whether a knob has an error worth lowering."""
         if knob.name in state.left:
             return bool(np.max(state.left[knob.name].bias) > 0.0)
-        return any(np.any(self._rows(state).get(term, 0.0) > 0.0) for term in knob.terms)
+        rows = self._rows(state)
+        return any(np.any(rows[term]) for term in knob.terms if term in rows)
 
     def seconds(self, state: State, up: Setting) -> float:
         """Forecast the seconds of the next round: the answer, and its coarsened settings."""
@@ -323,81 +336,96 @@ class Planner:
             powers = {stage: self._power(state, stage, knob) for stage in seconds}
             return halving_seconds(seconds, powers, order, knob.adds)
 
-        for term, half in self._rows(state).items():
+        for term, (half, bias) in self._rows(state).items():
             knob = next((k for k in self.knobs if not k.measured and term in k.terms), None)
             seconds = halving(knob, knob.orders[0] if knob else nan)
-            yield SourceCost(term, float(np.max(half)), seconds)
+            yield SourceCost(term, float(np.max(total_error(bias, half))), seconds)
         for knob in self.knobs:
             if knob.name in state.left:
                 left = state.left[knob.name]
-                yield SourceCost(knob.name, left.size, halving(knob, _believed(knob, left)))
-        if state.surprise:
-            yield SourceCost("distance from the prediction", state.surprise, nan)
+                yield SourceCost(knob.name, left.size, halving(knob, _expected_order(knob, left)))
+        if state.prediction_error:
+            yield SourceCost("distance from the prediction", state.prediction_error, nan)
 
     def fixed(self, state: State) -> dict[str, float]:
-        """Return the terms that no knob reduces."""
-        moved = {term for knob in self.knobs for term in knob.terms}
-        drawn = any(knob.draws for knob in self.knobs)
-        return {
-            term: float(np.max(half))
-            for term, half in self._rows(state).items()
-            if term not in moved and not (drawn and term == SAMPLING) and np.any(half > 0.0)
+        """Return the errors of the terms that no knob reduces."""
+        errors = {
+            term: float(np.max(total_error(bias, half)))
+            for term, (half, bias) in self._fixed_rows(state).items()
         }
+        return {term: error for term, error in errors.items() if error > 0.0}
+
+    def _fixed_rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Return half-width and bias of the terms that no knob reduces."""
+        moved = {term for knob in self.knobs for term in knob.terms}
+        if any(knob.draws for knob in self.knobs):
+            moved.add(SAMPLING)
+        return {term: row for term, row in self._rows(state).items() if term not in moved}
 
     def _refuse_floor(self, state: State) -> None:
         """Refuse a target below the terms that no knob reduces."""
-        fixed = self.fixed(state)
-        floor = float(np.sqrt(sum(half**2 for half in fixed.values())))
+        square, total = np.zeros((2, *state.outcome.value.shape))
+        for half, bias in self._fixed_rows(state).values():
+            square, total = square + half**2, total + bias
+        floor = float(np.max(total_error(total, np.sqrt(square))))
         if floor > self.target:
-            named = " and ".join(f"{term} ({100.0 * half:.2g} %)" for term, half in fixed.items())
+            named = " and ".join(
+                f"{term} ({100.0 * error:.2g} %)" for term, error in self.fixed(state).items()
+            )
             raise CaseError(
                 f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
                 f"reduces {named}; ask for more than {100.0 * floor:.2g} %, or change what that "
                 f"comes from"
             )
 
-    def _reason(self, state: State, error: float) -> str:
+    def _reason(self, state: State, error: float, rounds: int) -> str:
         """Report why no further setting is solved."""
         aimed = self.cheapest(state, AIM * self.target, inf)
         more = f"; a setting for it takes about {aimed.expected_seconds:.3g} s" if aimed else ""
+        why = "no step that lowers it fits into the time"
+        if rounds == MOST_ROUNDS:
+            why = f"{MOST_ROUNDS} rounds are over"
         return (
             f"the error is {100.0 * error:.3g} %, above the target of {100.0 * self.target:.3g} %, "
-            f"and no step that lowers it fits into the time{more}"
+            f"and {why}{more}"
         )
 
 
 def halving_seconds(
     seconds: Mapping[str, float], powers: Mapping[str, float], order: float, adds: bool
 ) -> float:
-    """Return the time in which a knob halves its error, s, by powers of two of time and error."""
+    """Return the time in which a knob halves its error, s, by powers of two of time and error.
+
+    0 if the stages that the knob moves have no time yet.
+    """
     moved = {stage: power for stage, power in powers.items() if power and seconds.get(stage)}
     grown = sum(seconds[stage] * 2.0 ** (power / order) for stage, power in moved.items())
     return float(grown - (sum(seconds[stage] for stage in moved) if adds else 0.0))
 
 
 def _left(
-    knob: Knob, difference: np.ndarray, rung: int, old: Left | None, sampling: np.ndarray
-) -> Left:
+    knob: Knob, difference: np.ndarray, rung: int, old: KnobError | None, sampling: np.ndarray
+) -> KnobError:
     """Return the error that a knob leaves by (1)."""
     low, high = knob.orders
     nothing, first = np.zeros(difference.shape), 1.0 / (2.0**low - 1.0)
-    if knob.scatters:  # the rung below has twice as many cells, with a larger scatter
-        noise = sampling * np.sqrt(1.0 + 0.5 * 4.0**knob.draws)
+    if knob.scatters:  # the rung below has as many cells, with a larger scatter
+        noise = sampling * np.sqrt(1.0 + 4.0**knob.draws)
         clear = np.where(np.abs(difference) > noise, first * np.abs(difference), 0.0)
-        return Left(nothing, clear, LEVEL * 1.96 * first * noise, low, difference, rung)
+        return KnobError(nothing, clear, HIDDEN * first * noise, low, difference, rung)
     size = np.maximum(np.abs(difference), np.sqrt(np.mean(difference**2)))
     order = _order(knob, difference, rung, old)
-    if not low - 0.5 <= order <= high + 0.7:
-        return Left(nothing, first * size, nothing, nan, difference, rung)
+    if not low - BELOW <= order <= high + ABOVE:
+        return KnobError(nothing, first * size, nothing, nan, difference, rung)
     near = float(np.clip(order, low, high))
     most, least = (
-        1.0 / (2.0**bound - 1.0) for bound in (max(low, near - 0.5), min(high, near + 0.5))
+        1.0 / (2.0**bound - 1.0) for bound in (max(low, near - NEAR), min(high, near + NEAR))
     )
     middle, half = 0.5 * (most + least), 0.5 * (most - least)
-    return Left(middle * difference, half * size, nothing, order, difference, rung)
+    return KnobError(middle * difference, half * size, nothing, order, difference, rung)
 
 
-def _order(knob: Knob, difference: np.ndarray, rung: int, old: Left | None) -> float:
+def _order(knob: Knob, difference: np.ndarray, rung: int, old: KnobError | None) -> float:
     """Return the order by two differences, the order seen before, or a narrow range's middle."""
     low, high = knob.orders
     if old is not None and rung > old.rung:
@@ -408,10 +436,10 @@ def _order(knob: Knob, difference: np.ndarray, rung: int, old: Left | None) -> f
         return float(np.log2(ratio)) / (rung - old.rung)
     if old is not None:
         return old.order
-    return 0.5 * (low + high) if high - low < SURE else nan
+    return 0.5 * (low + high) if high - low < NARROW else nan
 
 
-def _believed(knob: Knob, left: Left) -> float:
+def _expected_order(knob: Knob, left: KnobError) -> float:
     """Return the order by which an error is expected to fall."""
     low, high = knob.orders
     return float(np.clip(left.order, low, high)) if isfinite(left.order) else 0.5 * (low + high)
@@ -425,8 +453,7 @@ def _growth(
     for stage, seconds in fine.items():
         less = coarse.get(stage, 0.0)
         if seconds > 0.0 and less > 0.0:
-            twice = 1.0 if knob.scatters and stage in knob.costs else 0.0  # cells below
-            powers[stage, knob.name] = float(np.clip(log2(seconds / less) + twice, 0.0, 4.0))
+            powers[stage, knob.name] = float(np.clip(log2(seconds / less), 0.0, 4.0))
     return powers
 
 
@@ -438,15 +465,20 @@ def _on(values: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(np.interp(places, np.linspace(0.0, 1.0, values.size), values))
 
 
+def _rungs(setting: Setting) -> str:
+    """Return a setting in words."""
+    moved = ", ".join(f"{name} {rung:+d}" for name, rung in setting.items() if rung)
+    return moved or "the case as it is given"
+
+
 def _line(number: int, done: Round) -> str:
     """Return the sentence of a round."""
-    rungs = ", ".join(f"{name} {rung:+d}" for name, rung in done.setting.items() if rung)
     expected = ""
     if isfinite(done.expected_error):
         expected = (
             f", {100.0 * done.expected_error:.3g} % and {done.expected_seconds:.3g} s expected"
         )
     return (
-        f"round {number}: {rungs or 'the case as it is given'}; error {100.0 * done.error:.3g} % "
+        f"round {number}: {_rungs(done.setting)}; error {100.0 * done.error:.3g} % "
         f"after {done.seconds:.3g} s{expected}"
     )

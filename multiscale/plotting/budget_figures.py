@@ -117,7 +117,8 @@ def plot_costs(
     ----------
     seconds : mapping of str to float, time of the stages, s
     sources : sequence of tuple
-        Name, relative error, and the time in s that halves it (NaN if no setting does).
+        Name, relative error, and the time in s that halves it (NaN if no setting does, 0 if the
+        time is not known).
     """
     ax = axes_or_current(ax)
     names = [*(name.replace("_", " ") for name in seconds), *(name for name, *_ in sources)]
@@ -127,7 +128,9 @@ def plot_costs(
     errors = [100.0 * error for _, error, _ in sources]
     percent.barh(at[count:], errors, 0.7, color=COLOURS[1])
     for y, error, (_, _, halving) in zip(at[count:], errors, sources, strict=True):
-        caption = f" halved in {halving:.2g} s" if halving > 0.0 else " no setting reduces it"
+        caption = f" halved in {halving:.2g} s" if halving > 0.0 else ""
+        if np.isnan(halving):
+            caption = " no setting reduces it"
         percent.text(error, float(y), caption, va="center", fontsize="small")
     ax.set_yticks(at, names)
     ax.set_xlim(0.0, 1.05 * max(seconds.values(), default=1.0))

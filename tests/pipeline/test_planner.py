@@ -1,18 +1,20 @@
 """The planner reaches its target near the best fixed setting, and loses nothing."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import CaseError
 from multiscale.io.datasets import open_run
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_knobs import body_knobs, cell_knobs
+from multiscale.pipeline.costs import cost_section
 from multiscale.pipeline.knobs import Knob, scaled
-from multiscale.pipeline.planner import Outcome, Planner, halving_seconds
+from multiscale.pipeline.planner import Outcome, Planner, SourceCost, halving_seconds
 from multiscale.upscaling.budget import MACRO, total_error
 from tests.support import case_text
 
@@ -31,6 +33,7 @@ class Synthetic:
 
     seed: int
     slopes: float = 0.0  # half-width that no knob reduces
+    bias: float = 0.0  # of the same term
     refused: int = 99  # rung of the elements
     spent: float = 0.0
     cells: int = 0
@@ -52,7 +55,8 @@ class Synthetic:
         half = np.full(2, 1.96 * SCATTER / np.sqrt(n))
         terms = {"sampling": half, "small slopes": np.full(2, self.slopes)}
         value = TRUTH * (1.0 + self.error(v)) * (1.0 + SCATTER * drawn.mean())
-        return Outcome(value, terms if whole else {}, self.seconds(v))
+        bias = {"small slopes": np.full(2, self.bias)}
+        return Outcome(value, terms if whole else {}, self.seconds(v), bias)
 
     def knobs(self):
         return [
@@ -77,6 +81,19 @@ def best_fixed(target):
         if total_error(bias, half) <= target:
             times.append(sum(stage.seconds(v).values()))
     return min(times)
+
+
+@dataclass
+class Sizes:
+    """Eight cells of every size, with no error but their scatter, and of four times the time."""
+
+    seed: int
+
+    def __call__(self, v, whole):
+        edge = 2.0 ** v["size"]
+        drawn = np.random.default_rng((self.seed, v["size"] + 2)).standard_normal(8).mean()
+        half = {"sampling": np.full(1, 1.96 * SCATTER / np.sqrt(8) / edge)}
+        return Outcome(np.array([1.0 + SCATTER * drawn / edge]), half, {"cells": edge**2})
 
 
 @pytest.mark.parametrize("target", [0.1, 0.05, 0.02])
@@ -113,9 +130,36 @@ def test_seen_orders_are_extrapolated():
     np.testing.assert_allclose(reached.state.value / TRUTH, exact, rtol=0.01)
 
 
-def test_a_target_below_a_term_without_a_knob_names_it():
+def test_the_chance_of_cells_of_two_sizes_is_no_error_of_their_size():
+    """A 95 % half-width holds 95 % of the differences, and seconds grow by their own power."""
+    knob = Knob("size", NO_CASE, ("cell size",), costs={"cells": 3.0}, scatters=True, draws=1.0)
+    states = [
+        Planner([knob], Sizes(k), {"size": -1}).measure({"size": 0}, None) for k in range(500)
+    ]
+    beyond = np.mean([state.left["size"].bias[0] > 0.0 for state in states])
+    assert 0.02 < beyond < 0.08
+    assert states[0].growth["cells", "size"] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("term", [{"slopes": 0.08}, {"bias": 0.08}, {"bias": -0.08}])
+def test_a_target_below_a_term_without_a_knob_names_it(term):
     with pytest.raises(CaseError, match=r"5 % is out of reach: .* reduces small slopes \(8 %\)"):
-        Synthetic(0, slopes=0.08).plan(0.05)
+        Synthetic(0, **term).plan(0.05)
+
+
+def test_a_bias_of_the_budget_counts_in_full():
+    errors = [Synthetic(0, bias=bias).plan(np.inf, time=50.0)[1].error.max() for bias in (0, 0.05)]
+    assert errors[1] > errors[0] + 0.04
+
+
+def test_an_answer_that_is_not_known_at_coarser_settings_has_no_error():
+    class Unknown(Synthetic):
+        def __call__(self, v, whole):
+            done = super().__call__(v, whole)
+            return done if whole else replace(done, value=np.array([1.0, np.nan]))
+
+    with pytest.raises(CaseError, match=r"coarser setting elements -2, steps -1 is not known"):
+        Unknown(0).plan(0.05)
 
 
 def test_terms_without_a_knob_are_sources_that_no_time_halves():
@@ -131,8 +175,23 @@ def test_a_refused_rung_ends_its_ladder():
     stage = Synthetic(0, refused=2)
     _, reached = stage.plan(0.05)
     assert reached.state.setting["elements"] < 2
-    with pytest.raises((CaseError, ConvergenceError)):
+    with pytest.raises(CaseError, match="no such elements"):
         Synthetic(0, refused=-2).plan(0.05)
+
+
+def test_a_refused_rung_does_not_end_other_ladders():
+    _, reached = Synthetic(0, refused=0).plan(0.02)
+    assert reached.stopped
+    assert reached.state.setting["elements"] == -1
+    assert min(reached.state.setting[name] for name in ("cells", "steps")) > 0
+
+
+def test_the_last_round_has_an_answer(monkeypatch):
+    monkeypatch.setattr("multiscale.pipeline.planner.MOST_ROUNDS", 2)
+    _, reached = Synthetic(0).plan(0.01)
+    assert len(reached.rounds) == 2
+    assert reached.stopped.startswith(f"the error is {100.0 * reached.error.max():.3g} %")
+    assert reached.stopped.endswith("2 rounds are over")
 
 
 def test_a_short_time_ends_with_the_answer_and_the_time_of_the_target():
@@ -152,6 +211,14 @@ def test_the_time_that_halves_an_error_follows_from_order_and_growth():
     seconds = {"cells": 3.0, "structure": 10.0}
     assert halving_seconds(seconds, {"structure": 3.0}, 1.5, False) == pytest.approx(40.0)
     assert halving_seconds(seconds, {"cells": 1.0}, 0.5, True) == pytest.approx(9.0)
+
+
+def test_a_source_without_time_is_not_a_source_without_a_setting():
+    """0 s of stages that were read from files, NaN without a knob."""
+    assert halving_seconds({"cells": 0.0}, {"cells": 1.0}, 0.5, True) == 0.0
+    costs = [SourceCost("sampling", 0.1, 0.0), SourceCost("surface", 0.1, np.nan)]
+    rows = cost_section({"cells": 1.0}, costs, "gap").rows
+    assert [row[-1] for row in rows] == ["", "not known", "no setting reduces it"]
 
 
 @pytest.fixture
@@ -178,6 +245,8 @@ def test_cells_of_other_rungs_keep_their_spacing_or_surface(write):
     assert len(knobs["pressures"].change(case, 1).micro.pressures) == 5
     for knob in knobs.values():
         assert knob.change(case, 0) == case
+        changed = knob.change(case, 1)  # as its folder has it in a file
+        assert write(changed.to_toml(), "again").identity() == changed.identity()
 
 
 def test_layers_of_larger_and_finer_cells_are_graded_alike(write):
@@ -194,6 +263,22 @@ def test_layers_of_larger_and_finer_cells_are_graded_alike(write):
     given = growth(size, 0)
     np.testing.assert_allclose([growth(size, rung) for rung in (-1, 1, 2)], given, rtol=0.03)
     np.testing.assert_allclose(growth(points, 1) ** 2, given, rtol=0.03)
+
+
+def test_surfaces_with_all_wavelengths_have_cells_of_other_points(write):
+    """As maps without a short_cutoff, which a run with a budget may have."""
+    case = write(CASE.replace("[32, 32]", "[64, 64]"))
+    surface = case.body_1.surface.model_copy(update={"short_cutoff": None})
+    case = case.model_copy(update={"body_1": case.body_1.model_copy(update={"surface": surface})})
+    knob = next(knob for knob in cell_knobs(case) if knob.name == "points of the cells")
+    assert knob.applies(case)
+    with pytest.raises(CaseError, match="4 points along an edge are too few"):
+        knob.change(case, -4)
+
+
+def test_more_cells_do_not_narrow_the_posterior_of_measured_joints(write):
+    case = write(CASE).model_copy(update={"measured": (object(),)})
+    assert all("sampling" not in knob.terms and not knob.draws for knob in cell_knobs(case))
 
 
 @dataclass(frozen=True)
@@ -235,20 +320,29 @@ def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     asked = Asked(JOINT, "joint_stiffness")
     result = open_run(run_folder)["macro_result"].to_dataset()
     datasets = {JOINT.name: result}
-    value, ends = asked.values(datasets)
+    value, _ = asked.values(datasets)
     np.testing.assert_array_equal(value, result["joint_stiffness"])
     preloads = result["preload"].to_numpy()
     np.testing.assert_array_equal(
         asked.nearest(datasets, 1.01 * preloads[1]), preloads == preloads[1]
     )
-    rows = asked.half_widths(datasets, value, ends)
-    budget = result.sel(quantity="joint_stiffness")
-    np.testing.assert_allclose(rows["fit"], budget["error_half_width"].sel(error_term="fit"))
-    assert "few cells" not in rows
+    half = np.linspace(0.01, 0.05, preloads.size)  # of every term
+    along = xr.DataArray(half, dims="step")
+    datasets[JOINT.name] = result.assign(
+        error_half_width=xr.zeros_like(result["error_half_width"]) + along,
+        error_bias=xr.zeros_like(result["error_bias"]) - 2.0 * along,
+    )
+    for places in ([1], [*range(preloads.size)]):
+        half_widths, biases = asked.errors(datasets, places)
+        np.testing.assert_allclose(half_widths["fit"], half[places])
+        np.testing.assert_allclose(biases["fit"], -2.0 * half[places])
+    assert "few cells" not in half_widths
     other = Asked(JOINT, "mean_gap")  # which has no budget
-    assert other.half_widths(datasets, value, None) == {}
-    band = np.stack([0.9 * value, 1.1 * value])
-    np.testing.assert_allclose(other.half_widths(datasets, value, band)["sampling"], 0.1)
+    assert other.errors(datasets, [1]) == ({}, {})
+    gap = result["mean_gap"]
+    band = xr.concat([0.9 * gap, 1.1 * gap], "limit")
+    datasets[JOINT.name] = result.assign(mean_gap_mean_law=band)
+    np.testing.assert_allclose(other.errors(datasets, [1])[0]["sampling"], 0.1)
 
 
 @pytest.mark.slow
@@ -281,6 +375,11 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
             'quantity = "mean_gap"',
             'of = "damping"',
             r"asks for 'damping', no answer .* 'joint_stiff",
+        ),
+        (
+            'quantity = "mean_gap"',
+            'of = "conductance"',
+            r"which may be 'thermal_conductance' .*, 'electrical_conductance' .*; give one",
         ),
         ('quantity = "mean_gap"', 'time = "1 us"', r"time in \[accuracy\] is 1e-06 s, and a cell"),
         ('target = "12 %"\nquantity = "mean_gap"', "", "neither target nor time is given"),

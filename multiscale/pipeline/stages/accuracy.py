@@ -36,9 +36,9 @@ PLAN = "plan"
 HEAD = (
     "round",
     "error (%)",
-    "expected",
+    "expected error",
     "seconds",
-    "expected ",
+    "expected seconds",
     "powers of two of settings, over the case as it is given",
 )
 
@@ -77,30 +77,35 @@ class Asked:
             f"it out"
         )
 
-    def half_widths(
-        self, datasets: Datasets, value: np.ndarray, ends: np.ndarray | None
-    ) -> dict[str, np.ndarray]:
-        """Return the relative half-widths of the mean law at the places, by terms of the budget.
+    def errors(
+        self, datasets: Datasets, places: Sequence[int]
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Return relative half-widths and biases of the mean law at places, by terms of the budget.
 
         An answer with an interval and without a budget has all of it as sampling.
         """
-        dataset = datasets[self.stage.name]
+        dataset, (value, ends) = datasets[self.stage.name], self.values(datasets)
+        half_widths, biases = dict[str, np.ndarray](), dict[str, np.ndarray]()
         names = self.quantities(dataset)
-        if not names:
-            return {} if ends is None else {"sampling": 0.5 * np.ptp(ends, axis=0) / np.abs(value)}
-        rows: dict[str, np.ndarray] = {}
-        widths = dataset["error_half_width"].sel(quantity=names)
-        for term in map(str, dataset["error_term"].values):
-            of_term = widths.sel(error_term=term).transpose("quantity", "step").to_numpy()
-            finite = of_term[:, np.isfinite(of_term).all(axis=0)]
-            if term == FEW_CELLS or not finite.size:
+        if not names and ends is not None:
+            half_widths["sampling"] = 0.5 * np.ptp(ends[:, places], axis=0) / np.abs(value[places])
+        for term in map(str, dataset["error_term"].values) if names else ():
+            half, bias = (
+                dataset[name].sel(quantity=names, error_term=term).transpose("quantity", "step")
+                for name in ("error_half_width", "error_bias")
+            )
+            known = np.flatnonzero(np.isfinite(half.to_numpy()).all(axis=0))
+            if term == FEW_CELLS or not known.size:
                 continue
-            if len(names) == 1 and finite.shape[1] == value.size:
-                rows[term] = finite[0]
-            else:  # of the last step, of every load
-                last = finite[:, -1]
-                rows[term] = last if last.size == value.size else np.full(value.size, last.max())
-        return rows
+            for rows, of_term in ((half_widths, half.to_numpy()), (biases, bias.to_numpy())):
+                if len(names) == 1 and of_term.shape[1] == value.size:  # of every step
+                    every = of_term[0]
+                else:  # of the last step, of every load
+                    every = of_term[:, known[-1]]
+                if every.size != value.size:
+                    every = np.full(value.size, every[np.argmax(np.abs(every))])
+                rows[term] = every[places]
+        return half_widths, biases
 
     def quantities(self, dataset: Dataset) -> list[str]:
         """Return the quantities of the budget that are this answer, such as one for each load."""
@@ -116,7 +121,7 @@ def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
     Raises
     ------
     CaseError
-        If the case has no such answer; the message lists the answers.
+        If the case has no such answer, or several by these words; the message lists them.
     """
     accuracy = case.accuracy
     every = [
@@ -127,30 +132,38 @@ def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
     ]
     if accuracy.quantity is not None:
         of_law = accuracy.quantity in OF_LAW
-        found = [
+        answers = [
             asked
             for asked in every
             if asked.name == accuracy.quantity
             and (asked.stage.name == INTERFACE_LAW.name or not of_law)
         ]
     elif accuracy.of is None:
-        found = every[:1]
+        answers = every[:1]
     else:
         wanted = set(accuracy.of.lower().replace("_", " ").split())
         exact = [asked for asked in every if accuracy.of in (asked.name, asked.label)]
-        found = exact or [
+        answers = exact or [
             asked
             for asked in every
             if wanted <= {*asked.name.split("_"), *asked.label.lower().split()}
         ]
-    if not found:
-        names = dict.fromkeys(f"{asked.name!r} ({asked.label})" for asked in every)
+    if not answers:
         raise CaseError(
             f"{case.title}: [accuracy] asks for {accuracy.answer!r}, no answer of this case; its "
-            f"answers are "
-            f"{', '.join(names) or 'none'}"
+            f"answers are {_listed(every) or 'none'}"
         )
-    return found
+    if len({asked.name for asked in answers}) > 1:
+        raise CaseError(
+            f"{case.title}: [accuracy] asks for {accuracy.answer!r}, which may be "
+            f"{_listed(answers)}; give one of these names as of"
+        )
+    return answers
+
+
+def _listed(answers: Sequence[Asked]) -> str:
+    """Return names and labels of answers."""
+    return ", ".join(dict.fromkeys(f"{asked.name!r} ({asked.label})" for asked in answers))
 
 
 @dataclass(eq=False)
@@ -180,7 +193,8 @@ class Campaign:
     def solve(self, setting: Setting, whole: bool) -> Outcome:
         """Return the answer at a setting, solved or from the record."""
         case = self.at(setting)
-        asked = self.answers[0].name, self.pressure, case.checksum()[:16], whole
+        first = self.answers[0]
+        asked = first.stage.name, first.name, self.pressure, case.checksum()[:16], whole
         key = " ".join(map(str, asked))
         if key not in self.record:
             begin = perf_counter()
@@ -192,8 +206,11 @@ class Campaign:
         if whole:
             self.answer, self.places = entry["answer"], entry["places"]
             self.missing = entry["missing"]
-        half = {term: np.array(values) for term, values in entry["half_width"].items()}
-        return Outcome(np.array(entry["value"]), half, entry["seconds"])
+        half, bias = (
+            {term: np.array(values) for term, values in entry[kind].items()}
+            for kind in ("half_width", "bias")
+        )
+        return Outcome(np.array(entry["value"]), half, entry["seconds"], bias)
 
     def folder(self, case: Case) -> Path:
         """Return the folder of a case: settings with the same cells share them."""
@@ -205,7 +222,8 @@ class Campaign:
 
     def _entry(self, case: Case, datasets: Datasets, whole: bool, elapsed: float) -> dict[str, Any]:
         """Return the record of a solved setting: the answer at its places, errors and times."""
-        half, missing = dict[str, np.ndarray](), list[str]()
+        half, bias = dict[str, np.ndarray](), dict[str, np.ndarray]()
+        missing = list[str]()
         if whole:
             read = [asked.values(datasets) for asked in self.answers]
             self.answer = next((k for k, (_, ends) in enumerate(read) if ends is not None), 0)
@@ -222,9 +240,7 @@ class Campaign:
                     f"error; ask for another answer, or another pressure by at in [accuracy]"
                 )
             value = value[self.places]
-            half = asked.half_widths(
-                datasets, value, None if ends is None else ends[:, self.places]
-            )
+            half, bias = asked.errors(datasets, self.places)
             names = asked.quantities(datasets[asked.stage.name])
             missing = unknown_terms(datasets[asked.stage.name], *names) if names else []
         else:
@@ -233,6 +249,7 @@ class Campaign:
         return {
             "value": value.tolist(),
             "half_width": {term: rows.tolist() for term, rows in half.items()},
+            "bias": {term: rows.tolist() for term, rows in bias.items()},
             "seconds": stage_seconds(datasets, asked_for),
             "elapsed": elapsed,
             "answer": self.answer,
@@ -385,12 +402,14 @@ def _row(done: Dataset, number: int) -> tuple[str, ...]:
     """Return a row of the table of rounds."""
     rungs = zip(map(str, done["knob"].values), done["rung"].values, strict=True)
     moved = ", ".join(f"{name} {int(rung):+d}" for name, rung in rungs if rung)
-    errors, times = (
-        [float(done[f"{kind}_{what}"]) for kind in ("round", "expected")]
-        for what in ("error", "seconds")
-    )
-    shown = [*map(format_error, errors), *(f"{time:.3g}" for time in times)]
-    return (str(number), *(text.replace("nan", "").replace("unknown", "") for text in shown), moved)
+    formats = {"error": format_error, "seconds": "{:.3g}".format}
+    values = [
+        (form, float(done[f"{kind}_{what}"]))
+        for what, form in formats.items()
+        for kind in ("round", "expected")
+    ]
+    shown = (form(value) if isfinite(value) else "" for form, value in values)
+    return (str(number), *shown, moved)
 
 
 def _prepare(case: Case, stages: Sequence[Stage]) -> None:
