@@ -279,11 +279,16 @@ def fit_command(
     if pressure:
         raise CaseError(f"--pressure needs a table .csv, got {response}")
     case = _load_with("measured", measured) if measured else None
+    options: dict[str, Any] = {}
+    if case is not None:
+        fit = case.law
+        options = {"apart": fit.apart, "n_terms": fit.terms, "n_samples": fit.samples}
     law = fit_branches(
         open_response(response),
         shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
         sliding=None if sliding is None else open_dataset(sliding, SLIDING_RESPONSE),
         family=family or "convex_decreasing",
+        **options,
     )
     if case is not None:
         law = calibrate_case(case, law).law

@@ -1,5 +1,6 @@
 """The law of a case, calibrated by its measured joints, and its tables."""
 
+from multiscale.errors import CaseError
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset
 from multiscale.units import readable
@@ -21,34 +22,45 @@ def calibrate_case(case: Case, law: Dataset) -> Calibration:
     Raises
     ------
     MultiscaleError
-        If a table or the data are refused; see :func:`~multiscale.upscaling.calibrate`.
+        If a table or the data are refused; see :func:`~multiscale.upscaling.calibrate`; or if the
+        case states a value that sheared cells have measured.
     """
-    known = tangential_values(law)
-    stated = {"friction": case.law.friction, "stiffness_ratio": case.law.stiffness_ratio}
-    missing = {name: value for name, value in stated.items() if name not in known}
-    if any(value is not None for value in missing.values()):
-        known_cautions = law.attrs["cautions"]  # the values are calibrated, not assumed
-        law = assume_shear(law, **missing).assign_attrs(cautions=known_cautions)
+    tables, known = [table.read() for table in case.measured], tangential_values(law)
+    stated = {
+        name: value
+        for name in ("friction", "stiffness_ratio")
+        if (value := getattr(case.law, name)) is not None
+    }
+    for name in (name for name in stated if name in known):
+        raise CaseError(
+            f"{name} in [law] is {stated[name]:.3g}, and the sheared cells have measured "
+            f"{known[name]:.3g}, from which the calibration begins; leave out {name}"
+        )
+    if stated:
+        cautions = law.attrs["cautions"]
+        law = assume_shear(law, **stated)
+        if any(table.sheared for table in tables):  # the values are calibrated, not assumed
+            law = law.assign_attrs(cautions=cautions)
     areas = [table.area for table in case.measured if table.area is not None]
     discrepancy = DISCREPANCY if case.law.discrepancy is None else case.law.discrepancy
     size = case.cell.size
     calibration = calibrate(
         law,
-        [table.read() for table in case.measured],
+        tables,
         cells=min(areas) / (size[0] * size[1]) if areas else None,
         roughness=ROUGHNESS if case.law.roughness is None else case.law.roughness,
         discrepancy=discrepancy,
         exponent=EXPONENT * discrepancy / DISCREPANCY,
         extrapolate=case.law.extrapolate,
     )
-    tables = {
+    texts = {
         f"calibration_{name}": "\n".join(map(TEXT.join, rows))
         for name, rows in (
             ("parameters", _parameters(calibration)),
             ("rows", _measured(calibration)),
         )
     }
-    calibration.law.attrs.update(tables)
+    calibration.law.attrs.update(texts)
     return calibration
 
 

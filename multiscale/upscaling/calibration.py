@@ -25,21 +25,27 @@ from multiscale.upscaling.branches import tangential_values
 from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.measured_data import BedCurve, Curve, MeasuredJoint
 from multiscale.upscaling.observations import list_pressures
-from multiscale.upscaling.posterior import Draws, Mode, draw, find_mode
-from multiscale.upscaling.posterior_law import law_of_interfaces
+from multiscale.upscaling.posterior import Draws, Mode, Residual, draw, find_mode
+from multiscale.upscaling.posterior_law import DATA_POINTS, law_of_interfaces
 from multiscale.upscaling.reading import fitted_laws, pick, refuse_band, require_law
 
+HEIGHTS, STIFFNESS_RATIO = "factor of the heights", "stiffness ratio"
+FRICTION_COEFFICIENT = "friction coefficient"
+LOGARITHMIC = (HEIGHTS, STIFFNESS_RATIO, FRICTION_COEFFICIENT)
+UNITS = {"frame": "m/Pa", "offset": "Pa", "zero": "m"}
+"""Names of parameters, and units of nuisances."""
+
+UNIT_TEXTS = {"Pa m-1": "Pa/m", "m": "m", "Pa": "Pa"}
+
 FRICTION, RATIO = 0.5, 0.12
-"""Half-widths of the prior of friction and stiffness ratio of cells, over them: the friction of
-points of contact is an input of the cells."""
+"""Half-widths of the 95 % intervals of the prior, of the logarithms of friction and stiffness
+ratio: the friction of points of contact is an input of the cells."""
 
 ROUGHNESS, DISCREPANCY, EXPONENT = 0.2, 0.1, 0.05
 """Default half-widths of the factor of all heights, and of level and exponent of the stiffness of
 joints about the law of their cells."""
 
-POINTS, BELOW, ABOVE = 400, 7.0, 0.8  # of the grid over x; beyond the data on both sides
-
-DATA_POINTS = 48  # of the law within its data
+GRID, BELOW, ABOVE = 400, 7.0, 0.8  # points of the grid over x; beyond the data on both sides
 
 VARIANCE = 0.995  # of the logarithm of the stiffness, that the modes contain
 
@@ -80,7 +86,7 @@ class MeasuredRow(NamedTuple):
     predicted: float
     half_width: float  # of the 95 % interval of the prediction
     residual: float  # prediction less measured value, in standard deviations of the data
-    weight: float  # 1 or more for a value near the law, small for an outlier
+    weight: float  # 1 for a value near the law, small for an outlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +136,14 @@ def calibrate(
     Returns
     -------
     Calibration
-        Samples of normal law, stiffness ratio and friction are drawn together, so that sample k of
-        one belongs to sample k of the others. Other branches stay.
+        Samples of normal law, stiffness ratio and friction are drawn together, so that samples of
+        the same number belong together. Other branches stay, and so does the shear branch if no
+        table depends on it.
 
     Raises
     ------
     CaseError
-        If there are no data, a preload lies outside the pressures of the law, a table needs a
+        If there are no data, nothing is uncertain, a preload lies outside the law, a table needs a
         friction that the law lacks, or more than a quarter of the values lies more than 3 standard
         deviations away from any law: they contradict each other.
     ConvergenceError
@@ -159,6 +166,11 @@ def calibrate(
     for table in measured:
         _refuse_outside(table, law, extrapolate)
     prior = _Prior.of(law, measured, roughness, (discrepancy, exponent), cells)
+    if not prior.scale.size:
+        raise CaseError(
+            "nothing of the law is uncertain, so that measured values correct nothing; give a "
+            "roughness or a discrepancy above 0"
+        )
     answer = solve or (lambda table, *given: table.answer(*given))
 
     def residual(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -173,26 +185,29 @@ def calibrate(
         )
     # samples of the law, as many as the cells have
     count = int(law.sizes.get("sample", 0)) or SAMPLES
-    random = np.random.default_rng(seed)
-    if solve is None:
-        draws = draw(residual, mode, max(CANDIDATES, 2 * count), count, random)
-    else:
-        normal = random.normal(size=(count, mode.theta.size))
-        spread = normal @ np.linalg.cholesky(mode.covariance).T
-        draws = Draws(mode.theta + spread, float(count), 0.0)
-    rows = tuple(_rows(mode, prior, measured, answer))
+    draws = _draws(mode, None if solve else residual, count, np.random.default_rng(seed))
+    rows = tuple(_rows(mode, measured))
     parameters = tuple(prior.parameters(mode))
     sentences = tuple(_sentences(mode, prior, rows, draws))
     theta = np.vstack([mode.theta, draws.theta])
     calibrated = law_of_interfaces(
         law,
-        [prior.interface(one) for one in theta],
+        [prior.interface(row) for row in theta],
         prior.heights(theta),
         sentences,
-        sheared=STIFFNESS_RATIO in prior.names,
+        sheared=sheared or (solve is not None and STIFFNESS_RATIO in prior.names),
     )
     calibrated.attrs["effective_draws"] = draws.effective
     return Calibration(calibrated, parameters, rows, sentences, draws.effective, mode.solves)
+
+
+def _draws(mode: Mode, residual: Residual | None, count: int, random: np.random.Generator) -> Draws:
+    """Draw weighted samples, or normal ones about the mode without a residual."""
+    if residual is not None:
+        return draw(residual, mode, max(CANDIDATES, 2 * count), count, random)
+    normal = random.normal(size=(count, mode.theta.size))
+    spread = normal @ np.linalg.cholesky(mode.covariance).T
+    return Draws(mode.theta + spread, float(count), 0.0)
 
 
 def predict_measured(law: Dataset, table: MeasuredJoint) -> tuple[np.ndarray, np.ndarray]:
@@ -219,7 +234,7 @@ def predict_measured(law: Dataset, table: MeasuredJoint) -> tuple[np.ndarray, np
     if table.sheared:
         require_law(law, "shear_stiffness_ratio", "shear_friction")
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    x = np.linspace(np.log(low) - BELOW, np.log(high) + ABOVE, POINTS)
+    x = np.linspace(np.log(low) - BELOW, np.log(high) + ABOVE, GRID)
     laws = fitted_laws(law, [None, *range(count)])
     shears = [(1.0, 1.0)] * len(laws)
     if table.sheared:
@@ -290,6 +305,7 @@ class _Prior:
     mean: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # m(x) and its slope
     modes: np.ndarray  # (modes, points), of ln K, scaled by their deviations
     names: tuple[str, ...]
+    units: tuple[str, ...]
     scale: np.ndarray  # deviation of every parameter, in its unit
     shear: tuple[float, float]  # prior of stiffness ratio and friction
 
@@ -310,7 +326,7 @@ class _Prior:
         data = np.linspace(ends[0], ends[1], DATA_POINTS)
         p = np.exp(data)
         laws = fitted_laws(law, [None, *range(int(law.sizes.get("sample", 0)))])
-        middle, *drawn = (np.log(one.stiffness(one.gap_at(p))) for one in laws)
+        middle, *drawn = (np.log(normal.stiffness(normal.gap_at(p))) for normal in laws)
         # (1), linear beyond the data
         spline = CubicSpline(data, middle)
 
@@ -320,7 +336,7 @@ class _Prior:
             return spline(inside) + slope * (x - inside), slope
 
         # covariance of the samples, of few cells, and of the discrepancy; its leading modes
-        x, centred = np.linspace(ends[0] - BELOW, ends[1] + ABOVE, POINTS), data - data.mean()
+        x, centred = np.linspace(ends[0] - BELOW, ends[1] + ABOVE, GRID), data - data.mean()
         level, bend = np.array(discrepancy) / NORMAL
         covariance = level**2 + bend**2 * np.outer(centred, centred)
         if len(drawn) > 1:
@@ -340,11 +356,14 @@ class _Prior:
         if len(shears) == 2:
             names += [STIFFNESS_RATIO, FRICTION_COEFFICIENT]
             scale += list(_shear_widths(law, shears))
+        units = ["1"] * len(names)
         for k, table in enumerate(measured):
+            units += [UNITS[name] for name in table.nuisances]
             names += [f"{name} of {k + 1}, {table.name}" for name in table.nuisances]
             scale += list(table.nuisances.values())
         shear = shears.get("stiffness_ratio", 1.0), shears.get("friction", 1.0)
-        return cls(x, mean, modes.reshape(n, x.size), tuple(names), np.array(scale), shear)
+        modes = modes.reshape(n, x.size)
+        return cls(x, mean, modes, tuple(names), tuple(units), np.array(scale), shear)
 
     def interface(self, theta: np.ndarray) -> BedCurve:
         """Return the law by parameters, with its rates by modes and by heights, if uncertain."""
@@ -396,24 +415,24 @@ class _Prior:
         deviation = np.sqrt(np.diag(mode.covariance))
         logarithmic = dict(zip(LOGARITHMIC, (1.0, *self.shear), strict=True))
         columns = zip(
-            self.names, self.scale, mode.theta, deviation, mode.learned, mode.pull, strict=True
+            self.names,
+            self.units,
+            self.scale,
+            mode.theta,
+            deviation,
+            mode.learned,
+            mode.pull,
+            strict=True,
         )
-        for k, (name, scale, theta, spread, learned, pull) in enumerate(columns):
+        data = (self.x >= self.x[0] + BELOW) & (self.x <= self.x[-1] - ABOVE)
+        for k, (name, unit, scale, theta, spread, learned, pull) in enumerate(columns):
             if k < len(self.modes):  # as the root mean square of ln K over the data
-                scale = float(np.sqrt(np.mean(self.modes[k] ** 2)))
+                scale = float(np.sqrt(np.mean(self.modes[k, data] ** 2)))
             middle = logarithmic.get(name, 0.0)
             value = middle * np.exp(scale * theta) if middle else scale * theta
             width = NORMAL * scale * (middle or 1.0)
-            unit = UNITS.get(name.split(" of ")[0], "1")
             after = width * spread * (value / middle if middle else 1.0)
             yield Parameter(name, unit, middle, width, value, after, learned, pull)
-
-
-HEIGHTS, STIFFNESS_RATIO = "factor of the heights", "stiffness ratio"
-FRICTION_COEFFICIENT = "friction coefficient"
-LOGARITHMIC = (HEIGHTS, STIFFNESS_RATIO, FRICTION_COEFFICIENT)
-UNITS = {"frame": "m/Pa", "offset": "Pa", "zero": "m"}
-"""Names of parameters, and units of nuisances."""
 
 
 def _shear_widths(law: Dataset, shears: Mapping[str, float]) -> Iterator[float]:
@@ -453,11 +472,9 @@ def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None
     )
 
 
-def _rows(
-    mode: Mode, prior: _Prior, measured: Sequence[MeasuredJoint], answer: Answer
-) -> Iterator[MeasuredRow]:
+def _rows(mode: Mode, measured: Sequence[MeasuredJoint]) -> Iterator[MeasuredRow]:
     """Yield the measured values with their predictions."""
-    residual, J = prior.residual(mode.theta, measured, answer)
+    residual, J = mode.residual, mode.derivative
     spread = NORMAL * np.sqrt(np.einsum("ij,jk,ik->i", J, mode.covariance, J))
     at = 0
     for table in measured:
@@ -475,18 +492,16 @@ def _rows(
             at += 1
 
 
-UNIT_TEXTS = {"Pa m-1": "Pa/m", "m": "m", "Pa": "Pa"}
-
-
 def _sentences(
     mode: Mode, prior: _Prior, rows: Sequence[MeasuredRow], draws: Draws
 ) -> Iterator[str]:
     """Report disagreement, outliers, what was not learned, and unreliable weights."""
-    worst = int(np.argmax(np.where(mode.learned > LEARNS, np.abs(mode.pull), 0.0)))
-    if abs(mode.pull[worst]) > DISAGREES and mode.learned[worst] > LEARNS:
+    pull = np.where(mode.learned > LEARNS, np.abs(mode.pull), 0.0)
+    worst = int(np.argmax(pull))
+    if pull[worst] > DISAGREES:
         yield (
             f"the measured values disagree with the prior of the {prior.names[worst]}, by "
-            f"{abs(mode.pull[worst]):.2g} standard deviations: look at this value first"
+            f"{pull[worst]:.2g} standard deviations: look at this value first"
         )
     for row in rows:
         if abs(row.residual) > FAR:
@@ -497,9 +512,10 @@ def _sentences(
             )
     form = range(len(prior.modes))
     if not any(mode.learned[k] > LEARNS for k in form) or len(rows) < 2:
+        text = "1 measured value gives" if len(rows) == 1 else f"{len(rows)} measured values give"
         yield (
-            f"{len(rows)} measured value{'s' * (len(rows) > 1)} taught nothing of the form of the "
-            f"law: they do not separate it from the zero of the load and the frame"
+            f"{text} no information on the form of the law, and cannot separate it from the zero "
+            f"of the load and the frame"
         )
     unlearned = [
         name
@@ -507,7 +523,7 @@ def _sentences(
         if learned < LEARNS and name in LOGARITHMIC
     ]
     if unlearned:
-        yield f"the measured values teach nothing of the {' and the '.join(unlearned)}"
+        yield f"the measured values give no information on the {' and the '.join(unlearned)}"
     if draws.tail > RELIABLE:
         yield (
             f"the weights of the draws are uneven (Pareto shape {draws.tail:.2g}); the samples "

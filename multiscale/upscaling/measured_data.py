@@ -1,4 +1,4 @@
-r"""Answers of measured joints by the law of their interface, with gradients in closed form.
+r"""Answers of measured joints by the law of their interface, with their gradients.
 
 The law is the normal stiffness :math:`K` over the pressure, with :math:`x = \ln p` and
 :math:`\ln K(x)` linear between the points of a grid, and a bed of sliders on it with the ratio
@@ -8,7 +8,7 @@ sensors and the frame of the machine are compliances :math:`c` in series.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from os import PathLike
@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.tables import read_columns, units_of_columns
@@ -29,7 +29,11 @@ FRAME, OFFSET = 0.2, 0.1
 """Default half-widths of the compliance of the frame, over the least measured compliance, and of
 the zero of the load, over the least preload."""
 
-SETTLED = 1e-13  # of a pressure, relative
+STIFFEST = 1 / 3  # share of the measured compliances with the least values, without single ones
+
+SETTLED, REACHED = 1e-13, 1e-8  # of a pressure, relative: where steps end, and least accuracy
+
+SAME = 0.01  # relative difference of preloads of rows of the same loop
 
 AWAY = 0.1  # of the range of a loop, by which its middle may differ from zero
 
@@ -136,12 +140,6 @@ class MeasuredJoint(ABC):
             ln kappa, ln mu, and the nuisances in their order
         """
 
-    def _loaded(self, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the true pressures, and their derivative by the zero of the load."""
-        p = self.pressure + nuisances.get("offset", 0.0)
-        least = LEAST_PRESSURE * self.pressure
-        return np.maximum(p, least), 1.0 * (p > least)
-
     def _columns(
         self,
         of_curve: np.ndarray,
@@ -155,6 +153,12 @@ class MeasuredJoint(ABC):
         return np.column_stack([*of_curve, nothing + ratio, nothing + friction, *rows])
 
 
+def _loaded(pressure: np.ndarray, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the true pressures of stated ones, and their derivative by the zero of the load."""
+    p, least = pressure + nuisances.get("offset", 0.0), LEAST_PRESSURE * pressure
+    return np.maximum(p, least), 1.0 * (p > least)
+
+
 class MeasuredStiffness(MeasuredJoint):
     r"""Normal stiffness at preloads: :math:`1 / k = 1 / K(p) + c`."""
 
@@ -164,7 +168,7 @@ class MeasuredStiffness(MeasuredJoint):
         self, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the stiffness of the interface, bodies and frame in series."""
-        p, moves = self._loaded(nuisances)
+        p, moves = _loaded(self.pressure, nuisances)
         log_stiffness, rates, slope = interface.curve.at(p)
         compliance = np.exp(-log_stiffness)
         if self.sheared:
@@ -198,7 +202,7 @@ class MeasuredClosure(MeasuredJoint):
         self, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the closure of the interface, bodies and frame."""
-        p, moves = self._loaded(nuisances)
+        p, moves = _loaded(self.pressure, nuisances)
         total, rates = interface.curve.closure(p)
         flexibility = np.exp(-interface.curve.at(p)[0]) * moves
         raised, later = p - p[0], 1.0 * (np.arange(p.size) > 0)
@@ -224,7 +228,7 @@ class MeasuredLoop(MeasuredJoint):
     :math:`t = t_r \pm 2 B(|\delta - \delta_r| / 2)`, and ends where it meets an earlier branch.
     """
 
-    displacement: np.ndarray = None  # type: ignore[assignment]  # (rows,), m
+    displacement: np.ndarray = field(kw_only=True)  # (rows,), m
 
     unit: ClassVar[str] = "Pa"
     sheared: ClassVar[bool] = True
@@ -232,15 +236,14 @@ class MeasuredLoop(MeasuredJoint):
     @cached_property
     def _branches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Amplitudes and pressures of first loadings, and their sums in the rows (rows, first)."""
-        starts = [0, *(1 + np.flatnonzero(np.diff(self.pressure))), self.pressure.size]
         amplitudes, pressures, sums = list[float](), list[float](), list[dict[int, float]]()
-        for first, last in pairwise(starts):
-            for terms in masing_terms(self.displacement[first:last]):
+        for rows in split_loops(self.pressure):
+            for terms in masing_terms(self.displacement[rows]):
                 row = {}
                 for amplitude, factor in terms:
                     row[len(amplitudes)] = factor
                     amplitudes.append(amplitude)
-                    pressures.append(float(self.pressure[first]))
+                    pressures.append(float(self.pressure[rows].mean()))
                 sums.append(row)
         matrix = np.zeros((len(sums), len(amplitudes)))
         for matrix_row, row in zip(matrix, sums, strict=True):
@@ -252,9 +255,7 @@ class MeasuredLoop(MeasuredJoint):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the shear along the loops."""
         amplitude, pressure, sums = self._branches
-        p = pressure + nuisances.get("offset", 0.0)
-        least = LEAST_PRESSURE * pressure
-        p, moves = np.maximum(p, least), 1.0 * (p > least)
+        p, moves = _loaded(pressure, nuisances)
         series = self.bodies + nuisances.get("frame", 0.0)
         t, by_curve, by_ratio, by_friction, by_series, by_p = _first_loading(
             amplitude, p, interface, series
@@ -281,7 +282,7 @@ def _first_loading(
     low, high = np.full(p.size, curve.x[0]), np.log(p)
 
     def displacement(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement less the given one at q = exp(y), and its derivative by y."""
+        """Displacement at q = exp(y) less the given displacement, and its derivative by y."""
         q = np.exp(y)
         delta = mu / kappa * (total - plain.closure(q)[0]) + series * mu * (p - q)
         slope = -q * mu * (np.exp(-plain.at(q)[0]) / kappa + series)
@@ -293,13 +294,18 @@ def _first_loading(
     for _ in range(100):
         error, slope = displacement(y)
         low, high = np.where(error >= 0.0, y, low), np.where(error <= 0.0, y, high)
-        step = y - error / slope
-        inside = (step >= low) & (step <= high)
-        step = np.where(inside, step, 0.5 * (low + high))
-        done = np.abs(step - y) <= SETTLED
-        y = step
+        new = y - error / slope
+        inside = (new >= low) & (new <= high)
+        step = np.where(inside, new, 0.5 * (low + high)) - y
+        done = np.abs(step) <= SETTLED
+        y = y + step
         if np.all(done | full):
             break
+    if not np.all(((np.abs(step) <= REACHED) & np.isfinite(error)) | full):
+        raise ConvergenceError(
+            f"the slip of a bed of sliders under {list_pressures(p)} does not settle in 100 steps; "
+            f"look for stiffnesses of the law that are not numbers"
+        )
     q = np.where(full, 0.0, np.exp(y))
     t = mu * (p - q)
     # implicit derivatives: delta(q; parameters) is given
@@ -311,6 +317,15 @@ def _first_loading(
     by_p = mu - stick * mu * (np.exp(-curve.at(p)[0]) / kappa + series)
     by_friction = np.where(full, t, t - stick * (slip + series * t))
     return t, by_curve, stick * slip, by_friction, -stick * t, by_p
+
+
+def split_loops(pressure: np.ndarray) -> list[slice]:
+    """Return the rows of every loop: consecutive rows whose preloads are the same but for SAME."""
+    starts = [0]
+    for row, p in enumerate(pressure):
+        if abs(p - pressure[starts[-1]]) > SAME * pressure[starts[-1]]:
+            starts.append(row)
+    return [slice(*ends) for ends in pairwise([*starts, pressure.size])]
 
 
 def masing_terms(displacement: np.ndarray) -> list[list[tuple[float, float]]]:
@@ -366,7 +381,7 @@ def read_measured(
     kind : str
     error : float, optional
         Half-width of the 95 % interval of all values, without the column: over the value, and in
-        loops over the largest shear at the preload.
+        loops over the largest shear of the loop; between 0 and 1.
     bodies : float, compliance of the bodies between the sensors, m/Pa
     frame, offset : float, optional
         Half-widths of the 95 % intervals of the compliance of the frame in series, m/Pa, and of
@@ -382,6 +397,12 @@ def read_measured(
     given = units_of_columns(path)
     load = "pressure" if kind == "closure" else "preload"
     wanted = {load: "Pa"} | COLUMNS[kind]
+    _refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
+    if "error" in given and error is not None:
+        raise CaseError(
+            f"{path}: the table has a column error, and error = {error:g} is stated too; leave one "
+            f"of them out"
+        )
     if "error" in given:
         wanted["error"] = "1" if given["error"] in ("%", "1", None) else list(wanted.values())[-1]
     elif error is None:
@@ -390,20 +411,25 @@ def read_measured(
             f"column of this name"
         )
     columns, _, _ = read_columns(path, wanted, signed=("displacement", "shear", "closure"))
+    relative = wanted.get("error", "1") == "1"
+    if relative and "error" in columns and columns["error"].max() >= 1.0:
+        raise CaseError(
+            f"{path}: the column error has a share of {columns['error'].max():.4g}, and errors are "
+            f"below the values; give its unit, such as error (%)"
+        )
     pressure, value = columns[load], columns[list(COLUMNS[kind])[-1]]
     least = 2 if kind in ("closure", "loop") else 1
     if pressure.size < least:
         raise CaseError(f"{path}: {pressure.size} rows, and {kind} needs {least} or more")
-    scale = np.abs(value)
     if kind == "closure":
         _refuse_falling(path, pressure, value)
         value = value - value[0]
+    scale = np.abs(value)
     if kind == "loop":
         _refuse_loops(path, columns["displacement"], value, pressure)
-        scale = np.array([np.abs(value[pressure == p]).max() for p in pressure])
-    half = scale * (columns.get("error", np.full(value.size, error)))
-    if wanted.get("error", "1") != "1":
-        half = columns["error"]
+        for rows in split_loops(pressure):
+            scale[rows] = scale[rows].max()
+    half = columns.get("error", np.full(value.size, error)) * (scale if relative else 1.0)
     deviation = half / NORMAL
     nuisances = {}
     if kind == "closure":
@@ -427,12 +453,35 @@ def read_measured(
 
 
 def _least_compliance(kind: Kind, columns: Mapping[str, np.ndarray], value: np.ndarray) -> float:
-    """Return the least compliance that a table shows, m/Pa."""
+    """Return the least compliance that a table shows, m/Pa: the median of the stiffest third.
+
+    Of closures and loops between neighbouring rows, and of loops as a whole.
+    """
     if kind == "closure":
-        return float(np.min(np.diff(value) / np.diff(columns["pressure"])))
-    if kind == "loop":
-        return float(np.ptp(columns["displacement"]) / np.ptp(value))
-    return float(1.0 / value.max())
+        compliance = np.diff(value) / np.diff(columns["pressure"])
+    elif kind == "loop":
+        between = list[float]()
+        for rows in split_loops(columns["preload"]):
+            u, t = columns["displacement"][rows], value[rows]
+            du, dt = np.diff(u), np.diff(t)
+            between += [*np.abs(du / np.where(dt == 0.0, np.inf, dt)), np.ptp(u) / np.ptp(t)]
+        compliance = np.array(between)
+    else:
+        compliance = 1.0 / value
+    compliance = np.sort(compliance[compliance > 0.0])
+    return float(np.median(compliance[: int(np.ceil(STIFFEST * compliance.size))]))
+
+
+def _refuse_settings(path: Path, error: float | None, others: Mapping[str, float | None]) -> None:
+    """Refuse errors and compliances without a meaning."""
+    if error is not None and not 0.0 < error < 1.0:
+        raise CaseError(
+            f"{path}: error is a share of the values between 0 and 1, got {error:g}; state the "
+            f"half-width of their 95 % interval, such as 0.03"
+        )
+    for name, value in others.items():
+        if value is not None and not 0.0 <= value < np.inf:
+            raise CaseError(f"{path}: {name} is 0 or more, got {value:g}; correct it")
 
 
 def _refuse_falling(path: Path, pressure: np.ndarray, closure: np.ndarray) -> None:
@@ -451,16 +500,22 @@ def _refuse_falling(path: Path, pressure: np.ndarray, closure: np.ndarray) -> No
 def _refuse_loops(
     path: Path, displacement: np.ndarray, shear: np.ndarray, pressure: np.ndarray
 ) -> None:
-    """Refuse loops that do not turn about zero, or slide away without turning back."""
-    for p in np.unique(pressure):
-        u, t = displacement[pressure == p], shear[pressure == p]
+    """Refuse loops that do not turn about zero, slide away, or begin away from zero."""
+    for rows in split_loops(pressure):
+        u, t, p = displacement[rows], shear[rows], list_pressures(pressure[rows][:1])
         if not (np.ptp(u) > 0.0 and np.ptp(t) > 0.0):
-            raise CaseError(f"{path}: nothing moves under {list_pressures(np.array([p]))}")
+            raise CaseError(f"{path}, row {rows.start + 1}: nothing moves under {p}")
         middle = 0.5 * (u.max() + u.min()) / np.ptp(u)
         turned = any(len(terms) > 1 for terms in masing_terms(u))
+        if not turned and abs(u[0]) > np.ptp(u):
+            raise CaseError(
+                f"{path}, row {rows.start + 1}: the first loading under {p} begins at "
+                f"{u[0]:.4g} m, farther from zero than its range of {np.ptp(u):.4g} m; give "
+                f"displacements from the state without shear"
+            )
         if turned and min(abs(middle), abs(u[0]) / np.ptp(u)) > AWAY:
             raise CaseError(
-                f"{path}: the middle of the loop under {list_pressures(np.array([p]))} lies "
+                f"{path}: the middle of the loop under {p} lies "
                 f"{abs(middle):.2g} times its range from zero displacement, where it does not "
                 f"begin: it slides away; give displacements from the middle of the loop"
             )

@@ -2,10 +2,10 @@ r"""Posterior of whitened parameters: its mode, its covariance and weighted draw
 
 The prior of the parameters :math:`\theta` is :math:`\mathcal{N}(0, 1)`, and the residuals
 :math:`r(\theta)` are over the standard deviations of the data, which have Student's distribution
-with :math:`\nu` degrees of freedom, so that single wrong data have little weight. The mode
-minimises
+with :math:`\nu` degrees of freedom, so that single wrong data have little weight, to the power
+:math:`\nu / (\nu + 1)`, so that no value has more than its stated weight. The mode minimises
 
-.. math:: |\theta|^2 + (\nu + 1) \sum_i \ln (1 + r_i^2 / \nu).    \tag{1}
+.. math:: |\theta|^2 + \nu \sum_i \ln (1 + r_i^2 / \nu).    \tag{1}
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ PROPOSAL = 7.0  # degrees of freedom of the draws
 
 MOST_STEPS = 60
 
-NEAR, SETTLED = 0.1, 1e-3  # lengths of a step in posterior standard deviations
+NEAR, SETTLED = 0.1, 1e-3  # distances from the mode in posterior standard deviations
 
 Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps parameters to residuals (data,) and their derivatives (data, parameters)."""
@@ -32,9 +32,10 @@ class Mode(NamedTuple):
     theta: np.ndarray  # (parameters,)
     covariance: np.ndarray  # (parameters, parameters)
     residual: np.ndarray  # (data,)
-    weight: np.ndarray  # (data,), of the squares of the residuals; 1 or less but for small ones
+    derivative: np.ndarray  # (data, parameters), of the residual
+    weight: np.ndarray  # (data,), of the squares of the residuals, at most 1
     solves: int
-    settled: bool  # whether the last step was small
+    settled: bool  # whether a step without damping is small
 
     @property
     def learned(self) -> np.ndarray:
@@ -45,7 +46,8 @@ class Mode(NamedTuple):
     def pull(self) -> np.ndarray:
         """Standard deviations by which the data move every parameter.
 
-        It is N(0, 1) if prior and data agree, and zero for a parameter that nothing is learned of.
+        It is N(0, 1) if prior and data agree, and zero for a parameter about which the data
+        contain no information.
         """
         spread = np.sqrt(np.maximum(self.learned, 1e-12))
         return np.where(self.learned > 1e-6, self.theta / spread, 0.0)
@@ -56,14 +58,20 @@ def find_mode(residual: Residual, n: int) -> Mode:
 
     Squares lead to the data from any start, where Student's data far away would have no weight.
     """
-    theta, solves, settled = np.zeros(n), 0, False
+    theta, solves, settled = np.zeros(n), 1, False
+    r, J = residual(theta)
     for robust in (False, True):
-        r, J = residual(theta)
         value, damping = _objective(theta, r, robust), 0.0
         for _ in range(MOST_STEPS):
             weight = _weights(r) if robust else np.ones(r.size)
             H = np.eye(n) + J.T @ (weight[:, None] * J)
-            step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), theta + J.T @ (weight * r))
+            gradient = theta + J.T @ (weight * r)
+            # the length of the step without damping, which is small near a mode only
+            apart = np.sqrt(gradient @ np.linalg.solve(H, gradient))
+            settled = bool(apart <= (SETTLED if robust else NEAR) * np.sqrt(n))
+            if settled:
+                break
+            step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
             r_new, J_new = residual(theta + step)
             solves += 1
             new = _objective(theta + step, r_new, robust)
@@ -72,23 +80,19 @@ def find_mode(residual: Residual, n: int) -> Mode:
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
             else:
                 damping = max(10.0 * damping, 1e-2)
-            settled = np.sqrt(step @ H @ step) < (SETTLED if robust else NEAR) * np.sqrt(n)
-            if settled:
-                break
     weight = _weights(r)
-    counted = np.minimum(weight, 1.0)  # errors are not smaller than stated
-    covariance = np.linalg.inv(np.eye(n) + J.T @ (counted[:, None] * J))
-    return Mode(theta, covariance, r, weight, solves, bool(settled))
+    covariance = np.linalg.inv(np.eye(n) + J.T @ (weight[:, None] * J))
+    return Mode(theta, covariance, r, J, weight, solves, settled)
 
 
 def _weights(r: np.ndarray) -> np.ndarray:
     """Return the weights of the squares that give the gradient of (1)."""
-    return np.asarray((FREEDOM + 1.0) / (FREEDOM + r**2))
+    return np.asarray(FREEDOM / (FREEDOM + r**2))
 
 
 def _objective(theta: np.ndarray, r: np.ndarray, robust: bool) -> float:
     """Evaluate (1), or the sum of the squares."""
-    data = (FREEDOM + 1.0) * np.log1p(r**2 / FREEDOM) if robust else r**2
+    data = FREEDOM * np.log1p(r**2 / FREEDOM) if robust else r**2
     return float(theta @ theta + np.sum(data))
 
 
@@ -96,7 +100,7 @@ class Draws(NamedTuple):
     """Draws of a posterior with equal weights."""
 
     theta: np.ndarray  # (samples, parameters)
-    effective: float  # number of independent draws with the same variance
+    effective: float  # number of independent draws with the same variance, at most the samples
     tail: float  # shape of the Pareto tail of the weights; above .7 the weights are unreliable
 
 
@@ -110,14 +114,15 @@ def draw(
     y /= np.sqrt(random.chisquare(PROPOSAL, candidates) / PROPOSAL)[:, None]
     theta = mode.theta + y @ factor.T
     log_weight = 0.5 * (PROPOSAL + n) * np.log1p(np.sum(y**2, axis=1) / PROPOSAL)
-    log_weight -= [0.5 * _objective(one, residual(one)[0], True) for one in theta]
+    log_weight -= [0.5 * _objective(at, residual(at)[0], True) for at in theta]
     log_weight, tail = smooth_weights(np.where(np.isfinite(log_weight), log_weight, -np.inf))
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    # systematic resampling: every draw occurs within one of its expected number
-    at = (np.arange(samples) + random.uniform()) / samples
-    chosen = np.searchsorted(np.cumsum(weight), at).clip(max=candidates - 1)
-    return Draws(theta[random.permutation(chosen)], float(1.0 / np.sum(weight**2)), tail)
+    # systematic resampling: a draw occurs as often as expected, up or down to a whole number
+    level = (np.arange(samples) + random.uniform()) / samples
+    chosen = np.searchsorted(np.cumsum(weight), level).clip(max=candidates - 1)
+    effective = min(float(1.0 / np.sum(weight**2)), float(samples))
+    return Draws(theta[random.permutation(chosen)], effective, tail)
 
 
 def smooth_weights(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
@@ -131,6 +136,8 @@ def smooth_weights(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
     m = int(min(0.2 * n, 3.0 * np.sqrt(n)))
     order = np.argsort(log_weight)
     tail, cut = order[-m:], np.exp(log_weight[order[-m - 1]])
+    if cut == 0.0:  # a few draws have all of the weight
+        return log_weight, np.inf
     excess = np.exp(log_weight[tail]) - cut
     if m < 5 or not excess.min() > 0.0:
         return log_weight, -np.inf

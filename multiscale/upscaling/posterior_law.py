@@ -23,10 +23,10 @@ from multiscale.upscaling.measured_data import BedCurve
 from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.sampling import half_range
 
-POINTS = 48  # of the law within its data
+DATA_POINTS = 48  # of the law within its data
 
 REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit", "stiffness_fit")
-"""Variables of the normal law of the cells."""
+"""Begins of the names of variables of the normal law of the cells."""
 
 
 def law_of_interfaces(
@@ -39,13 +39,13 @@ def law_of_interfaces(
 ) -> Dataset:
     """Return a law of cells with a mode and its samples, which have factors of the heights."""
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    p = np.geomspace(low, high, POINTS)
-    stiffness = np.array([np.exp(one.curve.at(p)[0]) for one in interfaces])
+    p = np.geomspace(low, high, DATA_POINTS)
+    stiffness = np.array([np.exp(interface.curve.at(p)[0]) for interface in interfaces])
     # gaps up to a constant, which scales with the heights; laws meet the mode at a middle pressure,
     # so that the same knots serve all
     top = heights * law_from_dataset(law).gap_at(high / heights)
     gap = integrate_stiffness(p, stiffness) + top[:, None]
-    apart = gap[:, POINTS // 2] - gap[0, POINTS // 2]
+    apart = gap[:, DATA_POINTS // 2] - gap[0, DATA_POINTS // 2]
     gap -= apart[:, None]
     knot, level = place_knots(p, gap[0], N_TERMS, float(gap.max()))
     coefficient = fit_spline(p, gap, np.ones_like(gap), knot, level)
@@ -54,6 +54,8 @@ def law_of_interfaces(
     at_data = np.array([np.interp(np.log(data), np.log(p), row) for row in gap])
     values["fit_mean_gap"] = at_data[0]
     count = len(interfaces) - 1
+    if not law.sizes.get("sample", 0):
+        law = law.drop_dims("sample", errors="ignore")
     if "area_fraction" in law and "area_fraction_sample" not in law:
         values["area_fraction_sample"] = np.tile(law["area_fraction"].to_numpy(), (count, 1))
     gone = [name for name in law.variables if str(name).startswith(REPLACED)]
@@ -72,14 +74,19 @@ def law_of_interfaces(
     after = with_branch(after, "loading", "calibrated by measured joints", {})
     if sheared:
         after = _with_shear(after, interfaces)
-    drawn = at_data + apart[:, None], np.exp([one.curve.at(data)[0] for one in interfaces])
-    return with_cautions(with_budget(after, _budget(law, after, *drawn)), *sentences)
+    at_law = np.exp([interface.curve.at(data)[0] for interface in interfaces])
+    budget = _budget(law, after, at_data + apart[:, None], at_law)
+    return with_cautions(with_budget(after, budget), *sentences)
 
 
 def _with_shear(law: Dataset, interfaces: Sequence[BedCurve]) -> Dataset:
-    """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean."""
-    ratio = np.array([[one.ratio] * 2 for one in interfaces])
-    friction = np.array([one.friction for one in interfaces])
+    """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean.
+
+    The ratios along x and y keep their quotient.
+    """
+    along = law["shear_stiffness_ratio"].to_numpy()
+    ratio = np.outer([interface.ratio for interface in interfaces], along / np.nanmean(along))
+    friction = np.array([interface.friction for interface in interfaces])
     values = {
         "shear_stiffness_ratio": ratio[0],
         "shear_stiffness_ratio_sample": ratio[1:],
@@ -94,9 +101,10 @@ def _with_shear(law: Dataset, interfaces: Sequence[BedCurve]) -> Dataset:
 
 
 def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndarray) -> Dataset:
-    """Return the budget: the posterior of gap and stiffness, and the terms of the cells' area.
+    """Return the budget: the posterior of gap and stiffness, and the terms of the cells.
 
-    Gaps and stiffnesses are of mode and samples at the pressures of the law.
+    Gaps and stiffnesses are of mode and samples at the pressures of the law. Measured joints do not
+    show the area and the gap itself, which keep their terms.
     """
     p = after["fit_pressure"].to_numpy()
     terms = {}
@@ -104,11 +112,12 @@ def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndar
         half, bias = np.zeros((2, 3, p.size))
         how = "nothing besides the posterior"
         if has_budget(before):
-            of_area = before.sel(quantity="contact_fraction", error_term=term)
-            half[1], bias[1] = (of_area[f"error_{kind}"] for kind in ("half_width", "bias"))
-            how = f"of the contact area: {before.attrs[how_attribute(term)]}"
+            of_term = before.sel(error_term=term, quantity=list(LAW_QUANTITIES[:2]))
+            if term in ALWAYS or of_term["error_half_width"].notnull().any():
+                half[:2], bias[:2] = (of_term[f"error_{kind}"] for kind in ("half_width", "bias"))
+            how = f"of gap and contact area: {before.attrs[how_attribute(term)]}"
         elif term in ALWAYS:
-            half[1] = np.nan
+            half[:2] = np.nan
         if term == "sampling":
             half[[0, 2]] = [half_range(rows[1:]) / np.abs(rows[0]) for rows in (gap, stiffness)]
             how = f"{len(gap) - 1} samples of the posterior of measured joints"

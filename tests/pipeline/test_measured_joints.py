@@ -5,13 +5,16 @@ import pytest
 
 from multiscale.cli import app
 from multiscale.errors import CaseError
-from multiscale.io import open_law
+from multiscale.io import open_law, open_response
 from multiscale.pipeline import run
+from multiscale.pipeline.calibrated_law import calibrate_case
+from multiscale.upscaling import assume_shear, fit_branches
 from tests.pipeline.test_conducting_cases import TEXT
 from tests.support import case_of
 
 MEASURED = """
 [law]
+samples = 50
 friction = 0.3
 stiffness_ratio = 0.8
 [[measured]]
@@ -20,6 +23,8 @@ kind = "stiffness"
 error = "5 %"
 frame = "0 um/MPa"
 area = "1 mm^2"
+"""
+LOOPS = """
 [[measured]]
 file = "loop.csv"
 kind = "loop"
@@ -34,7 +39,7 @@ LOOP = "preload (MPa), displacement (um), shear (MPa)\n" + "".join(
 def measured_case(folder, *changes):
     (folder / "stiffness.csv").write_text(STIFFNESS)
     (folder / "loop.csv").write_text(LOOP)
-    return case_of(folder, TEXT + MEASURED, *changes)
+    return case_of(folder, TEXT + MEASURED + LOOPS, *changes)
 
 
 def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
@@ -57,21 +62,29 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
     assert "stiffness.csv     5 MPa  2.9 MPa/µm" in printed
     again = open_law(out)
     np.testing.assert_allclose(again["fit_mean_gap"], law["fit_mean_gap"])
+    assert again.sizes["sample"] == law.sizes["sample"] == 50
+    # without loops assumed values stay assumed, and values of sheared cells are not stated twice
+    assert "assumed" not in law.attrs["cautions"]
+    cells, plain = fit_branches(open_response(response)), measured_case(tmp_path, (LOOPS, ""))
+    assert "assumed" in calibrate_case(plain, cells).law.attrs["cautions"]
+    sheared = assume_shear(cells, friction=0.2, stiffness_ratio=0.8)
+    with pytest.raises(CaseError, match="and the sheared cells have measured"):
+        calibrate_case(plain, sheared)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (('frame = "0 um/MPa"', 'frame = "1 um"'), "frame '1 um' cannot be converted to m/Pa"),
         (('error = "5 %"\nframe', "frame"), "have no error; state error"),
         (("friction = 0.3\n", ""), "need friction and stiffness ratio"),
         (('"loop"', '"bolt"'), "kind"),
         (
-            (MEASURED, '\n[law]\nroughness = "10 %"\n'),
+            (MEASURED + LOOPS, '\n[law]\nroughness = "10 %"\n'),
             "roughness in .law. belong to the calibration by measured joints",
         ),
     ],
 )
-def test_measured_tables_are_refused_with_a_sentence(tmp_path, change, said):
-    with pytest.raises(CaseError, match=said):
+def test_measured_tables_are_refused_with_a_sentence(tmp_path, change, message):
+    with pytest.raises(CaseError, match=message):
         run(measured_case(tmp_path, change), tmp_path / "out")

@@ -152,6 +152,12 @@ class Case(Settings):
                 f"{' and '.join(given)} in [law] belong to the calibration by measured joints; "
                 f"give their tables by [[measured]], or leave them out"
             )
+        if self.law is not None and self.micro is not None and self.micro.shear is not None:
+            for name in {"friction", "stiffness_ratio"}.intersection(self.law.of_calibration):
+                raise ValueError(
+                    f"{name} in [law] is of cells that are not sheared, and [micro.shear] measures "
+                    f"it; leave out one of them"
+                )
         if any(self._has(name) for name in OF_RUBBER):
             tyre_settings.check_rubber(self)
             return self
