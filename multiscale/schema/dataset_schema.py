@@ -1,13 +1,11 @@
 """Schemas: names, dimensions and units of datasets."""
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from multiscale.errors import SchemaError
+from multiscale.errors import SchemaError, listed
 from multiscale.schema.shown import SHOWN
 
 if TYPE_CHECKING:
@@ -29,7 +27,7 @@ class Variable:
     units: str
     long_name: str
     flags: Sequence[str] = ()  # meanings of 0, 1, ...
-    coordinate: bool = False  # whether a required variable is a coordinate
+    coordinate: bool = False  # whether its values label its dimension
     uncertain_part: str = ""  # the variable that the error of a stiffness in series comes from
 
 
@@ -178,12 +176,7 @@ class Schema:
             data = np.asarray(value)
             plain = data.dtype.kind in PLAIN
             described[name] = xr.Variable(variable.dims, data, attrs, fastpath=plain)
-        along = [
-            name
-            for name in values
-            if known[name].coordinate or (name in self.optional and name in COORDINATES)
-        ]
-        return described, along
+        return described, [name for name in values if known[name].coordinate]
 
 
 @lru_cache
@@ -204,53 +197,38 @@ def _labels(sizes: tuple[tuple[str, int], ...]) -> "Coordinates":
 PLAIN = "biufU"
 """Kinds of arrays that need no conversion, for which xarray would import dask and pint."""
 
-COORDINATES = frozenset(
-    {
-        "nominal_pressure",
-        "sliding_distance",
-        "sliding_speed",
-        "temperature",
-        "rms_height",
-        "rms_slope",
-        "nayak_parameter",
-        "preload",
-        "load_factor",
-        "method",
-        "scene",
-        "time",
-        "law",
-    }
-)
-"""Physical values that label a dimension without being its index."""
 
-
-def read_schemas() -> dict[str, Schema]:
-    """Read the kinds of datasets from their table, ``datasets.toml``."""
-    text = resources.files("multiscale.schema").joinpath("datasets.toml").read_text("utf-8")
-    tables = tomllib.loads(text)
-    shared = {name: _described(group) for name, group in tables.pop("shared").items()}
+def read_schemas(tables: dict[str, dict[str, Any]]) -> dict[str, Schema]:
+    """Read the kinds of datasets from their tables; every key must have a meaning."""
+    shared = {name: _described(name, group) for name, group in tables.pop("shared").items()}
     schemas: dict[str, Schema] = {}
-    for name, table in tables.items():
-        version = table["version"]
-        if "like" in table:  # the same variables under another name
-            schemas[name] = replace(schemas[table["like"]], name=name, version=version, news="")
-            continue
-        optional = _described(table.get("optional", {}))
-        for group in table.get("shared", ()):
-            optional |= shared[group]
-        required, news = _described(table["variables"]), table.get("news", "")
-        plain = Schema(name, version, required, optional, news)
-        sampled = plain.with_samples(**table.get("samples", {}))
-        schemas[name] = sampled.with_intervals(*table.get("intervals", ()))
+    for name, keys in tables.items():
+        version = keys.pop("version")
+        if "like" in keys:  # the same variables under another name
+            schemas[name] = replace(schemas[keys.pop("like")], name=name, version=version, news="")
+        else:
+            required = _described(name, keys.pop("variables"))
+            optional = _described(name, keys.pop("optional", {}))
+            for group in keys.pop("shared", ()):
+                optional |= shared[group]
+            plain = Schema(name, version, required, optional, keys.pop("news", ""))
+            sampled = plain.with_samples(**keys.pop("samples", {}))
+            schemas[name] = sampled.with_intervals(*keys.pop("intervals", ()))
+        if keys:
+            raise SchemaError(f"kind {name!r} of datasets has the unknown keys {listed(keys)}")
     return schemas
 
 
-def _described(rows: Mapping[str, list[Any]]) -> dict[str, Variable]:
+def _described(kind: str, rows: Mapping[str, list[Any]]) -> dict[str, Variable]:
     """Return the variables in rows of dimensions, unit, meaning, and further fields by name."""
-    return {
-        name: Variable(tuple(dims.split()), unit, meaning, **(more[0] if more else {}))
-        for name, (dims, unit, meaning, *more) in rows.items()
-    }
+    described = {}
+    for name, row in rows.items():
+        try:
+            dims, unit, meaning, *more = row
+            described[name] = Variable(tuple(dims.split()), unit, meaning, **dict(*more))
+        except (TypeError, ValueError) as error:
+            raise SchemaError(f"variable {name!r} of {kind!r} datasets: {error}") from None
+    return described
 
 
 def with_cautions(dataset: Dataset, *lines: str) -> Dataset:

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from multiscale.units import Unit, shown_unit
 
@@ -31,10 +31,15 @@ class Show:
         return shown_unit(self.unit, values)
 
 
+def read_table(name: str) -> dict[str, Any]:
+    """Read a table of this package."""
+    text = resources.files("multiscale.schema").joinpath(f"{name}.toml").read_text("utf-8")
+    return tomllib.loads(text)
+
+
 def _read_shown() -> dict[str, Show]:
     """Read the presentation of variables from their table."""
-    text = resources.files("multiscale.schema").joinpath("shown.toml").read_text("utf-8")
-    table = tomllib.loads(text)
+    table = read_table("shown")
     rows, axes = table["shown"], table["axes"]
     for row in rows.values():
         if "over" in row:
