@@ -1,15 +1,16 @@
-"""What several test folders share."""
+"""Fixtures of several test folders."""
 
 import os
-from functools import partial
+from hashlib import sha256
 from pathlib import Path
+from shutil import rmtree
 
 import pytest
 from filelock import FileLock
 
 
 def pytest_configure(config):
-    """Let commands in processes of their own share the package and its compiled kernels.
+    """Set the package and the threads of the processes that tests start.
 
     One process of many takes one thread for kernels and libraries; tests of threads ask for more.
     """
@@ -23,7 +24,7 @@ def pytest_addoption(parser):
         "--reference-data",
         metavar="PATH",
         type=Path,
-        # the form with "=" keeps pytest from taking the folder for one of tests
+        # the form with "=" keeps pytest from taking it for a folder of tests
         help="folder with measured and published data, not shipped: --reference-data=PATH",
     )
 
@@ -40,16 +41,22 @@ def reference_data(request):
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory):
-    """Make a folder by its name once for all workers; nothing is written to it later."""
+    """Make a folder once for all workers, by its name and text and by its maker.
+
+    Nothing is written to it later. A folder that is not complete is of a process that was killed.
+    """
     base = tmp_path_factory.getbasetemp()
     base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
-    def made(name, make):
-        folder, complete = base / name, base / f"{name}.complete"
-        with FileLock(base / f"{name}.lock"):
+    def made(name, make, text=None):
+        key = f"{make.__module__}.{make.__qualname__} {text}".encode()
+        place = base / f"{name}-{sha256(key).hexdigest()[:8]}"
+        folder, complete = place / name, place / "complete"
+        with FileLock(f"{place}.lock"):
             if not complete.exists():
-                folder.mkdir(exist_ok=True)
-                make(folder)
+                rmtree(place, ignore_errors=True)
+                folder.mkdir(parents=True)
+                make(folder) if text is None else make(folder, text)
                 complete.touch()
         return folder
 
@@ -88,8 +95,8 @@ def shipped_run(once):
         (folder / "cautions").write_text(done.stderr, encoding="utf-8")
 
     def finished(name, text=None):
-        folder = once(name, partial(make, text=text))
-        printed, cautions = ((folder / one).read_text("utf-8") for one in ("printed", "cautions"))
+        folder = once(name, make, text)
+        printed, cautions = ((folder / file).read_text("utf-8") for file in ("printed", "cautions"))
         return folder / "out", printed, cautions
 
     return finished
@@ -103,13 +110,13 @@ def text_run(once):
     from multiscale.report import open_finished, show_run
     from tests.support import case_of
 
-    def make(folder, text, write_files):
-        write_files(folder)
-        run(case_of(folder, text), folder / "out")
-        show_run(folder / "out")
-
     def finished(name, text, write_files=lambda folder: None):
-        folder = once(name, partial(make, text=text, write_files=write_files))
+        def make(folder, text):
+            write_files(folder)
+            run(case_of(folder, text), folder / "out")
+            show_run(folder / "out")
+
+        folder = once(name, make, text)
         found = open_finished(folder / "out").found
         return load_case(folder / "scene.toml"), folder / "out", Results(found)
 
@@ -125,7 +132,7 @@ def without_pages(monkeypatch):
 
 @pytest.fixture
 def command(monkeypatch, capsys, tmp_path):
-    """Call the command line in this process, in a folder of its own.
+    """Call the command line in this process, in a new folder.
 
     Gives exit status, output and errors.
     """
@@ -137,7 +144,7 @@ def command(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr("sys.argv", ["multiscale", *map(str, arguments)])
         with pytest.raises(SystemExit) as end:
             main()
-        said = capsys.readouterr()
-        return end.value.code or 0, said.out, said.err
+        printed = capsys.readouterr()
+        return end.value.code or 0, printed.out, printed.err
 
     return call
