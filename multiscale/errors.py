@@ -4,8 +4,12 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from math import inf
 
-RANGES = {"[]": "from {:g} to {:g}", "[)": "from {:g} to below {:g}"}  # by the ends of an interval
-RANGES |= {"()": "between {:g} and {:g}", "(]": "above {:g} and up to {:g}"}
+RANGES = {  # by the ends of an interval
+    "[]": "from {:g} to {:g}",
+    "[)": "from {:g} to below {:g}",
+    "()": "between {:g} and {:g}",
+    "(]": "above {:g} and up to {:g}",
+}
 
 
 class MultiscaleError(Exception):

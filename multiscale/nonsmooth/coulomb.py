@@ -129,7 +129,7 @@ def verify_friction(
 def law_error(
     velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, mass: np.ndarray, unit: float
 ) -> float:
-    """Larger number of (1) of :func:`verify_friction`, less the rounding of the second one, m/s."""
+    """Larger number of (1) of :func:`verify_friction`, less the rounding of the other, m/s."""
     weighted = norm(natural_map(velocity, reaction, friction, mass) / mass)
     plain = norm(natural_map(velocity, reaction, friction, unit)) - ROUND_OFF * norm(reaction)
     return max(float(weighted), float(plain) / unit)

@@ -166,10 +166,10 @@ def longest_positive(x: np.ndarray, direction: np.ndarray) -> float:
 def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
     r"""Yield x along Lemke's path with the lexicographic rule.
 
-    The path of :math:`0 \le A x + b + x_0 \perp x \ge 0` ends at x_0 = 0 for P-matrices, positive
-    semidefinite and copositive ones whenever there is an admissible x, or far out on a second ray
-    (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, SIAM 2009,
-    doi:10.1137/1.9780898719000, sections 4.4 and 4.9). The start is not used.
+    The path of :math:`0 \le A x + b + x_0 \perp x \ge 0` ends at x_0 = 0 for P-matrices, and
+    for positive semidefinite or copositive matrices whenever there is an admissible x, or far out
+    on a second ray (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem,
+    SIAM 2009, doi:10.1137/1.9780898719000, sections 4.4 and 4.9). The start is not used.
     """
     n = start.size
     yield np.zeros(n)
@@ -267,7 +267,7 @@ def _exchange(tableau, basis, row, entering):  # type: ignore[no-untyped-def]
             for k in range(columns):
                 before = tableau[i, k]
                 after = before - factor * tableau[row, k]
-                # what rounding leaves of a difference would hide a tie
+                # the rounding error of a difference would hide a tie
                 tableau[i, k] = after if abs(after) > CANCELLED * abs(before) else 0.0
             tableau[i, entering] = 0.0
     left = basis[row]

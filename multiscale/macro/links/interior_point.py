@@ -17,7 +17,7 @@ START_DISTANCE = 0.1
 """Distance of the first iterate from the boundary, relative to the mean tension."""
 
 FREE_RESISTANCE = 1.0
-"""Resistance of a motion below which it counts as free if the method has failed, dimensionless; \
+"""Resistance of a motion below which it counts as free if the method has failed, dimensionless;
 stable grids of any size have 50."""
 
 CERTAIN_SHARE = 1e-9  # share of ``FREE_RESISTANCE`` below which the iteration stops

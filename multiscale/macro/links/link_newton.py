@@ -30,17 +30,17 @@ SHORT_STEP, GOOD_STEP = 0.01, 0.5
 MAX_SHORT_STEPS = 4  # number of successive short steps after which the method stops
 
 LARGE = 10_000
-"""Unknowns from which a factorisation costs so much that the first factors are reused, and that \
+"""Unknowns from which a factorisation costs so much that the first factors are reused, and that
 zones far from equilibrium are solved before the next factorisation."""
 
 MAX_SOFTENING, REUSE_DECREASE = 1.5, 0.5
-"""Length of the first step up to which the factors without slack are reused, and share to which \
+"""Length of the first step up to which the factors without slack are reused, and share to which
 every step with them must reduce the work of the residual forces."""
 
 SOFTENED_STIFFNESS = 0.3  # stiffness of a slack link in a large structure after a longer first step
 
 FAST_DECREASE = 0.1
-"""Decrease of the residual in one step up to which a large structure with an unchanged set of \
+"""Decrease of the residual in one step up to which a large structure with an unchanged set of
 slack links needs no new factors."""
 
 ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)

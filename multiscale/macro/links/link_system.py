@@ -20,7 +20,6 @@ BALANCE_TOLERANCE = 1e-6  # largest allowed residual force, relative to the larg
 MIN_RELATIVE_LENGTH = 1e-9
 """Smallest allowed length of a link, relative to the size of the structure."""
 
-
 LINK_MEMORY, UNKNOWN_MEMORY = (600, 200), (600, 100)
 """Peak memory per link and per unknown, byte: for operators and factors, and for the results of
 each step. Measured on grids and nets of 12,000 to 58,000 links."""
