@@ -21,6 +21,7 @@ class Tangent:
     products: csr_array  # products of two coefficients of a row of B, shape (entries, rows)
     pair: np.ndarray  # places in their row of both coefficients of every product, shape (2, ...)
     components: int  # of a node
+    links: int  # number of the first rows of B, which are elongations
     cholesky: Factorise
 
     @property
@@ -38,16 +39,24 @@ class Tangent:
         """Return the upper triangle of B^T k B, N/m, for stiffnesses k of shape (rows,), N/m."""
         return np.asarray(self.products @ stiffness)
 
+    @cached_property
+    def motions(self) -> tuple[np.ndarray, ...]:
+        """Products of two displacements of a link: their places, links, axes i and j, and signs.
+
+        They are in the order in which ``products`` is built: it must not be sorted or summed.
+        """
+        (first, second), (i, j) = np.divmod(self.pair, self.components)
+        at = np.flatnonzero((self.products.indices < self.links) & (i < 3) & (j < 3))
+        sign = np.where(first == second, 1.0, -1.0)  # opposite at both ends
+        return at, self.products.indices[at], i[at], j[at], sign[at]
+
     def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Return the upper triangle of along n n^T + across (I - n n^T) of the links, N/m."""
-        link = self.products.indices
-        (first, second), (i, j) = np.divmod(self.pair, self.components)
-        moves = (link < len(direction)) & (i < 3) & (j < 3)
-        link, i, j = link[moves], i[moves], j[moves]
-        value = np.zeros(moves.size)
-        value[moves] = (along - across)[link] * direction[link, i] * direction[link, j]
-        value[moves] += across[link] * (i == j)
-        value *= np.where(first == second, 1.0, -1.0)  # opposite signs at both ends
+        at, link, i, j, sign = self.motions
+        value = np.zeros(self.products.nnz)
+        value[at] = (along - across)[link] * direction[link, i] * direction[link, j]
+        value[at] += across[link] * (i == j)
+        value[at] *= sign
         return np.add.reduceat(value, self.products.indptr[:-1])
 
     def matrix(self, entries: np.ndarray) -> csr_array:
@@ -120,7 +129,8 @@ class LinkEquations:
         start = np.searchsorted(upper, np.arange(self.n + 1)).astype(np.int32)
         column = column.astype(np.int32)
         solver = prepare_cholesky(start, column)
-        return Tangent(start, column, products, places, self.number.shape[1], solver)
+        components, links = self.number.shape[1], 1 + int(self.link.max(initial=-1))
+        return Tangent(start, column, products, places, components, links, solver)
 
     def factorise(self, stiffness: np.ndarray) -> Solve:
         """Return the function that solves with B^T k B, for stiffnesses k of the rows, N/m."""

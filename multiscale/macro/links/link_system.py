@@ -20,12 +20,12 @@ BALANCE_TOLERANCE = 1e-6  # largest allowed residual force, relative to the larg
 MIN_RELATIVE_LENGTH = 1e-9
 """Smallest allowed length of a link, relative to the size of the structure."""
 
-LINK_MEMORY, UNKNOWN_MEMORY = (600, 200), (600, 100)
+LINK_MEMORY, UNKNOWN_MEMORY = (2000, 200), (600, 100)
 """Peak memory per link and per unknown, byte: for operators and factors, and for the results of
-each step. Measured on grids and nets of 12,000 to 58,000 links."""
+each step. Measured on grids and nets of 16,000 to 147,000 links."""
 
-SUPERLU_MEMORY = 2500
-"""Additional memory per unknown, byte, if SuperLU factorises because pypardiso is missing."""
+SUPERLU_MEMORY = 7000
+"""Additional memory per unknown of a grid, byte, if SuperLU factorises, without pypardiso."""
 
 STEP_TIME = 8e-5  # time of an unknown in a step, s, on a grid of 9,400 unknowns
 

@@ -98,11 +98,8 @@ def lay_out(
         mine = np.arange(first[number], first[number + 1])
         both = np.concatenate([mine, *corners.get(face.sides, [])])
         tied = {
-            owner - local.start: order[owner - local.start][
-                np.searchsorted(np.sort(shared[owner - local.start]), both)
-            ]
-            for owner in face.sides
-            if owner in local
+            row: order[row][np.searchsorted(shared[row], both, sorter=order[row])]
+            for row in (owner - local.start for owner in face.sides if owner in local)
         }
         at = {owner: columns[: face.size] for owner, columns in tied.items()}
         averages = interface_motions(face, problem)
@@ -115,7 +112,8 @@ class Balancing:
 
     .. math:: M^{-1} = \sum_E R_E^T D_E (Z_E + \Phi_E L^{-1} \Psi_E^T) D_E^T R_E,    \tag{2}
 
-    where, with the Schur complement :math:`S_E` and the balanced motions :math:`C_E`,
+    where, with the balanced motions :math:`C_E` and the symmetric part :math:`S_E` of the Schur
+    complement, to which ``added`` is added on the diagonal,
 
     .. math::
         \begin{pmatrix} S_E & C_E^T \\ C_E & 0 \end{pmatrix}^{-1} =

@@ -10,6 +10,7 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.elasticity import compliances
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import (
+    LENT,
     Factors,
     ProcessGroup,
     Sides,
@@ -23,9 +24,6 @@ from multiscale.schema import HOMOGENISED, Dataset
 
 INDEPENDENT = 1e-8
 """Singular value of a motion, relative to the largest, below which it depends on the others."""
-
-LENT = 1e-12
-"""Stiffness lent to every unknown, relative to its diagonal, for mechanisms inside."""
 
 
 def coarse_basis(problem: CutProblem) -> csr_array:

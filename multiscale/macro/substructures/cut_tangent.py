@@ -17,6 +17,7 @@ from multiscale.fe.elasticity import CondensedStiffness, condense, split
 from multiscale.macro.substructures.balancing import Balancing, lay_out
 from multiscale.macro.substructures.problem import CutProblem, Substructure
 from multiscale.macro.substructures.stack import (
+    LENT,
     Factors,
     ProcessGroup,
     lay_out_sides,
@@ -27,9 +28,6 @@ from multiscale.macro.substructures.stack import (
 from multiscale.macro.substructures.whole import joint_jumps, stack_jumps
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.krylov import conjugate_gradients, ritz_values
-
-LENT = 1e-12
-"""Stiffness lent to every unknown in the tangent, relative to its diagonal."""
 
 REGULAR, WITH_JOINTS = 1e-10, 1e-6
 """Stiffness lent to shared unknowns in the preconditioner, relative to the diagonal without slack:
@@ -186,7 +184,7 @@ class CutTangent:
             return condense(block, self.splits[owner], inside)
         except MultiscaleError:
             if symmetric and block.shape[0] <= EXAMINED:
-                refuse_indefinite(block, f"substructure {owner + self.local.start}")
+                refuse_negative(block, f"substructure {owner + self.local.start}")
             raise
 
     def reduce(self, force: np.ndarray) -> np.ndarray:
@@ -251,7 +249,7 @@ class CutTangent:
         return Direction(edge, len(residuals), np.nan, bool(info))
 
 
-def refuse_indefinite(matrix: csr_array | np.ndarray, name: str) -> None:
+def refuse_negative(matrix: csr_array | np.ndarray, name: str) -> None:
     """Refuse a symmetric matrix with eigenvalues below rounding, and report the smallest."""
     value = eigvalsh(matrix.toarray() if isinstance(matrix, csr_array) else matrix)
     if value[0] < -ROUNDING * value[-1]:

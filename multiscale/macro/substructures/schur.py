@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.laws.interface_law import lay_side_by_side
 from multiscale.macro.links.link_newton import SlackStiffness, exact_step
@@ -29,7 +30,7 @@ COARSEST, COARSEST_WITH_JOINTS, FINEST = 1e-2, 1e-3, 1e-10
 slips depends on more digits than whether a link is slack."""
 
 INSIDE, ROUNDS = 1e-2, 30
-"""Tolerance of the insides of substructures, relative to the residual of the structure, and limit
+"""Tolerance of the interiors of substructures, relative to the residual of the structure, and limit
 of their Newton steps."""
 
 OVERFLOW = 1e150
@@ -60,14 +61,15 @@ class NewtonSchur(Method):
     a joint changed its status. Conjugate gradients, preconditioned by BDDC with constraints from
     the flexibility of the jumps, :class:`~.balancing.Balancing`, solve for them; where the tangent
     is not symmetric, as with friction, GMRES. The tolerance of the linear systems decreases with
-    the residual [1]_. With links and without joints line searches are exact, and the inside of
-    every substructure is in balance before a step.
+    the residual [1]_. With links and without joints line searches are exact, and the interior
+    of every substructure is in balance before a step.
 
     In the result ``iterations`` counts the Newton steps, ``krylov_iterations`` the iterations of
     the linear solver in all of them, and ``condition_number`` is the largest ratio of the Ritz
     values of conjugate gradients. A step with joints that Newton's method does not solve, although
-    friction carries its load, is solved by LATIN; the attribute ``fallback`` has the reason. Other
-    attributes: ``shared_unknowns``, and ``coarse_unknowns`` at most.
+    friction carries its load, is solved again from the solution of LATIN; the attribute
+    ``fallback`` has the reason. Other attributes: ``shared_unknowns``, and the largest
+    ``coarse_unknowns``.
 
     References
     ----------
@@ -98,21 +100,21 @@ class SchurSolver:
         weight, n = problem.weight[self.points], self.stack.n
         load, motions = self.stack.load, np.zeros((n, 0))
         self.bodies = Assembled(self.stack.stiffness, load, tangent.jump, weight, motions)
-        # end of the last step, and factors of insides
+        # end of the last step, and factors of interiors
         self.reached = np.zeros(problem.n), np.zeros(n), np.zeros(links.stiffness.size)
         self.factors = [Factors() for _ in tangent.spans]
         self.coarse_unknowns, self.fallbacks = 0, list[str]()
 
     @property
     def attributes(self) -> Mapping[str, int | str]:
-        """Number of shared unknowns, largest number of coarse unknowns, and steps by LATIN."""
+        """Number of shared unknowns, largest number of coarse unknowns, and restarted steps."""
         shared = self.tangent.balancing.layout.n_shared
         counts: dict[str, int | str] = {
             "shared_unknowns": shared,
             "coarse_unknowns": self.coarse_unknowns,
         }
         if self.fallbacks:
-            reason = f"{len(self.fallbacks)} steps were solved by LATIN: {self.fallbacks[0]}"
+            reason = f"{len(self.fallbacks)} steps were solved from LATIN: {self.fallbacks[0]}"
             counts["fallback"] = reason
         return counts
 
@@ -135,26 +137,29 @@ class SchurSolver:
     @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
     def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
         """Newton's method for a load."""
-        clock, method, links = perf_counter(), self.method, self.stack.links
+        clock, links = perf_counter(), self.stack.links
         # start from the unknowns of the substructures and the tensions of the step before
         last, u, elastic = self.reached
         if state.unknowns is not last:
             u = state.unknowns[self.tangent.unknown]
             elastic = links.stiffness * (links.operator @ u)
         balance = _CutEquilibrium(self, self.stack.load @ factor, state)
-        here = balance.place(u, state.jump[:, self.points], elastic=elastic)
-        latest = [here]
-
-        def report(iteration: int, residual: float) -> None:
-            if method.callback is not None:
-                method.callback(iteration, residual, SchurIterate(self, latest[0]))
-
-        run = NewtonRun(Limits(method.max_iterations, method.tolerance, report))
-
-        def note(place: Place) -> None:
-            latest[0] = place
-
-        here, best = find_equilibrium(balance, here, run, note)
+        begin = balance.place(u, state.jump[:, self.points], elastic=elastic)
+        run, here, best = self._iterate(balance, begin)
+        steps, failure = run.steps, ""
+        if not run.converged:
+            # reason of the failure, by the iterate closest to a solution
+            load, pressure = self.problem.load(factor), -self.joined(best.traction)[0]
+            slide = find_slide(self.problem, load, state.pressure, pressure)
+            failure = str(slide) if slide else balance.explain(run.status)
+            if self.problem.joints and not slide:
+                start = self._restart(balance, begin, state, factor)
+                if start is not None:
+                    run, here, _ = self._iterate(balance, start)
+                    steps += run.steps
+                if run.converged:
+                    self.fallbacks.append(failure)
+                    failure = ""
 
         # result
         iterate = SchurIterate(self, here)
@@ -163,9 +168,9 @@ class SchurSolver:
         slack = np.abs(self.carried(here.elastic) - here.elastic) / links.stiffness
         columns: dict[str, Any] = {
             "converged": int(run.converged),
-            "failure": "",
+            "failure": failure,
             "residual": balance.residual(here),
-            "iterations": run.steps,
+            "iterations": steps,
             "krylov_iterations": balance.krylov,
             "condition_number": balance.condition,
             "wall_time": perf_counter() - clock,
@@ -173,34 +178,41 @@ class SchurSolver:
                 self.team.concatenate(tension), self.team.concatenate(slack)
             ),
         }
-        answer = StepAnswer(
+        return StepAnswer(
             self.reached[0], self.joined(here.at), self.joined(here.traction), columns
         )
-        if run.converged:
-            return answer
 
-        # reason of the failure, by the iterate closest to a solution
-        load, pressure = self.problem.load(factor), -self.joined(best.traction)[0]
-        if slide := find_slide(self.problem, load, state.pressure, pressure):
-            columns["failure"] = str(slide)
-            return answer
-        columns["failure"] = run.status.value + balance.fault
-        if balance.unfinished:
-            columns["failure"] += (
-                f"; {balance.unfinished} of its linear systems did not converge in {KRYLOV} "
-                f"iterations, so cut the structure into fewer or more compact substructures"
-            )
-        return self._fall_back(answer, state, factor) if self.problem.joints else answer
+    def _iterate(self, balance: "_CutEquilibrium", here: Place) -> tuple[NewtonRun, Place, Place]:
+        """Apply Newton's method from a start; return its record, and last and best iterate."""
+        method, latest = self.method, here
 
-    def _fall_back(self, failed: StepAnswer, state: JointState, factor: np.ndarray) -> StepAnswer:
-        """Solve a step by LATIN where Newton's method failed, and record the reason."""
-        latin = LatinSolver(self.problem, LatinMethod(team=self.team), judged=False)
-        answer = latin.step(state, factor)
+        def report(iteration: int, residual: float) -> None:
+            if method.callback is not None:
+                method.callback(iteration, residual, SchurIterate(self, latest))
+
+        def note(place: Place) -> None:
+            nonlocal latest
+            latest = place
+
+        run = NewtonRun(Limits(method.max_iterations, method.tolerance, report))
+        return run, *find_equilibrium(balance, here, run, note)
+
+    def _restart(
+        self, balance: "_CutEquilibrium", begin: Place, state: JointState, factor: np.ndarray
+    ) -> Place | None:
+        """Place the bodies where LATIN solves the step; None if it does not solve it."""
+        method = LatinMethod(tolerance=self.method.tolerance, team=self.team)
+        try:
+            answer = LatinSolver(self.problem, method, judged=False).step(state, factor)
+        except MultiscaleError:
+            return None
         if not answer.report["converged"]:
-            return failed
-        self.fallbacks.append(failed.report["failure"])
-        columns = {name: answer.report.get(name, failed.report[name]) for name in failed.report}
-        return answer._replace(report=columns)
+            return None
+        u, links = answer.unknowns[self.tangent.unknown], self.stack.links
+        jump = begin.jump + (self.bodies.jump @ (u - begin.value)).reshape(begin.jump.shape)
+        elastic = links.stiffness * (links.operator @ u)
+        balance.slack_stiffness, balance.carried_before = SlackStiffness(SLACK, SLACKEST), None
+        return balance.place(u, jump, at=answer.jump[:, self.points], elastic=elastic)
 
 
 class _CutEquilibrium(Equilibrium):
@@ -219,7 +231,8 @@ class _CutEquilibrium(Equilibrium):
         super().__init__(cut.bodies, load, cut.law, history)
         self.cut, self.links = cut, cut.stack.links
         self.resists, self.descends = bool(cut.problem.joints), cut.problem.n_links > 0
-        self.lending, self.known = SlackStiffness(SLACK, SLACKEST), None
+        self.slack_stiffness = SlackStiffness(SLACK, SLACKEST)
+        self.carried_before: np.ndarray | None = None
         self.krylov, self.unfinished, self.condition, self.fault = 0, 0, np.nan, ""
         largest = float(np.abs(cut.tangent.assemble(load)).max(initial=0.0))
         self.scale = largest or self._most(self.links.prestress) or 1.0
@@ -255,6 +268,14 @@ class _CutEquilibrium(Equilibrium):
         """Whether a flag is set in any process."""
         return bool(self.cut.tangent.total(flag))
 
+    def explain(self, status: Status) -> str:
+        """Report why Newton's method stopped, and linear systems without a solution."""
+        unfinished = (
+            f"; {self.unfinished} of its linear systems did not converge in {KRYLOV} "
+            f"iterations, so cut the structure into fewer or more compact substructures"
+        )
+        return status.value + self.fault + (unfinished if self.unfinished else "")
+
     def residual(self, here: Place) -> float:
         """Largest residual force relative to the load; infinite if its square is infinite."""
         residual = super().residual(here)
@@ -263,18 +284,18 @@ class _CutEquilibrium(Equilibrium):
     def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular."""
         cut, residual = self.cut, self.residual(here)
-        if self.lending.exhausted:
+        if self.slack_stiffness.exhausted:
             return None
         # status of the links, and the stiffness lent to slack links
         carries = cut.carried(here.elastic) == here.elastic
-        if self.known is not None and not cut.tangent.total(
-            np.count_nonzero(carries != self.known)
+        if self.carried_before is not None and not cut.tangent.total(
+            np.count_nonzero(carries != self.carried_before)
         ):
-            self.lending.reset()
-        self.known = carries
+            self.slack_stiffness.reset()
+        self.carried_before = carries
         try:
             lent = floor * self.bodies.resistance * self.bodies.weight * np.eye(3)[:, :, None]
-            share = np.where(carries, 1.0, self.lending.share)
+            share = np.where(carries, 1.0, self.slack_stiffness.share)
             cut.tangent.renew(share, here.tangent + lent)
             cut.coarse_unknowns = max(cut.coarse_unknowns, cut.tangent.balancing.n_coarse)
             # the tolerance of the linear system decreases with the residual
@@ -304,7 +325,7 @@ class _CutEquilibrium(Equilibrium):
             )
         else:
             length = self._exact_step(here, direction)
-        self.lending.adapt(length)
+        self.slack_stiffness.adapt(length)
         there = self.move(here, length, direction)
         done = self.cut.problem.joints or self.residual(there) <= self.cut.method.tolerance
         return there if done else self.relax(there)
@@ -341,7 +362,7 @@ class _CutEquilibrium(Equilibrium):
                 span, rows = tangent.spans[owner], tangent.rows[owner]
                 work = float(force[span] @ direction[span])
                 curvature = float(direction[span] @ linear[span])
-                step[owner] = self._step_of(rows, elastic, growth, curvature, work)
+                step[owner] = self._step_of(rows, elastic, growth, curvature, work, Alone())
                 lending[owner].adapt(step[owner])
             value += step[tangent.of_unknown] * direction
             elastic += step[tangent.of_link] * growth
@@ -351,8 +372,7 @@ class _CutEquilibrium(Equilibrium):
         """Step of the whole structure to the least energy."""
         curvature = self.dot(direction, self.bodies.stiffness @ direction)
         growth, work = self.stretch(direction), -self.dot(direction, here.gradient)
-        every = slice(0, growth.size)
-        return self._step_of(every, here.elastic, growth, curvature, work, self.cut.team)
+        return self._step_of(slice(None), here.elastic, growth, curvature, work, self.cut.team)
 
     def _step_of(
         self,
@@ -361,7 +381,7 @@ class _CutEquilibrium(Equilibrium):
         growth: np.ndarray,
         curvature: float,
         work: float,
-        team: ProcessGroup = Alone(),  # noqa: B008  # without state
+        team: ProcessGroup,
     ) -> float:
         """Step to the least energy of some links, N, with a curvature of linear elements, J.
 

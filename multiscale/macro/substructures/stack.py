@@ -24,6 +24,9 @@ from multiscale.numerics.factorisation import (
 
 T = TypeVar("T")
 
+LENT = 1e-12
+"""Stiffness lent to every unknown, relative to its diagonal, for mechanisms inside."""
+
 LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")
 """Variables of the environment that ``mpiexec`` sets."""
 
