@@ -51,7 +51,7 @@ def require(name: str, value: float, interval: str, unit: str = "") -> None:
         return
     if high < inf:
         words = "lie " + RANGES[interval[0] + interval[-1]].format(low, high)
-    elif value == inf:
+    elif value == inf or low == -inf:
         words = "be finite"
     elif low == 0.0:
         words = "be positive" if interval[0] == "(" else "not be negative"

@@ -44,17 +44,6 @@ ROUNDED = 1e3
 NEGATIVE = 1e-4
 """Negative eigenvalue, relative to the largest, that round-off in the data does not explain."""
 
-
-def _interior_point(
-    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 60
-) -> np.ndarray:
-    """Interior point, which needs no start, finished by Newton's method."""
-    friction_interior_point(problem, progress, max_iterations)
-    if progress.best is None or progress.smallest <= progress.target:
-        return reaction
-    return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
-
-
 GAIN = 20.0  # factor by which a burst of sweeps has to reduce the error to be followed by another
 
 FULL, LARGE = 15.0, 200
@@ -64,13 +53,25 @@ LARGEST_FACTORISED = 2000
 """Contacts beyond which so full a W is not factorised: the factors fill with the square."""
 
 SOFTENING, SOFT_SWEEPS, SOFT_TOLERANCE = 0.05, 4000, 1e-4
-"""Mobility added across the normals to see whether friction alone prevents an answer, relative to
-the mobility of the contact; limit of sweeps and tolerance of this trial."""
+"""Mobility added across the normals to see whether only friction prevents an answer, relative to
+the mobility of the contact, with the limit of sweeps and the tolerance of this trial."""
+
+CONTRAST = 1e3  # ratio of mobilities from which they count as the reason of a failure
 
 CENTRES = (1.0, 10.0, 0.1, 3.0, 0.3, 30.0, 0.03)
 """Starts of the interior point along the axis of the cones, dimensionless."""
 
-FRICTION_METHODS: dict[str, Callable[..., np.ndarray]] = {
+
+def _interior_point(
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 60
+) -> None:
+    """Interior point, which needs no start, finished by Newton's method."""
+    friction_interior_point(problem, progress, max_iterations)
+    if progress.best is not None and progress.smallest > progress.target:
+        semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
+
+
+FRICTION_METHODS: dict[str, Callable[..., np.ndarray | None]] = {
     "gauss_seidel": gauss_seidel,
     "newton": partial(semismooth_newton, regularisation=1e-4),
     "interior_point": _interior_point,
@@ -134,18 +135,55 @@ def solve_friction(
     array([ 2., -1.])
     """
     check_limits(tolerance, max_iterations)
-    started = perf_counter()
     delassus, velocity, friction = _checked(delassus, velocity, friction)
     if start is not None and np.shape(start) != velocity.shape:
         raise ValueError(f"start must have shape {velocity.shape}, got {np.shape(start)}")
     if method != "auto" and method not in FRICTION_METHODS:
         raise CaseError(f"method {method!r} does not exist; known: {['auto', *FRICTION_METHODS]}")
+    solution, problem = approximate_friction(
+        delassus,
+        velocity,
+        friction,
+        method=method,
+        tolerance=tolerance,
+        start=start,
+        max_iterations=max_iterations,
+        callback=callback,
+    )
+    if solution.converged or problem is None:
+        return solution
+    _refuse_indefinite(problem, THOROUGH)
+    if certificate := jamming(problem):
+        return replace(solution, status=certificate[0], detail=certificate[1])
+    reason = _rounding(delassus, velocity, solution, friction.size) or _softened(problem)
+    solution = replace(solution, detail=reason)
+    if max_iterations is not None and solution.status is Status.STALLED:
+        return replace(solution, status=Status.MAX_ITERATIONS)
+    return solution
+
+
+def approximate_friction(
+    delassus: csr_array,
+    velocity: np.ndarray,
+    friction: np.ndarray,
+    *,
+    method: str = "auto",
+    tolerance: float = 1e-8,
+    start: np.ndarray | None = None,
+    max_iterations: int | None = None,
+    callback: Callable[[int, float], None] | None = None,
+) -> tuple[Solution, ScaledFriction | None]:
+    """Return the best answer without the reason of a failure, and the scaled problem if it is open.
+
+    Parameters are those of :func:`solve_friction`, and their numbers are finite.
+    """
+    started = perf_counter()
     if friction.size == 0:
-        return Solution(velocity, Status.CONVERGED, (0.0,), (0.0,))
+        return Solution(velocity, Status.CONVERGED, (0.0,), (0.0,)), None
     contacts, dim = friction.size, velocity.size // friction.size
 
     if np.all(velocity[::dim] >= 0.0):  # nothing closes: r = 0 is an answer
-        return _conclude(delassus, velocity, friction, np.zeros_like(velocity), tolerance)
+        return _conclude(delassus, velocity, friction, np.zeros_like(velocity), tolerance), None
     refuse_out_of_range(velocity[::dim], delassus.diagonal()[::dim])
     mobility, speed = natural_units(delassus, velocity.reshape(contacts, dim))
     impulse = speed / mobility
@@ -160,7 +198,7 @@ def solve_friction(
             f"contact {stuck[0]} closes at {-closing[stuck[0]]:.3g} m/s and its normal mobility "
             f"is {give[stuck[0]]:.3g} 1/kg, so that no impulse stops it"
         )
-        return Solution(np.zeros_like(velocity), Status.INFEASIBLE, detail=detail)
+        return Solution(np.zeros_like(velocity), Status.INFEASIBLE, detail=detail), None
 
     progress = Progress(problem, SAFETY * tolerance, callback, started)
     first = np.zeros((contacts, 3))
@@ -187,16 +225,7 @@ def solve_friction(
         ),
         key=lambda solution: np.nan_to_num(solution.residuals[-1], nan=np.inf),
     )
-    if solution.converged:
-        return solution
-    _refuse_indefinite(problem, THOROUGH)
-    if certificate := jamming(problem):
-        return replace(solution, status=certificate[0], detail=certificate[1])
-    reason = _rounding(delassus, velocity, solution, contacts) or _softened(problem)
-    solution = replace(solution, detail=reason)
-    if max_iterations is not None and solution.status is Status.STALLED:
-        return replace(solution, status=Status.MAX_ITERATIONS)
-    return solution
+    return solution, problem
 
 
 def _rounding(delassus: csr_array, velocity: np.ndarray, solution: Solution, contacts: int) -> str:
@@ -222,10 +251,17 @@ def _softened(problem: ScaledFriction) -> str:
     if not progress.smallest <= progress.target:
         give = np.einsum("iaa->ia", problem.blocks[problem.diagonal])[:, 0]
         give = give / problem.reaction_unit[:, 0] * problem.velocity_unit[:, 0]
+        mobile = np.flatnonzero(give > 0.0)
+        heavy, light = (mobile[at(give[mobile])] for at in (np.argmin, np.argmax))
+        if give[light] > CONTRAST * give[heavy]:
+            return (
+                f"mobilities along the normals differ by a factor of "
+                f"{give[light] / give[heavy]:.1e}, most at contacts {heavy} and {light}; bring the "
+                f"masses there nearer to each other, or lower the friction"
+            )
         return (
-            f"mobilities along the normals differ by a factor of {give.max() / give.min():.1e}, "
-            f"most at contacts {np.argmin(give)} and {np.argmax(give)}; bring the masses there "
-            f"nearer to each other, or lower the friction"
+            f"sweeps do not solve the problem with {SOFTENING:.0%} more mobility across the "
+            f"normals either; lower the friction, or raise max_iterations"
         )
     return (
         f"friction makes the rigid problem non-monotone: with {SOFTENING:.0%} more mobility across "

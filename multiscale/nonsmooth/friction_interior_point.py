@@ -27,7 +27,7 @@ Linearised = tuple[Point, np.ndarray, Callable[[np.ndarray, np.ndarray], Point]]
 
 def friction_interior_point(
     problem: ScaledFriction, progress: Progress, max_iterations: int = 60, centre: float = 1.0
-) -> np.ndarray:
+) -> None:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
     With the sliding speed s as an unknown, :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
@@ -57,7 +57,6 @@ def friction_interior_point(
         point = _moved(point, *newton)
         if progress.note(unit * point[0]):
             break
-    return np.asarray(unit * point[0])
 
 
 def mean_product(point: Point) -> float:

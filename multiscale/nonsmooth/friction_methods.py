@@ -134,7 +134,7 @@ def semismooth_newton(
     progress: Progress,
     max_iterations: int = 100,
     regularisation: float = 1e-8,
-) -> np.ndarray:
+) -> None:
     r"""Solve a friction problem by damped Newton steps on the residual F of Alart and Curnier.
 
     A proximal step leaves the solutions where they are, and the matrix regular: with F' = A W + B
@@ -178,7 +178,6 @@ def semismooth_newton(
             smallest = min(smallest, merit)
         if failures > PATIENCE:
             break
-    return r
 
 
 @compiled

@@ -1,8 +1,8 @@
 r"""Friction problems in dimensionless 3x3 blocks: scaling, products, factors, record of a run.
 
 A friction method takes a dimensionless problem, impulses to start from, shape (contacts, 3), a
-:class:`Progress` that measures the error every few iterations and returns whether to stop, and the
-limit of its iterations; it returns its last impulses.
+:class:`Progress` that measures the error every few iterations, returns whether to stop and has the
+best impulses, and the limit of its iterations.
 """
 
 from collections.abc import Callable

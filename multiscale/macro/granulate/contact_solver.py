@@ -1,9 +1,11 @@
 r"""Gauss-Seidel on the contacts of grains, with a Delassus operator that is never assembled."""
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from multiscale.errors import MultiscaleError
 from multiscale.macro.granulate.contact_systems import solve_assembled, solve_interior
 from multiscale.macro.granulate.contacts import Contacts, Velocities, relative_velocity
 from multiscale.macro.granulate.model import Solver
@@ -27,6 +29,9 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
         relative_velocity(contacts, motion.velocity, rate)
         + contacts.bias[:, None] * contacts.normal
     )
+    if not np.all(np.isfinite(u)):
+        contacts.impulse[:] = 0.0
+        return 0, np.nan
     closes = np.sum(u * contacts.normal, axis=1) < 0.0
     scale = float(np.sqrt(np.sum(u[closes] ** 2 * contacts.mass[closes, None])))
     arguments = _arguments(contacts, motion)
@@ -44,15 +49,16 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
     if error <= target or motion.strain is not None or not (smooth or assembled):
         return done, error / scale
     # sweeps stall where heavy grains lie on light grains, in wedges and in dense piles
-    if smooth:
-        impulse = solve_interior(free, contacts, scale, target)
-    else:
-        impulse = solve_assembled(free, contacts, 0.1 * solver.tolerance)
-    solved = contacts._replace(impulse=impulse)
-    _apply_impulses(*_arguments(solved, free))
-    new = _natural_map_error(*_arguments(solved, free))
-    if new < error:
-        motion.velocity[:], contacts.impulse[:], error = free.velocity, solved.impulse, new
+    with suppress(MultiscaleError):  # numbers out of range: the answer of the sweeps remains
+        if smooth:
+            impulse = solve_interior(free, contacts, scale, target)
+        else:
+            impulse = solve_assembled(free, contacts, 0.1 * solver.tolerance)
+        solved = contacts._replace(impulse=impulse)
+        _apply_impulses(*_arguments(solved, free))
+        new = _natural_map_error(*_arguments(solved, free))
+        if new < error:
+            motion.velocity[:], contacts.impulse[:], error = free.velocity, solved.impulse, new
     return done, error / scale
 
 
@@ -70,9 +76,10 @@ def collide(
     restitution: float,
     rest: float,
     length: float,
-) -> np.ndarray:
-    r"""Solve the impacts of pairs within a step in turn, in place; return the ways before impacts.
+) -> tuple[np.ndarray, bool]:
+    r"""Solve the impacts of a step in turn, in place; return the ways before them and completeness.
 
+    The answer is not complete if impacts remain after ``MOST_IMPACTS`` visits of the pairs.
     At its time :math:`\theta h`, from the gap :math:`g + u \theta h + a (\theta h)^2 / 2 = 0`, a
     pair has the impulses of Newton's and Coulomb's laws,
 
@@ -82,21 +89,21 @@ def collide(
 
     and the bodies move on as if they had their new velocities from the start of the step on, from
     places shifted by :math:`-\theta h M^{-1} H r_N`. Kinetic energy at the start of the step and
-    the work of the forces on the shift then change together by :math:`-(1 - e^2) m_N u_N^2 / 2` and
-    the loss by friction, whatever the order: no cluster of grains gains energy, and with e = 1 and
-    without friction all of it remains.
+    the work of the forces on the shift then change together by
+    :math:`-(1 - e^2)\, m_N (u + a \theta h)_N^2 / 2` and the loss by friction, whatever the order:
+    no cluster of grains gains energy, and with e = 1 and without friction all of it remains.
     """
     bodies = len(motion.velocity)
     shift, impulse = np.zeros((bodies, 3)), np.zeros_like(contacts.impulse)
     fastest = float(np.abs(motion.velocity[:, :3]).max(initial=0.0))
-    _collide(
+    complete = _collide(
         *_arguments(contacts._replace(impulse=impulse), motion),
         (gained, length, restitution, max(rest, 1e-12 * fastest)),
         shift,
         MOST_IMPACTS,
     )
     contacts.impulse[:] = impulse
-    return shift
+    return shift, bool(complete)
 
 
 @compiled(inline="always", fastmath=True)
@@ -232,7 +239,7 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
 
 @compiled(fastmath=True)
 def _collide(contacts, coulomb, motion, strain, law, shift, limit):  # type: ignore[no-untyped-def]
-    """Solve impacts in turn until no pair meets in the step; see :func:`collide`."""
+    """Solve impacts in turn; return whether none is left in the step; see :func:`collide`."""
     velocity, mobility = motion
     gained, h, restitution, rest = law
     ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
@@ -286,6 +293,7 @@ def _collide(contacts, coulomb, motion, strain, law, shift, limit):  # type: ign
                 shift[body, 2] += along * nz
         if impacts == 0:
             window += 1
+    return window == WINDOWS
 
 
 @compiled(fastmath=True)
@@ -343,20 +351,21 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
                 uy += spring * (ry - ay + anchored * ny)
                 uz += spring * (rz - az + anchored * nz)
         if coulomb is None:
-            total += (old - max(0.0, old - rho * (u + biases[c]))) ** 2 / rho
+            total += min(old, rho * (u + biases[c])) ** 2 / rho
             continue
+        # F without differences of equal impulses, which may be huge where there is no solution
         slip = np.sqrt(ux * ux + uy * uy + uz * uz)
-        height = old - rho * (u + biases[c] + mu * slip)
+        fn, fx, fy, fz = rho * (u + biases[c] + mu * slip), rho * ux, rho * uy, rho * uz
+        height = old - fn
         tx, ty, tz = rx - rho * ux, ry - rho * uy, rz - rho * uz
         length = np.sqrt(tx * tx + ty * ty + tz * tz)
-        shrink = 1.0
         if mu * length <= -height:
-            height, shrink = 0.0, 0.0
+            fn, fx, fy, fz = old, rx, ry, rz
         elif length > mu * height:
-            height = (height + mu * length) / (1.0 + mu * mu)
-            shrink = mu * height / length
-        fx, fy, fz = rx - shrink * tx, ry - shrink * ty, rz - shrink * tz
-        total += ((old - height) ** 2 + fx * fx + fy * fy + fz * fz) / rho
+            fn = (fn + mu * (mu * old - length)) / (1.0 + mu * mu)
+            shrink = mu * (old - fn) / length
+            fx, fy, fz = rx - shrink * tx, ry - shrink * ty, rz - shrink * tz
+        total += (fn * fn + fx * fx + fy * fy + fz * fz) / rho
     return np.sqrt(total)
 
 

@@ -8,7 +8,8 @@ from scipy.sparse import csr_array, diags_array, triu
 from multiscale.errors import MultiscaleError
 from multiscale.fe.elasticity import sum_blocks
 from multiscale.macro.granulate.contacts import Contacts, Velocities, relative_velocity
-from multiscale.nonsmooth import solve_friction, solve_lcp
+from multiscale.nonsmooth import solve_lcp
+from multiscale.nonsmooth.friction import approximate_friction
 from multiscale.nonsmooth.lcp_methods import longest_positive
 from multiscale.numerics.factorisation import prepare_cholesky
 
@@ -118,7 +119,7 @@ def solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) ->
     q, start = free.ravel(), local(contacts.impulse).ravel()
     if contacts.coulomb is None:
         return solve_lcp(operator, q, tolerance=tolerance, start=start).value[:, None]
-    solution = solve_friction(operator, q, friction, tolerance=tolerance, start=start)
+    solution, _ = approximate_friction(operator, q, friction, tolerance=tolerance, start=start)
     return np.asarray(np.einsum("cab,ca->cb", frames, solution.value.reshape(-1, 3)))
 
 

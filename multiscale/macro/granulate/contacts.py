@@ -203,7 +203,7 @@ def build_contacts(pairs: Pairs, geometry: Geometry, step: FreeStep) -> Contacts
     """Return the contacts: wanted, with an impulse before, or near in a step without impulses."""
     h, strain, smaller = step.length, step.strain, geometry.smaller
     gap, way = geometry.gap + step.slack[0] * smaller + step.slack[1], np.zeros_like(smaller)
-    met = np.asarray(way > 0.0)
+    met = np.zeros(len(smaller), bool)
     if len(step.shift):
         way = _parting(pairs.ends, geometry, step.shift)
         met = np.asarray(pairs.struck.any(axis=1))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError, require
 from multiscale.macro.granulate.grain_motion import initial_state, step_grains
 from multiscale.macro.granulate.model import ContactLaw, Grains, Model, PlaneWall, Solver
 from multiscale.macro.granulate.packings import place_loosely
@@ -53,8 +53,7 @@ def compact(
     a fifth of it. Velocities are damped in every step, so that the motion is quasi-static. The cell
     has a finite inertia and follows the pressure, so that no incompatible strain is prescribed.
     """
-    if not (pressure > 0.0 and np.isfinite(pressure)):
-        raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
+    require("pressure", pressure, "(0, inf)", "Pa")
     solver = solver or Solver(tolerance=1e-4, max_iterations=2000)
     # random order on a jittered lattice in a square or cubic cell
     radii = np.random.default_rng(seed).permutation(np.asarray(radii, dtype=float))
@@ -128,8 +127,7 @@ def shear_layer(
         Grains at rest under the pressure; the first wall is the lower plate, the second moves.
     step : float, length of a step that resolves the rearrangements, s
     """
-    if not (pressure > 0.0 and np.isfinite(pressure)):
-        raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")
+    require("pressure", pressure, "(0, inf)", "Pa")
     high = np.array([*size, np.inf])
     grains = place_loosely(radii, np.zeros(3), high, density=density, seed=seed)
     top = float((grains.position[:, 2] + grains.radius).max())
@@ -254,8 +252,7 @@ def biaxial_cell(
     are halved in every step: the response is quasi-static where the inertial number
     :math:`I = \dot\varepsilon \sqrt{m / (p R)}` is at most 1e-3 (for discs, R is the thickness).
     """
-    if not (strain_rate >= 0.0 and np.isfinite(strain_rate)):
-        raise CaseError(f"strain_rate must not be negative (1/s), got {strain_rate:g}")
+    require("strain_rate", strain_rate, "[0, inf)", "1/s")
     rigid = replace(law, compliance=0.0)  # compliant contacts creep without end
     packing = compact(
         radii, pressure, rigid, planar=planar, density=density, solver=solver, seed=seed

@@ -156,17 +156,21 @@ def step_grains(
     )
 
     # impulses, motion, and energies
-    pairs, geometry = _pairs_of_step(model, state, acted), measure_pairs(state.pairs, place)
+    pairs, geometry = pairs_of_step(model, state, acted), measure_pairs(state.pairs, place)
+    complete = True  # unless impacts are left
     if law.restitution > 0.0:
         first = 0.5 * (state.step_length / acted if accuracy else 1.0)
-        step, pairs = _bounce(model, geometry, pairs, step, (damped, damped_rate), (first, acted))
+        step, pairs, complete = _bounce(
+            model, geometry, pairs, step, (damped, damped_rate), (first, acted)
+        )
     parts = (solver, step, pairs, geometry)
     solved, sweeps, residual = _solve_contacts(model, state, *parts, acted)
     new, contacts = _advance(model, solved, step.shift), solved.contacts
     worst, _ = penetration(new.pairs, new.place(model))
     done = {
         "residual": residual,
-        "converged": int(residual <= solver.tolerance),
+        "converged": int(complete and residual <= solver.tolerance),
+        "impacts_left": not complete,
         "iterations": sweeps,
         "penetration": worst,
         "n_contacts": int(np.count_nonzero(contacts.loaded)),
@@ -190,7 +194,7 @@ def _choose_step(
     h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))
     state = _with_neighbours(model, state, h, 0.5 * (state.step_length + h))
     h = allowed_step(
-        _pairs_of_step(model, state, state.force_time),
+        pairs_of_step(model, state, state.force_time),
         state.place(model),
         state.velocity,
         h,
@@ -201,7 +205,7 @@ def _choose_step(
     return state, h, 0.5 * (state.step_length + h)
 
 
-def _pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
+def pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
     """Return the pairs of a step with the impulses of the last forces over the time ``acted``, s.
 
     The anchor of a spring is the impulse times the compliance used over the compliance given.
@@ -213,9 +217,10 @@ def _pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
     if max(given, across) > 0.0:
         share = contacts.compliance[:, None] / given if given > 0.0 else 1.0
         relaxed = share * contacts.impulse
-        if model.frictional and across > given:  # springs across are not stiffened
+        if contacts.coulomb is not None:
             along = np.sum(contacts.impulse * contacts.normal, axis=1)[:, None] * contacts.normal
-            relaxed = share * along + contacts.impulse - along
+            turned = contacts.coulomb[:, 2:] / max(given, across)
+            relaxed = share * along + turned * (contacts.impulse - along)
         anchor[contacts.number] = longer * relaxed
     unmet, wanted = np.zeros((0, impulse.shape[1])), np.zeros(count, bool)
     return Pairs(state.pairs, impulse, anchor, unmet, wanted, np.full(count, given))
@@ -228,8 +233,11 @@ def _bounce(
     step: FreeStep,
     damped: tuple[np.ndarray, np.ndarray],
     times: tuple[float, float],
-) -> tuple[FreeStep, Pairs]:
-    """Return step and pairs after impacts, before which a first share of the forces has acted."""
+) -> tuple[FreeStep, Pairs, bool]:
+    """Return step and pairs after impacts, and whether all are solved.
+
+    A first share of the forces acts before the impacts.
+    """
     law, h, (first, acted) = model.law, step.length, times
     every = pairs._replace(wanted=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
     contacts = build_contacts(every, geometry, step)
@@ -245,13 +253,13 @@ def _bounce(
         rest, slack, least = 0.0, np.array([APART_OVERLAP, 0.25 * h * rest]), 0.25 * rest
     gained = relative_velocity(contacts, force, strained) * contacts.normal
     gained = h / acted * np.sum(gained, axis=1)
-    shift = collide(contacts, motion, gained, law.restitution, rest, h)
+    shift, complete = collide(contacts, motion, gained, law.restitution, rest, h)
     strain = step.strain.copy()
     if motion.strain is not None:
         strain[0] += motion.strain[0] - rate
     velocity = step.velocity + motion.velocity - start
     step = step._replace(velocity=velocity, shift=shift, strain=strain, slack=slack, least=least)
-    return step, pairs._replace(struck=contacts.impulse)
+    return step, pairs._replace(struck=contacts.impulse), complete
 
 
 def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) -> GrainState:
@@ -408,7 +416,7 @@ def _account_grains(
         return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
 
     # power of the impulses
-    n, impulse, branch = contacts.normal, contacts.vectors, contacts.branch
+    impulse, branch = contacts.vectors, contacts.branch
     v, u = velocity[:, :3], relative_velocity(contacts, velocity)
     moments = np.sum(impulse * branch, axis=0)  # on the cell, along its axes
     power = float(np.sum(impulse * u)) + float(moments @ rate)
@@ -421,10 +429,8 @@ def _account_grains(
     walls = float(np.sum(impulse * prescribed[contacts.ends[:, 1]]))
     prescribed_rate = np.where(model.free, 0.0, rate)
     force = mass * model.free_acceleration
-    pull, lost = (
-        acted * float(np.sum(force * velocity)),
-        kinetic(velocity - damped[0], rate - damped[1]),
-    )
+    pull = acted * float(np.sum(force * velocity))
+    lost = kinetic(velocity - damped[0], rate - damped[1])
     if len(shift):
         # to the middle of the step, where its velocities belong, on the parabola of free flight;
         # impulses of impacts act at their times, and forces on the way until then
@@ -434,20 +440,24 @@ def _account_grains(
         middle, before = float(np.sum(force * ways)), float(np.sum(force[:, :3] * shift))
         pull, lost, power = middle + before, lost + middle - pull, power - before
     work = pull + acted * cell[1] * mean_rate(rate) + walls - float(moments @ prescribed_rate)
-
-    # energy of the springs along and across the normal
-    speed = np.sum((u + rate * branch) * n, axis=1)
-    overlap = np.where(contacts.compliance > 0.0, np.maximum(-contacts.gap - h * speed, 0.0), 0.0)
-    springs = 2.0 * np.sum(impulse * n, axis=1) / acted * overlap
-    if contacts.coulomb is not None:
-        held = contacts.impulse - np.sum(contacts.impulse * n, axis=1)[:, None] * n
-        give = contacts.coulomb[:, 2] / contacts.coulomb[:, 0]
-        springs += give * np.sum(held**2, axis=1)
     return {
         "kinetic_energy": kinetic(velocity, rate),
-        "elastic_energy": 0.5 * float(np.sum(springs)),
+        "elastic_energy": _spring_energy(new, u + rate * branch),
         "work": work,
         "contact_dissipation": -power,
         "numerical_dissipation": lost,
         "damping_dissipation": kinetic(old.velocity, old.rate) - kinetic(*damped),
     }
+
+
+def _spring_energy(state: GrainState, velocity: np.ndarray) -> float:
+    """Return the energy of the springs along and across the normals, J."""
+    contacts, n = state.contacts, state.contacts.normal
+    openings = contacts.gap + state.step_length * np.sum(velocity * n, axis=1)
+    overlap = np.where(contacts.compliance > 0.0, np.maximum(-openings, 0.0), 0.0)
+    springs = 2.0 * np.sum(contacts.vectors * n, axis=1) / state.force_time * overlap
+    if contacts.coulomb is not None:
+        held = contacts.impulse - np.sum(contacts.impulse * n, axis=1)[:, None] * n
+        give = contacts.coulomb[:, 2] / contacts.coulomb[:, 0]
+        springs += give * np.sum(held**2, axis=1)
+    return 0.5 * float(np.sum(springs))

@@ -3,14 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Self
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.needs import Needs, choose
 
 PLANE, CYLINDER = 0, 1  # kinds of walls in arrays of all walls
+
+PARALLEL = 1e-12  # of 1 plus the cosine of two normals, below which planes face each other
 
 PER_GRAIN, PER_UNKNOWN, PER_FRAME = 900, 350, 150
 """Peak memory of a dense pile, byte: per grain, per grain and unknown of a contact, and per grain
@@ -71,9 +74,8 @@ class Grains:
             if wrong.any():
                 raise CaseError(f"{name} of grain {int(np.argmax(wrong))} must be finite")
         if self.thickness is not None:
-            thickness, y = self.thickness, position[:, 1]
-            if not (thickness > 0.0 and np.isfinite(thickness)):
-                raise CaseError(f"thickness of discs must be positive (m), got {thickness:g}")
+            y = position[:, 1]
+            require("thickness of discs", self.thickness, "(0, inf)", "m")
             out = (y != y[0]) | (fields["velocity"][:, 1] != 0.0)
             out |= np.any(fields["spin"][:, ::2], axis=1)
             if out.any():
@@ -144,8 +146,8 @@ class Wall:
                 raise CaseError(f"{name} of a wall must be three finite numbers, got {value}")
         if not np.any(np.asarray(self.direction)):
             raise CaseError("direction of a wall must not be zero; give its normal or its axis")
-        if self.friction is not None and not 0.0 <= self.friction < np.inf:
-            raise CaseError(f"friction of a wall must not be negative, got {self.friction:g}")
+        if self.friction is not None:
+            require("friction of a wall", self.friction, "[0, inf)")
 
     @property
     def unit(self) -> np.ndarray:
@@ -194,10 +196,8 @@ class PlaneWall(Wall):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.mass > 0.0:
-            raise CaseError(f"mass of a wall must be positive (kg), got {self.mass:g}")
-        if not np.isfinite(self.force):
-            raise CaseError(f"force on a wall must be finite (N), got {self.force:g}")
+        require("mass of a wall", self.mass, "(0, inf]", "kg")
+        require("force on a wall", self.force, "(-inf, inf)", "N")
         if self.force and np.isinf(self.mass):
             raise CaseError(f"a wall of infinite mass must not have a force, got {self.force:g} N")
 
@@ -225,8 +225,7 @@ class CylinderWall(Wall):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.radius > 0.0 and np.isfinite(self.radius)):
-            raise CaseError(f"radius of a cylinder must be positive (m), got {self.radius:g}")
+        require("radius of a cylinder", self.radius, "(0, inf)", "m")
 
     @property
     def bore(self) -> float:
@@ -307,8 +306,9 @@ class ContactLaw:
     In a step of length h it is a spring of stiffness :math:`m / (a h^2)` with an overlap that
     relaxes to zero at rest. It regularises the contact problem, which then needs far fewer sweeps,
     with a = 0.02 a fourth or less. If grains would overlap by more than 0.8 % of a radius, the
-    contact is stiffened for this step; a contact that bounces is rigid and has its restitution. The
-    energy stored in an overlap is released when the grains separate.
+    contact is stiffened for this step. A contact that bounces has its restitution: it is rigid
+    along its normal, and only ``tangential_compliance`` acts across it. The energy stored in an
+    overlap is released when the grains separate.
 
     A tangential compliance leaves the normal direction rigid. Contacts that stick creep while their
     tangential impulse changes, by a share of the closing velocity of the size of a, and stay where
@@ -325,16 +325,10 @@ class ContactLaw:
     tangential_compliance: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.friction < np.inf:
-            raise CaseError(f"friction must be finite and not negative, got {self.friction:g}")
-        if not 0.0 <= self.restitution <= 1.0:
-            raise CaseError(f"restitution must lie between 0 and 1, got {self.restitution:g}")
-        for name in ("compliance", "tangential_compliance"):
-            value = getattr(self, name)
-            if not 0.0 <= value < np.inf:
-                raise CaseError(f"{name} must be finite and not negative, got {value:g}")
-        if not self.relaxation >= 1.0:
-            raise CaseError(f"relaxation must be at least 1, got {self.relaxation:g}")
+        require("restitution", self.restitution, "[0, 1]")
+        require("relaxation", self.relaxation, "[1, inf]")
+        for name in ("friction", "compliance", "tangential_compliance"):
+            require(name, getattr(self, name), "[0, inf)")
 
 
 @dataclass(frozen=True)
@@ -363,10 +357,9 @@ class Solver:
     most_assembled: int = 400
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.tolerance < 1.0:
-            raise CaseError(f"tolerance must lie between 0 and 1, got {self.tolerance:g}")
-        if self.max_iterations < 1:
-            raise CaseError(f"max_iterations must be at least 1, got {self.max_iterations}")
+        require("tolerance", self.tolerance, "(0, 1)")
+        require("max_iterations", self.max_iterations, "[1, inf)")
+        require("most_assembled", self.most_assembled, "[0, inf)")
 
 
 @dataclass(frozen=True)
@@ -394,7 +387,8 @@ class Model:
     Raises
     ------
     CaseError
-        If the damping is negative, or pressure, strain rate, period and walls contradict.
+        If the damping is negative, a period is not positive, a strain rate is not finite, planes
+        cross, or pressure, strain rate, period and walls contradict.
     """
 
     grains: Grains
@@ -407,8 +401,12 @@ class Model:
     strain_rate: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def __post_init__(self) -> None:
-        if not self.damping_rate >= 0.0:
-            raise CaseError(f"damping_rate must not be negative (1/s), got {self.damping_rate:g}")
+        require("damping_rate", self.damping_rate, "[0, inf]", "1/s")
+        for axis, length, rate in zip("xyz", self.period, self.strain_rate, strict=True):
+            require(f"period along {axis}", length, "(0, inf]", "m")
+            if rate is not None:
+                require(f"strain rate along {axis}", rate, "(-inf, inf)", "1/s")
+        self._refuse_crossing_planes()
         if self.pressure is None:
             if self.driven:
                 raise CaseError("a strain rate needs a pressure along the other axes, got none")
@@ -416,8 +414,18 @@ class Model:
         needed = [0, 2] if self.grains.planar else [0, 1, 2]
         if not np.all(self.strained[needed]) or self.walls:
             raise CaseError("a pressure acts on a cell that is periodic in space and has no walls")
-        if not np.isfinite(self.pressure):
-            raise CaseError(f"pressure must be finite (Pa), got {self.pressure:g}")
+        require("pressure", self.pressure, "(-inf, inf)", "Pa")
+
+    def _refuse_crossing_planes(self) -> None:
+        """Refuse parallel planes that face each other without space between them."""
+        planes = [(k, wall) for k, wall in enumerate(self.walls) if wall.bore == 0.0]
+        for (i, wall), (j, other) in combinations(planes, 2):
+            distance = float(wall.unit @ np.subtract(other.point, wall.point))
+            if wall.unit @ other.unit < PARALLEL - 1.0 and not distance > 0.0:
+                raise CaseError(
+                    f"walls {i} and {j} cross: the space between them is {distance:g} m wide; move "
+                    f"them apart or turn their normals to the grains"
+                )
 
     @property
     def strained(self) -> np.ndarray:

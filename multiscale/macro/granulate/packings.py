@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.macro.granulate.model import ContactLaw, CylinderWall, Grains, Model, PlaneWall, box
 
 
@@ -36,8 +36,7 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
             f"radii must be positive and rise from the smallest to the largest (m), got "
             f"{smallest:g} and {largest:g}"
         )
-    if n < 1:
-        raise CaseError(f"there must be at least one grain, got {n}")
+    require("the number of grains", n, "[1, inf)")
     share = np.random.default_rng(seed).uniform(size=n)
     inverse = smallest**-2 - share * (smallest**-2 - largest**-2)
     return np.asarray(np.clip(inverse**-0.5, smallest, largest))

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
+from multiscale.macro.granulate.contact_solver import MOST_IMPACTS
 from multiscale.macro.granulate.grain_motion import GrainState, initial_state, step_grains
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.schema import GRANULATE, Dataset
+from multiscale.schema import GRANULATE, Dataset, with_cautions
 
 
 def simulate_grains(
@@ -43,9 +44,9 @@ def simulate_grains(
     Returns
     -------
     Dataset
-        Follows ``GRANULATE``. A step with contacts that missed the tolerance has ``converged`` 0,
-        and the motion continues; the attribute ``cautions`` counts such steps. If a velocity
-        becomes infinite the motion ends, and ``failure`` states the time.
+        Follows ``GRANULATE``. A step with contacts that missed the tolerance, or with impacts left
+        over, has ``converged`` 0, and the motion continues; the attribute ``cautions`` counts such
+        steps. If a velocity becomes infinite the motion ends, and ``failure`` states the time.
 
     Raises
     ------
@@ -56,12 +57,9 @@ def simulate_grains(
         raise CaseError(
             f"step must be positive and at most the duration {duration:g} s, got {step:g} s"
         )
-    if n_frames < 2:
-        raise CaseError(f"n_frames must be at least 2, the start and the end, got {n_frames}")
-    if accuracy is not None and not 0.0 < accuracy < 1.0:
-        raise CaseError(
-            f"accuracy must lie between 0 and 1, relative to the radius, got {accuracy:g}"
-        )
+    require("n_frames, with the start and the end,", n_frames, "[2, inf)")
+    if accuracy is not None:
+        require("accuracy", accuracy, "(0, 1)", "relative to the radius")
     solver = solver or Solver()
     state, record = initial_state(model), Record(model)
     steps = int(np.ceil(duration / step * (1.0 - 1e-12)))
@@ -94,12 +92,18 @@ class Record:
         self.model = model
         self.failure = ""  # reason for which the simulation ended early
         self.rows: list[dict[str, Any]] = []  # each step and the state after it, by variable
+        self.missed: list[float] = []  # errors of the steps that missed their tolerance
+        self.hasty = 0  # number of steps with impacts left
         self.frames: list[dict[str, Any]] = []  # stored positions and forces, by variable
 
     def add(self, state: GrainState, step: dict[str, Any]) -> None:
         """Record the variables of a step."""
         model, repeats = self.model, self.model.strained
         row = step | {"time": state.time, "time_step": state.step_length}
+        if row.pop("impacts_left"):
+            self.hasty += 1
+        elif not row["converged"]:
+            self.missed.append(row["residual"])
         if model.walls:
             wall = state.contacts.ends[:, 1] - model.grains.n
             force, on_wall = np.zeros((len(model.walls), 3)), wall >= 0
@@ -155,12 +159,18 @@ class Record:
             grain=range(self.model.grains.n),
             component=["x", "y", "z"],
         ).assign_attrs(failure=self.failure, cautions="")
-        if missed := [row["residual"] for row in rows if not row["converged"]]:
-            cautions = (
-                f"{len(missed)} of {len(rows)} steps missed the tolerance of their contacts; the "
-                f"largest error is {max(missed):.1e} of the closing velocities"
+        cautions = list[str]()
+        if self.missed:
+            cautions.append(
+                f"{len(self.missed)} of {len(rows)} steps missed the tolerance of their contacts; "
+                f"the largest error is {np.max(self.missed):.1e} of the closing velocities"
             )
-            result = result.assign_attrs(cautions=cautions)
+        if self.hasty:
+            cautions.append(
+                f"impacts are left after {MOST_IMPACTS} visits of the pairs in {self.hasty} of "
+                f"{len(rows)} steps, in which these pairs do not bounce; use smaller steps"
+            )
+        result = with_cautions(result, *cautions)
         if self.model.grains.thickness is not None:
             result = result.assign_attrs(thickness=float(self.model.grains.thickness))
         GRANULATE.check(result)

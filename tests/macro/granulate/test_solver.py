@@ -1,5 +1,7 @@
 """The contacts of a step against the solver for friction problems, and extremes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -15,7 +17,9 @@ from multiscale.macro.granulate import (
     deposit,
     simulate_grains,
 )
-from multiscale.macro.granulate.grain_motion import initial_state, step_grains
+from multiscale.macro.granulate.contact_solver import solve_velocities
+from multiscale.macro.granulate.contacts import Velocities
+from multiscale.macro.granulate.grain_motion import initial_state, pairs_of_step, step_grains
 from multiscale.nonsmooth import solve_friction
 
 FLOOR = PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -211,3 +215,74 @@ def test_a_dense_deposit_with_rigid_normals_is_solved(friction, across, spheres,
     assert float(result["penetration"].max()) < 1e-3
     energy = (result["kinetic_energy"] + result["elastic_energy"] - result["work"]).values
     assert np.diff(energy, prepend=0.0).max() < 1e-6 * float(result["work"].max())
+
+
+def test_velocities_that_are_not_finite_are_never_solved():
+    model = heap()
+    new, _ = step_grains(model, initial_state(model), 1e-3, TIGHT)
+    velocity = new.velocity.copy()
+    velocity[0] = np.nan
+    solver = Solver(most_assembled=1000)
+    done, error = solve_velocities(solver, Velocities(velocity, model.mobility, None), new.contacts)
+    assert (done, np.isnan(error)) == (0, True)
+    assert not new.contacts.impulse.any()
+
+
+def test_numbers_out_of_range_leave_the_answer_of_the_sweeps():
+    # impulses of some 1e301 N s: the solver of the assembled problem refuses them
+    base = heap(density=5e307)
+    model = Model(base.grains, base.walls, ContactLaw(0.0))
+    solver = Solver(1e-12, 1, most_assembled=1000)
+    result = simulate_grains(model, 1e-3, 1e-3, solver=solver)
+    np.testing.assert_array_equal(result["converged"].values, 0)
+    assert np.isfinite(result["velocity"].values).all()
+    assert result.attrs["failure"] == ""
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_step_without_a_solution_is_not_called_solved(friction):
+    # a rigid grain between rigid plates that close: impulses rise until a difference is rounding
+    lid = PlaneWall((0, 0, 0.02), (0, 0, -1), velocity=(0, 0, -1.0))
+    model = Model(Grains([[0.0, 0.0, 0.01]], 0.01), (FLOOR, lid), ContactLaw(friction))
+    _, step = step_grains(model, initial_state(model), 1e-3, Solver(max_iterations=20))
+    assert not step["converged"]
+    assert step["residual"] > 0.1
+
+
+def test_a_step_without_a_solution_is_not_searched_for_its_reason(monkeypatch):
+    def jamming(problem):
+        raise AssertionError
+
+    monkeypatch.setattr("multiscale.nonsmooth.friction.jamming", jamming)
+    lid = PlaneWall((0, 0, 0.02), (0, 0, -1), velocity=(0, 0, -1.0))
+    model = Model(Grains([[0.0, 0.0, 0.01]], 0.01), (FLOOR, lid))
+    _, step = step_grains(model, initial_state(model), 1e-3, Solver(max_iterations=20))
+    assert not step["converged"]
+    W = np.array([[1.0, 0, -1, 0], [0, 1, 0, -1], [-1, 0, 1, 0], [0, -1, 0, 1]])
+    with pytest.raises(AssertionError):
+        solve_friction(W, np.array([-1.0, 0, -1, 0]), np.full(2, 0.3))
+
+
+@pytest.mark.parametrize(("given", "across"), [(0.05, 0.0), (0.05, 0.01), (0.05, 0.2), (0.0, 0.1)])
+def test_a_spring_has_its_displacement_after_its_contact_was_stiffened(given, across):
+    # the displacement of a spring is a r / m, with the compliances used and then with those given
+    base, used = heap(), 0.1 * given
+    law = ContactLaw(0.4, compliance=given, tangential_compliance=across)
+    model = Model(base.grains, base.walls, law)
+    state, _ = step_grains(model, initial_state(model), 1e-3, TIGHT)
+    coulomb = state.contacts.coulomb.copy()
+    coulomb[:, 2] = max(across, used)
+    stiff = state.contacts._replace(compliance=np.full(len(coulomb), used), coulomb=coulomb)
+    anchor = pairs_of_step(model, replace(state, contacts=stiff), 1e-3).anchor[stiff.number]
+
+    def parts(vector):
+        along = np.sum(vector * stiff.normal, axis=1)[:, None] * stiff.normal
+        return along, vector - along
+
+    (along, turned), (normal, tangential) = parts(anchor), parts(stiff.impulse)
+    least = 1e-12 * np.abs(normal).max()
+    assert np.abs(tangential).max() > 1e3 * least
+    np.testing.assert_allclose(given * along, used * normal, atol=least)
+    np.testing.assert_allclose(
+        max(given, across) * turned, max(across, used) * tangential, atol=least
+    )
