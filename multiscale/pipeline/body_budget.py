@@ -164,10 +164,7 @@ def _read(name: str, place: tuple[Any, ...], result: Dataset) -> np.ndarray:
 
 
 def _slip_slope(result: Dataset) -> np.ndarray:
-    """Logarithmic slope of the slipping share over the amplitude, shape (levels, amplitudes).
-
-    It is from the amplitudes, or from the last steps of the path if there is only one amplitude.
-    """
+    """Logarithmic slope of the slipping share over the amplitude, shape (levels, amplitudes)."""
     share, shear = result["cycle_slip"].to_numpy(), result["cycle_shear"].to_numpy()
     with np.errstate(divide="ignore", invalid="ignore"):  # NaN where nothing slips
         if shear.size > 1:
@@ -329,11 +326,7 @@ def with_joint_budget(
     asked: JointAnswers,
     job: Job,
 ) -> Dataset:
-    """Return the result of rough joints with error budget and intervals of their answers.
-
-    Answers in cycles are compared with paths of few steps; twice the slabs at least halve the error
-    of the beds.
-    """
+    """Return the result of rough joints with error budget and intervals of their answers."""
     begin = perf_counter()
     result = with_cautions(result, *sources.unknown)
     known, cycles = result["known"].to_numpy() == 1, asked.cycles

@@ -17,14 +17,7 @@ TEXT = "\t"  # between the columns of a table in an attribute
 
 
 def calibrate_case(case: Case, law: Dataset) -> Calibration:
-    """Calibrate a law by the tables [[measured]] of a case.
-
-    Raises
-    ------
-    MultiscaleError
-        If a table or the data are refused; see :func:`~multiscale.upscaling.calibrate`; or if the
-        case states a value that sheared cells have measured.
-    """
+    """Calibrate a law by the tables [[measured]] of a case."""
     tables, known = [table.read() for table in case.measured], tangential_values(law)
     stated = {
         name: value

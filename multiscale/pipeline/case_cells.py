@@ -165,10 +165,7 @@ def flat_pair(
 
 
 def flat_bodies(case: Case) -> FlatCell:
-    """Build the flat cell of both bodies below their coatings, in the first realisation.
-
-    The bodies of conforming cells are half-spaces here, without the error of a finite depth.
-    """
+    """Build the flat cell of half-spaces below their coatings, in the first realisation."""
     bare = case.without_coatings()
     depth = case.cell.given_depth if case.cell.geometry == "flat" else max(case.cell.size)
     return flat_pair(bare, *two_surfaces(bare)[0], depth=depth)

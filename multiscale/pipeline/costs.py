@@ -23,10 +23,7 @@ LEAST = 1e-5
 
 
 def stage_seconds(datasets: Mapping[str, Dataset], stages: Iterable[Shown]) -> dict[str, float]:
-    """Return the time of stages and of their intervals, s.
-
-    The time of ensembles includes cells of earlier runs.
-    """
+    """Return the time of stages, of their intervals and of cells of earlier runs, s."""
     seconds: dict[str, float] = {}
     for stage in stages:
         dataset = datasets[stage.name]
@@ -49,10 +46,7 @@ def knobs_of(case: Case, stages: Iterable[Shown]) -> list[Knob]:
 def source_costs(
     knobs: Sequence[Knob], result: Dataset, seconds: Mapping[str, float]
 ) -> list[SourceCost]:
-    """Return the terms of the first answer of a result, with the time that halves them.
-
-    The time follows from the orders and the growth that the knobs state.
-    """
+    """Return the terms of the first answer of a result, with the time that halves them, s."""
     budget = result.isel(quantity=0)
     half = total_error(budget["error_bias"].values, budget["error_half_width"].values)
     costs = list[SourceCost]()

@@ -394,10 +394,7 @@ class Planner:
 def halving_seconds(
     seconds: Mapping[str, float], powers: Mapping[str, float], order: float, adds: bool
 ) -> float:
-    """Return the time in which a knob halves its error, s, by powers of two of time and error.
-
-    0 if the stages that the knob moves have no time yet.
-    """
+    """Return the time in which a knob halves its error, s; 0 if its stages have no time yet."""
     moved = {stage: power for stage, power in powers.items() if power and seconds.get(stage)}
     grown = sum(seconds[stage] * 2.0 ** (power / order) for stage, power in moved.items())
     return float(grown - (sum(seconds[stage] for stage in moved) if adds else 0.0))

@@ -216,10 +216,7 @@ def _job(
     progress: ShowProgress = unseen,
     team: "ProcessGroup | None" = None,
 ) -> Job:
-    """Return the job of a folder; other cases that a case names are run in its subfolders.
-
-    So are the settings of a target, which share the other cases.
-    """
+    """Return the job of a folder; other cases that a case names are run in its subfolders."""
 
     def run_alone(place: Path, case: Case) -> Path:
         """Run a case, unless it is up to date, in the first process of a team."""

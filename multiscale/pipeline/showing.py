@@ -293,10 +293,7 @@ def _bound(step: Dataset, name: str) -> str:
 
 
 def _missing(step: Dataset, name: str) -> str:
-    """Names of the terms of the budget of an answer that are not known; empty without a budget.
-
-    Answers that are no quantity of the budget have the unknown terms of any quantity.
-    """
+    """Names of the unknown terms of the budget of an answer; empty without a budget."""
     if "error_half_width" not in step:
         return ""
     quantity = (name,) if name in step["quantity"].values else ()

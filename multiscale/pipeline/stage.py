@@ -142,10 +142,7 @@ class Shown:
         *,
         details: bool = False,
     ) -> list[str]:
-        """Return the lines of the command line: tables, the answer below the first, and remarks.
-
-        The sections default to the sections of this dataset. Details are tables of the page only.
-        """
+        """Return the lines of the command line: tables, the answer below the first, and remarks."""
         if sections is None:
             sections = self.sections({self.name: dataset}, Path())
         printed: list[str] = []

@@ -279,10 +279,7 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
 
 
 def _run_point(case: Case, folder: Path, force: bool, keep: bool) -> tuple[str, bool]:
-    """Run a point and write its answers; return its failure and whether this is final.
-
-    A refused point does not end the sweep, and is not final: a missing file may exist next time.
-    """
+    """Run a point and write its answers; return its failure and whether this is final."""
     import xarray as xr
 
     remove(_file(folder))

@@ -80,10 +80,7 @@ def plot_error_budget(
 
 
 def estimated_steps(budget: Dataset, quantity: str) -> np.ndarray:
-    """Return the steps at which any term of the budget of a quantity was estimated.
-
-    Terms that do not affect the quantity are zero also at steps without an estimate.
-    """
+    """Return the steps at which any term of the budget of a quantity was estimated."""
     half = budget["error_half_width"].sel(quantity=quantity).values
     always = np.isin(budget["error_term"], ALWAYS)[:, None]
     return np.flatnonzero(((half > 0.0) | (np.isfinite(half) & always)).any(axis=0))

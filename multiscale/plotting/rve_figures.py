@@ -112,10 +112,7 @@ def plot_modulus_surface(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
 
 
 def plot_size_study(rve: Dataset, figure: "Figure") -> None:
-    """Draw stiffness with all sides, and damage of the worst section, against size.
-
-    Lines are means over volumes and normals, and bands the standard deviation between volumes.
-    """
+    """Draw means and deviations of stiffness with all sides, and of the worst damage, over size."""
     above, below = figure.subplots(2, 1, sharex=True)
     plot_size_stiffness(rve, ax=above)
     plot_size_damage(rve, ax=below)
@@ -170,10 +167,7 @@ def _band(
 
 
 def plot_crack_damage(growth: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Draw stress and damage of the worst section against strain as cracks of volumes grow.
-
-    ``growth`` follows ``VOLUME_GROWTH``; a line for each representative volume.
-    """
+    """Draw stress and damage of the worst section against strain, a line for each volume."""
     ax = axes_or_current(ax)
     whole = growth["share"].to_numpy() == 1.0
     strain = 1e6 * growth["strain"].to_numpy()[whole]

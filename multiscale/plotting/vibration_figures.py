@@ -46,10 +46,7 @@ def plot_backbone(
 
 
 def plot_mode_shape(result: Dataset, *, mode: int = 1, ax: Axes | None = None) -> Axes:
-    """Plot the bodies moved by a mode, seen across the plane of its largest motion.
-
-    Colours are the size of the displacement relative to the largest.
-    """
+    """Plot the bodies moved by a mode, seen across the plane of its largest motion."""
     from matplotlib.collections import PolyCollection
 
     ax = axes_or_current(ax)

@@ -134,10 +134,7 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
 
 
 def add_terms(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Add half-widths and biases (quantity, term, step) of the given terms.
-
-    NaN where a given term, or a term of :data:`ALWAYS`, is unknown.
-    """
+    """Add half-widths and biases (quantity, term, step) of terms; NaN where one is unknown."""
     counted = np.isin(ERROR_TERMS, ALWAYS) | given
     return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))
 
@@ -161,10 +158,7 @@ def known_error(budget: Dataset, *without: str) -> np.ndarray:
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Add the known terms without the scatter of few cells: the error of the mean specimen.
-
-    Shape (quantities, steps), see :func:`known_error`.
-    """
+    """Add the known terms without the scatter of few cells, (quantities, steps)."""
     return known_error(budget, FEW_CELLS)
 
 
@@ -226,10 +220,7 @@ def assemble_budget(
 
 
 def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
-    """Return half-widths of both kinds of intervals over the answers, (quantities, steps).
-
-    Where a term is unknown they contain the others, and are lower bounds.
-    """
+    """Return half-widths of both kinds of intervals over the answers, (quantities, steps)."""
     total = budget["error_total"].to_numpy()
     one_part = np.where(np.isfinite(total), total, known_error(budget))
     return {"mean_law": mean_law_error(budget), "one_part": one_part}

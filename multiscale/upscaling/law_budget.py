@@ -368,10 +368,7 @@ def increment_term(response: Dataset) -> Term:
 
 
 def slope_term(response: Dataset) -> Term:
-    """Estimate the half-widths of the assumption of small slopes from the expansion in slopes.
-
-    Conforming cells assume small slopes where a single body stands for two.
-    """
+    """Estimate the half-widths of the assumption of small slopes from the expansion in slopes."""
     if "mean_gap_slope_error" not in response.variables:
         return Term("not known: solve one flat cell with slope_order 1 and 2, or conforming cells")
     return _term_of_errors(response, "slope", str(response.attrs["small_slopes"]))

@@ -453,10 +453,7 @@ def read_measured(
 
 
 def _least_compliance(kind: Kind, columns: Mapping[str, np.ndarray], value: np.ndarray) -> float:
-    """Return the least compliance that a table shows, m/Pa: the median of the stiffest third.
-
-    Of closures and loops between neighbouring rows, and of loops as a whole.
-    """
+    """Return the median compliance of the stiffest third of a table, m/Pa."""
     if kind == "closure":
         compliance = np.diff(value) / np.diff(columns["pressure"])
     elif kind == "loop":

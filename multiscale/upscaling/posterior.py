@@ -54,10 +54,7 @@ class Mode(NamedTuple):
 
 
 def find_mode(residual: Residual, n: int) -> Mode:
-    """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student.
-
-    Squares lead to the data from any start, where Student's data far away would have no weight.
-    """
+    """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student."""
     theta, solves, settled = np.zeros(n), 1, False
     r, J = residual(theta)
     for robust in (False, True):

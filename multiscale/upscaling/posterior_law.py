@@ -80,10 +80,7 @@ def law_of_interfaces(
 
 
 def _with_shear(law: Dataset, interfaces: Sequence[BedCurve]) -> Dataset:
-    """Add stiffness ratio and friction of mode and samples; the loss of cells keeps its mean.
-
-    The ratios along x and y keep their quotient.
-    """
+    """Add stiffness ratio and friction; ratios along x and y keep their quotient."""
     along = law["shear_stiffness_ratio"].to_numpy()
     ratio = np.outer([interface.ratio for interface in interfaces], along / np.nanmean(along))
     friction = np.array([interface.friction for interface in interfaces])
@@ -101,11 +98,7 @@ def _with_shear(law: Dataset, interfaces: Sequence[BedCurve]) -> Dataset:
 
 
 def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndarray) -> Dataset:
-    """Return the budget: the posterior of gap and stiffness, and the terms of the cells.
-
-    Gaps and stiffnesses are of mode and samples at the pressures of the law. Measured joints do not
-    show the area and the gap itself, which keep their terms.
-    """
+    """Return the budget: the posterior of gap and stiffness, and the terms of the cells."""
     p = after["fit_pressure"].to_numpy()
     terms = {}
     for term in ERROR_TERMS:

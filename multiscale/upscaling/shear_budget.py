@@ -63,12 +63,7 @@ def tangential_terms(
 
 
 def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
-    """Return the errors of measured friction and stiffness ratio of a law; empty if assumed.
-
-    Half-widths of 95 % intervals over the value, by term: *sampling* by the bootstrap, *few cells*
-    by the scatter of single cells, and for the ratio the terms of the tangential traction less the
-    terms of the stiffness.
-    """
+    """Return half-widths of measured friction and stiffness ratio over them, by term."""
     from scipy.special import stdtrit
 
     n_samples = int(law.sizes.get("shear_sample", 0))

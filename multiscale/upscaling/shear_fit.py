@@ -331,10 +331,7 @@ def bed_loss(
 
 
 def closed_cycles(slip: np.ndarray, pressure: np.ndarray) -> list[tuple[int, list[int]]]:
-    """Return the closed cycles of a path, slips (steps, 2), m, at constant pressures, Pa.
-
-    For each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
-    """
+    """Return direction, first turn, second turn and end of the closed cycles of a path of slips."""
     ends = np.flatnonzero(np.diff(pressure)) + 1
     cycles = []
     for steps in np.split(np.arange(len(pressure)), ends):  # of constant pressure

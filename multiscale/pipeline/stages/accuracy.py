@@ -116,13 +116,7 @@ class Asked:
 
 
 def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
-    """Return the answers that ``[accuracy]`` may mean, the last stage first.
-
-    Raises
-    ------
-    CaseError
-        If the case has no such answer, or several by these words; the message lists them.
-    """
+    """Return the answers that ``[accuracy]`` may mean, the last stage first."""
     accuracy = case.accuracy
     every = [
         Asked(stage, name)

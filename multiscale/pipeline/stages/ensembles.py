@@ -252,10 +252,7 @@ SLIDE_TOLERANCE = (
 
 
 def make_pair(case: Case, surfaces: tuple[Surface, Surface] | None = None) -> FiniteCell:
-    """Build the cell of two deformable bodies, of the first realisation if no surfaces are given.
-
-    A body with a hardness is elastoplastic (J2), a body without is neo-Hookean.
-    """
+    """Build the cell of two bodies, elastoplastic (J2) with a hardness, neo-Hookean without."""
     if surfaces is None:
         micro = case.micro.model_copy(update={"realisations": 1})
         (surfaces,) = two_surfaces(case.model_copy(update={"micro": micro}))

@@ -76,10 +76,7 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
 
 
 def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
-    """Responses of the first cells on their grid and on half of their points, and sheared laws.
-
-    Keys are ratios of the spacings; both are empty without coarser cells.
-    """
+    """Responses and sheared laws of the first cells by the ratio of the spacings; empty without."""
     if not case.micro.coarser:
         return {}, {}
     pressed = {
