@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from multiscale.errors import MultiscaleError, SchemaError
-from multiscale.io import open_dataset, open_run, write_bytes, write_dataset
+from multiscale.io import open_dataset, write_bytes, write_dataset
 from multiscale.schema import FIELDS, MICRO_RESPONSE, SCHEMAS, WORK_PRECISION
 
 
@@ -106,13 +106,6 @@ def test_a_truncated_file_is_refused(response, tmp_path, share):
         open_dataset(cut, MICRO_RESPONSE)
 
 
-def test_a_missing_file_and_an_empty_run_are_refused(tmp_path):
-    with pytest.raises(SchemaError, match="no such file; it should hold a 'work_precision'"):
-        open_dataset(tmp_path / "w.nc", WORK_PRECISION)
-    with pytest.raises(SchemaError, match=r"no results; a run leaves the dataset of each of its"):
-        open_run(tmp_path)
-
-
 def test_a_full_disk_leaves_the_old_file_and_no_debris(tmp_path, monkeypatch):
     file = tmp_path / "f.txt"
     write_bytes(file, b"old")
@@ -125,8 +118,3 @@ def test_a_full_disk_leaves_the_old_file_and_no_debris(tmp_path, monkeypatch):
         write_bytes(file, b"new")
     assert file.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [file]
-
-
-def test_a_folder_that_is_missing_is_refused_in_one_sentence(tmp_path):
-    with pytest.raises(MultiscaleError, match="no such file or directory"):
-        write_bytes(tmp_path / "none" / "f.txt", b"x")

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from multiscale.errors import ConvergenceError
 from multiscale.laws import (
     AsperityLaw,
     ConvexDecreasing,
@@ -202,13 +201,3 @@ class Repelling(InterfaceLaw):
 
     def respond(self, jump, state):
         return Response(np.full(jump.shape, np.nan), np.zeros((len(jump), *jump.shape)), state)
-
-
-def test_resolvent_says_when_it_finds_nothing():
-    with pytest.raises(ConvergenceError, match="solves the resolvent of Repelling"):
-        Repelling().resolvent(np.ones((2, 3)), 1.0, np.empty((0, 3)))
-
-
-def test_resolvent_refuses_a_direction_that_is_not_stiff():
-    with pytest.raises(ValueError, match="must be positive"):
-        SIGNED.resolvent(np.ones((2, 3)), -1.0, np.empty((0, 3)))

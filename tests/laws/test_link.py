@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Beam, Cable, Strut
 
 LAWS = [
@@ -42,12 +41,6 @@ def test_tension_never_falls_when_a_link_is_stretched(law):
 def test_a_cable_and_a_strut_share_what_a_bar_carries(strain):
     both = Cable(3.0).respond(strain).tension + Strut(3.0).respond(strain).tension
     np.testing.assert_array_equal(both, Bar(3.0).respond(strain).tension)
-
-
-@pytest.mark.parametrize("rigidity", [0.0, -1.0, np.nan])
-def test_a_rigidity_must_be_positive(rigidity):
-    with pytest.raises(CaseError, match=r"rigidity must be positive \(N\)"):
-        Bar(rigidity)
 
 
 def test_bending_modes_give_the_stiffness_4_and_2_EI_over_L():

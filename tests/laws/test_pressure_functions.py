@@ -53,8 +53,3 @@ def test_area_does_not_depend_on_the_unit_of_pressure():
     np.testing.assert_allclose(
         AreaLaw(1e-9 * PRESSURE, fraction).contact_fraction(1e-9 * p), in_pascal
     )
-
-
-def test_a_negative_pressure_is_refused():
-    with pytest.raises(ValueError, match="must not be negative"):
-        AreaLaw(PRESSURE, np.array([0.02, 0.06, 0.17, 0.42])).contact_fraction(np.array([-1.0]))

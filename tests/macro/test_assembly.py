@@ -26,12 +26,13 @@ from multiscale.macro import (
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.joint import TreadBlock
 from multiscale.macro.joint.tread import sliding_block
-from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
+from multiscale.macro.substructures import cut_assembly
 from tests.pressed_joint import press_blocks
 
 STEEL, EDGE = Elastic(210e9, 0.3), 0.02
 STEPS = np.array([[20e6, 0.0], [20e6, 1.4e6], [20e6, 2.8e6], [20e6, -1.4e6]])  # Pa
 JOINT_LAW = Exponential(4e9, 0.72e-6)
+BODY = Body(box_mesh((EDGE,) * 3, (1, 1, 1)), STEEL)
 METHODS = [
     pytest.param(LatinMethod(parts=(2, 1)), id="LATIN"),
     pytest.param(NewtonSchur(parts=(2, 1)), id="Newton-Schur"),
@@ -70,19 +71,6 @@ def test_every_method_finds_the_same_path(method, whole):
             one[name].values[:, order] for one, order in zip((found, whole), orders, strict=True)
         )
         np.testing.assert_allclose(mine, theirs, atol=1e-6 * np.abs(theirs).max(), err_msg=name)
-
-
-def test_an_assembly_that_cannot_be_is_refused():
-    body = Body(box_mesh((EDGE,) * 3, (1, 1, 1)), STEEL)
-    law = Exponential(1e9, 1e-6)
-    with pytest.raises(CaseError, match="interface 0 names body 2; there are 2, counted from 0"):
-        Assembly((body, body), (Interface((0, 2), ("top", "bottom"), law),))
-    with pytest.raises(CaseError, match="the mesh has no boundary 'lid'"):
-        Assembly((body, body), (Interface((0, 1), ("lid", "bottom"), law),))
-    with pytest.raises(CaseError, match="areas must have an entry for each of 1 load cases, got 2"):
-        Assembly((body,), (), areas=(1.0, 1.0))
-    with pytest.raises(CaseError, match="two load cases, preload and shear"):
-        load_joint(Assembly((body,)), JointLoading((1e6,)))
 
 
 # --- rigid plates, the ground, single nodes and elements of second order ----------------------

@@ -149,8 +149,3 @@ def test_iterations_are_reported_to_the_callback():
         callback=lambda iteration, residual: seen.append((iteration, residual)),
     )
     assert seen == list(enumerate(solution.residuals))
-
-
-def test_shapes_that_do_not_agree_are_refused():
-    with pytest.raises(ValueError, match="must match stiffness and weight"):
-        solve_interface(SPRING, np.zeros(2), JUMP, AREA, EXPONENTIAL)

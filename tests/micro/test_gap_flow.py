@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from skfem import ElementHex1, MeshHex
 
-from multiscale.errors import CaseError
-from multiscale.laws.bulk import Elastic
-from multiscale.micro import Cell, MeshCell, Path, self_affine, solve_cell
+from multiscale.micro import Cell, Path, self_affine, solve_cell
 from multiscale.micro.averages import gap_flow, open_gap
 
 SPACING = (0.5e-6, 0.8e-6)  # m
@@ -97,13 +94,3 @@ def test_a_cell_tells_what_its_gap_lets_through(geometry):
     assert np.all(aperture <= found["mean_gap"].to_numpy().T)
     alone = solve_cell(cell, Path(pressure=(1e-4,)), keep_flow=True)
     assert "gap" not in alone
-
-
-def test_a_mesh_without_a_surface_has_no_gap_to_flow_through():
-    mesh = MeshHex().with_boundaries({"base": lambda x: x[2] == 0.0, "top": lambda x: x[2] == 1.0})
-    with pytest.raises(
-        CaseError, match="through the gap on a grid, but this general mesh has no grid"
-    ):
-        solve_cell(
-            MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3)), Path(pressure=(1e-3,)), keep_flow=True
-        )

@@ -1,9 +1,7 @@
 """Friction of cells against pressure and distance."""
 
 import numpy as np
-import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, SecondBody, slide_cell
 from multiscale.schema import SLIDING_RESPONSE
@@ -12,8 +10,7 @@ from tests.support import egg_box
 N = 8
 
 
-@pytest.fixture
-def cell():
+def sliding_cell():
     return Cell(
         egg_box(N, 0.02),
         0.5,
@@ -26,8 +23,8 @@ def cell():
     )
 
 
-def test_friction_is_the_ratio_of_the_averages_at_every_load_and_step(cell):
-    response = slide_cell(cell, (0.004, 0.008), 1.0, steps=8)
+def test_friction_is_the_ratio_of_the_averages_at_every_load_and_step():
+    response = slide_cell(sliding_cell(), (0.004, 0.008), 1.0, steps=8)
     SLIDING_RESPONSE.check(response)
     assert response["converged"].values.all()
     traction = response["traction"].values
@@ -43,19 +40,3 @@ def test_friction_is_the_ratio_of_the_averages_at_every_load_and_step(cell):
 def test_less_than_a_period_has_no_steady_friction(cell):
     response = slide_cell(cell, (0.004,), 0.25, steps=1)
     assert np.isnan(response["steady_friction"].values).all()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"pressure": ()}, "positive pressures"),
-        ({"pressure": (-1.0,)}, "positive pressures"),
-        ({"distance": 0.0}, "distance must be positive"),
-        ({"distance": 50.0}, "is 50 periods of the cell"),
-        ({"steps": 0}, "at least 1 step"),
-    ],
-    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
-)
-def test_what_makes_no_sense_is_refused(cell, change, message):
-    with pytest.raises(CaseError, match=message):
-        slide_cell(cell, **({"pressure": (0.1,), "distance": 1.0} | change))

@@ -241,10 +241,3 @@ def test_an_indefinite_matrix_names_its_eigenvalue_and_contact():
     full[33:36, 33:36] -= 40.0 * np.diag(np.diag(full[33:36, 33:36]))
     with pytest.raises(CaseError, match=r"indefinite: .* eigenvalue -.*contact 11 carries"):
         solve_friction(full, q, mu)
-
-
-def test_an_unknown_method_and_a_start_of_wrong_shape_are_refused():
-    with pytest.raises(CaseError, match="method 'magic' does not exist"):
-        solve_friction(E3, Q3, MU1, method="magic")
-    with pytest.raises(ValueError, match=r"start must have shape \(3,\)"):
-        solve_friction(E3, Q3, MU1, start=np.zeros(2))

@@ -120,16 +120,6 @@ def test_the_order_for_symmetric_patterns_has_less_fill(monkeypatch):
     assert fills[0] < 0.8 * fills[1]
 
 
-def test_entries_that_are_not_finite_are_refused():
-    with pytest.raises(MultiscaleError, match="NaN or infinite"):
-        factorise(np.array([[np.nan]]))
-
-
-def test_a_matrix_that_is_not_square_is_refused():
-    with pytest.raises(ValueError, match=r"must be square, got shape \(2, 3\)"):
-        factorise(np.zeros((2, 3)))
-
-
 def test_minimal_residuals_solve_a_nonsymmetric_system():
     rng = np.random.default_rng(2)
     matrix = np.eye(30) + 0.1 * rng.standard_normal((30, 30))

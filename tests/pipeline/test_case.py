@@ -57,13 +57,6 @@ def test_cautions_name_coarse_grids_shallow_cells_and_few_realisations(changed):
     assert "there are no bands below 3" in caution
 
 
-def test_a_binary_case_file_is_refused(tmp_path):
-    binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(CaseError, match="not a text file"):
-        load_case(binary)
-
-
 def test_identity_depends_on_the_micro_scale_alone():
     case = load_case("ground_steel")
     other_joint = case.model_copy(update={"structure": load_case("road_texture").structure})

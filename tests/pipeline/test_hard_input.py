@@ -219,9 +219,3 @@ def test_a_path_leads_to_data_or_to_a_sentence(tmp_path, place):
     with pytest.raises(CaseError, match=r"passwd|is a device or a pipe"):
         read_surface(tmp_path / place)
     assert not (tmp_path / "out.nc").exists()
-
-
-@pytest.mark.parametrize("file", [Path("/dev/zero"), Path("/dev/stdin")])
-def test_a_case_is_a_file(file):
-    with pytest.raises(CaseError, match=r"is a device or a pipe|no such file|no case named"):
-        load_case(file)

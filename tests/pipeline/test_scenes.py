@@ -45,13 +45,6 @@ def test_an_arrow_takes_cases_that_have_its_tables(command, arrow, case, table):
     assert f"{case}: has no [{table}], at which the command begins; use multiscale run" in said
 
 
-def test_a_missing_scene_or_a_folder_is_refused(tmp_path):
-    with pytest.raises(CaseError, match="no such file"):
-        load_case(tmp_path / "none.toml")
-    with pytest.raises(CaseError, match="is a folder; give the case file in it"):
-        load_case(tmp_path)
-
-
 @pytest.mark.parametrize("name", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_a_scene_written_in_si_is_the_same_scene(tmp_path, name):
     scene = load_case(name)

@@ -125,18 +125,6 @@ def test_a_cut_through_a_bolt_bends_as_if_it_were_whole_and_stretches_by_its_for
     assert abs(bent - tip[0]) > 0.1 * bent  # the guide holds the end upright
 
 
-@pytest.mark.parametrize(
-    ("cut", "ends", "message"),
-    [
-        (BoltSection((0, 1), ("top", "top"), 1.0), {}, "has 9 and 9 nodes up to 0.0"),
-        (CUT, {"supports": {"bottom": (0.0, None, None)}}, "that a support, a platen or"),
-    ],
-)
-def test_cuts_through_bolts_that_cannot_be_are_refused(cut, ends, message):
-    with pytest.raises(CaseError, match=message):
-        solve_assembly(Assembly((column({}), column(ends, origin=EDGE)), sections=(cut,)), [[1, 0]])
-
-
 def test_a_path_without_bolts_goes_on_by_any_method_of_the_same_cut():
     problem = cut_assembly(replace(clamped(), bolts=()))
     begun, once = (

@@ -4,22 +4,17 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
 
-from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
-from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
-    JointLoading,
     assemble,
     cut_assembly,
-    load_joint,
     solve_latin,
 )
 from multiscale.macro.substructures.directions import law_stiffness
 from multiscale.nonsmooth import solve_friction
-from tests.cut_methods import solve_schur
 
 E = 210e9
 
@@ -147,15 +142,3 @@ def test_pressed_blocks_without_a_gap_are_one_block():
     top = result.position.values[:, 2] == 0.01
     np.testing.assert_allclose(result.displacement[0, top, 2], -0.02 * 5e6 / E, rtol=1e-7)
     np.testing.assert_allclose(result.traction[0, :, 0], -5e6, rtol=1e-6)
-
-
-def test_rigid_contact_is_refused_where_a_jump_must_tell_the_traction():
-    law = RigidContact(0.3)
-    with pytest.raises(CaseError, match="solve_latin supports rigid contact"):
-        solve_schur(console(law, 1))
-    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [Elastic(E, 0.0)] * 2, [law])
-    with pytest.raises(CaseError, match="rigid contact has no stiffness to measure"):
-        load_joint(blocks, JointLoading((1e6,)))
-    for wrong in ({"friction": -0.1}, {"gap": np.nan}):
-        with pytest.raises(CaseError, match=next(iter(wrong))):
-            RigidContact(**wrong)

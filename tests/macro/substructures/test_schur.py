@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import eigh, null_space
 from scipy.sparse import csr_array
 
-from multiscale.errors import CaseError
 from multiscale.fe.elasticity import condense, split
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
@@ -113,11 +112,6 @@ def test_a_step_that_newton_does_not_solve_is_solved_from_the_solution_of_latin(
         result.displacement, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
     )
     assert "fallback" not in solve_schur(problem, np.eye(2)).attrs
-
-
-def test_load_factors_that_do_not_fit_are_refused(grid):
-    with pytest.raises(CaseError, match="load cases"):
-        solve_schur(cut_links(grid, split_grid(grid, (2, 2))), np.ones((2, 3)))
 
 
 def test_condensation_solves_a_system_that_is_not_symmetric():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Block, LatinMethod, RoughJoint, pressed_blocks
@@ -162,16 +162,3 @@ def test_a_cell_that_fails_says_so(monkeypatch):
     monkeypatch.setattr(law._memory, "problem", replace(law._memory.problem, solve=fails))
     with pytest.raises(ConvergenceError, match=r"did not converge at 1e\+06 Pa"):
         law.pressure(np.array([1e-6]))
-
-
-def test_what_is_not_a_law_is_refused():
-    with pytest.raises(CaseError, match=r"two rising pressures .* got 1e\+06 to"):
-        CellLaw(rough_cell(), (1e6, 1e6))
-    with pytest.raises(
-        CaseError, match="only flat cells without hardness give the gaps of a structure"
-    ):
-        CellLaw(Cell(rough_cell().surface, 1e-3, 8, 210e9, 0.3), RANGE)
-    with pytest.raises(CaseError, match=r"is closed at .* lower the highest"):
-        CellLaw(rough_cell(), (1e6, 1e12)).pressure(np.array([0.0]))
-    with pytest.raises(ValueError, match="not negative"):
-        CellLaw(rough_cell(), RANGE).gap_at(np.array([-1.0]))

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.micro import Surface
 from multiscale.micro.elastic.stiffness import stiffness_operator
 from multiscale.micro.layer import GraphMesh, graded_planes
@@ -23,13 +22,6 @@ def test_operator_is_symmetric():
     rng = np.random.default_rng(seed=5)
     u, v = rng.standard_normal((2, 16, LAYERS, 3, 10))
     assert np.vdot(v, apply(u)) == pytest.approx(np.vdot(u, apply(v)), rel=1e-12)
-
-
-def test_a_valley_below_the_base_is_refused():
-    heights = np.zeros((4, 4))
-    heights[1, 1] = -1.1
-    with pytest.raises(CaseError, match=r"folds over: its lowest valley is 1\.1 m"):
-        GraphMesh(Surface(heights, (1.0, 1.0)), np.linspace(0.0, 1.0, 3))
 
 
 def test_planes_grow_from_the_given_top_thickness_to_the_whole_depth():

@@ -5,7 +5,7 @@ import pytest
 from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex, MeshTet
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import J2, Elastic, GradedElastic
+from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
 from multiscale.micro.damage import Cavities, spheres
 from multiscale.micro.layer import GraphMesh, graded_planes
@@ -211,21 +211,6 @@ def test_a_small_pore_takes_the_share_of_a_dilute_sphere_from_the_stiffness_of_a
         for one in (None, pore)
     )
     assert solid / porous - 1.0 == pytest.approx(share, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("height", "radius", "law", "message"),
-    [
-        (0.9, 0.2, Elastic(1.0, 0.3), "cuts the surface"),
-        (0.5, 0.01, Elastic(1.0, 0.3), "no element has its centre in a pore"),
-        (0.5, 0.2, J2(1.0, 0.3, 0.01), "leave out the pores"),
-    ],
-)
-def test_pores_that_a_layer_cannot_have_are_refused(height, radius, law, message):
-    pores = Cavities((1.0, 1.0, 1.0), [spheres([[0.5, 0.5, height]], radius)], periodic=False)
-    flat = Surface(np.zeros((8, 8)), (1.0, 1.0))
-    with pytest.raises(CaseError, match=message):
-        graph_mesh_cell(flat, 1.0, 8, law, pores=pores)
 
 
 def test_a_stiff_inclusion_takes_part_through_its_elements():
