@@ -37,6 +37,6 @@ def test_friction_is_the_ratio_of_the_averages_at_every_load_and_step():
     assert np.ptp(friction[:, 1:]) > 0.02
 
 
-def test_less_than_a_period_has_no_steady_friction(cell):
-    response = slide_cell(cell, (0.004,), 0.25, steps=1)
+def test_less_than_a_period_has_no_steady_friction():
+    response = slide_cell(sliding_cell(), (0.004,), 0.25, steps=1)
     assert np.isnan(response["steady_friction"].values).all()
