@@ -2,22 +2,17 @@
 
 Solvers of each kind of structure:
 
-=====================================  ==========================================================
-structure                              solvers
-=====================================  ==========================================================
-``LinkSystem``: bars, cables, beams    :func:`solve_static`, :func:`simulate`
-``FiniteAssembly``: bodies of any bulk :func:`solve_contact`: Newton on displacement and reaction
-law, Coulomb contact, large            together, or only on the reactions if the bodies are linear
-displacement and sliding
-links or elastic bodies, cut           :func:`solve_latin`, :class:`NewtonSchur`: any interface law
-(:func:`cut_links`, ``cut_assembly``)  between the bodies, many substructures, several processes
-``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
-interface law, rigid plates, bolts
-``RoughJoint``: two elastic blocks     :func:`press_joint`: uniform pressure, closed form;
-                                       :func:`pressed_blocks` makes an ``Assembly`` of it
-matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
-grains                                 :func:`granulate.simulate_grains`
-=====================================  ==========================================================
+- ``LinkSystem``, bars, cables and beams: :func:`solve_static`, :func:`simulate`
+- ``FiniteAssembly``, bodies of any bulk law, Coulomb contact, large displacement and sliding:
+  :func:`solve_contact`, Newton on displacement and reaction together, or only on the reactions if
+  the bodies are linear
+- links or elastic bodies that are cut (:func:`cut_links`, ``cut_assembly``): :func:`solve_latin`,
+  :class:`NewtonSchur`, with any interface law between the bodies, over processes
+- ``Assembly``, elastic bodies, any interface law, rigid plates, bolts: :func:`solve_assembly`
+- ``RoughJoint``, two elastic blocks: :func:`press_joint` under uniform pressure, in closed form;
+  :func:`pressed_blocks` makes an ``Assembly`` of it
+- matrices of elastic bodies and a jump: :func:`solve_interface`, any law, all unknowns together
+- grains: :func:`granulate.simulate_grains`
 """
 
 import lazy_loader

@@ -346,6 +346,6 @@ def _work(run: FinishedRun) -> Iterator[Section]:
         "Citation",
         [
             f"{run.title}, computed with {program}, {day}. The sources of its methods are "
-            f"listed in the README of the package."
+            f"listed in the documentation of the package, under theory."
         ],
     )

@@ -8,5 +8,7 @@ def gmsh():
     try:
         import gmsh
     except OSError as error:
-        pytest.skip(f"gmsh lacks a system library ({error}); README, Limits, names the packages")
+        pytest.skip(
+            f"gmsh lacks a system library ({error}); workflows/site/start.md names the packages"
+        )
     return gmsh

@@ -34,6 +34,7 @@ print(granulate.coordination(ends, 100, rattlers_below=2))
 # sweeps: of a deposit of 1000 spheres, 11 % of the steps do in 300 sweeps, with a median error of
 # 5e-3 of the closing velocities, and neither more sweeps nor the friction solver help: friction
 # makes the rigid problem non-monotone. Three remedies:
+#
 # - tangential_compliance=0.1 leaves the normal direction rigid, and contacts that stick creep while
 #   their force changes: all steps of this deposit meet 1e-4, in 200 sweeps on average, and overlaps
 #   stay below 3e-4 radii;

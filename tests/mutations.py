@@ -1,0 +1,203 @@
+"""Mutations of the source, and the tests that find them.
+
+    python tests/mutations.py [MODULE ...] [--each N] [--seed N]
+
+from the root of a checkout changes operators, comparisons, signs and constants of the modules below
+in a copy of the checkout, one at a time, runs the tests of the module, and prints every mutation
+that no test finds. ``EQUIVALENT`` lists those that change no answer, with the reason. The tests
+take minutes for each module, so that the checks of a change leave them out.
+"""
+
+import argparse
+import ast
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from shutil import copytree
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+ROOT = Path(__file__).parents[1]
+COPIED = ("multiscale", "tests", "microcases", "workflows")
+
+TESTS = {
+    "convergence": "tests/test_convergence.py",
+    "units": "tests/test_units.py",
+    "executors": "tests/test_executors.py",
+    "io.csv_tables": "tests/upscaling/test_bad_input.py tests/upscaling/test_tables.py",
+    "io.images": "tests/io/test_images.py",
+    "io.mended_topographies": "tests/io/test_mended_topographies.py",
+    "surfaces.fourier": "tests/surfaces",
+    "surfaces.statistics": "tests/surfaces",
+    "laws.normal": "tests/laws",
+    "laws.asperities": "tests/laws",
+    "laws.sliders": "tests/laws",
+    "laws.pressure_functions": "tests/laws",
+    "laws.bulk.rubber": "tests/laws",
+    "numerics.krylov": "tests/numerics",
+    "numerics.newton": "tests/macro/continuum tests/numerics",
+    "nonsmooth.coulomb": "tests/nonsmooth",
+    "nonsmooth.lcp_problem": "tests/nonsmooth",
+    "nonsmooth.friction_problem": "tests/nonsmooth",
+    "fe.elasticity": "tests/fe",
+    "fe.faces": "tests/fe",
+    "micro.elastic.compliance": "tests/micro/elastic",
+    "micro.damage.fatigue": "tests/micro/damage",
+    "micro.damage.cracks": "tests/micro/damage",
+    "micro.damage.sections": "tests/micro/damage",
+    "upscaling.budget": "tests/upscaling/test_budget.py",
+    "upscaling.scales": "tests/upscaling/test_scales.py",
+    "upscaling.regression": "tests/upscaling/test_fit.py tests/upscaling/test_branches.py",
+    "upscaling.calibration": "tests/upscaling/test_calibration.py",
+    "upscaling.transport": "tests/upscaling/test_transport.py",
+    "macro.data_range": "tests/macro/test_data_range.py",
+    "macro.links.statics": "tests/macro/test_link_statics.py tests/macro/test_links.py",
+    "macro.links.dynamics": "tests/macro/test_links.py tests/verification/test_dynamics.py",
+    "macro.granulate.packings": "tests/macro/granulate",
+    "macro.vibration.modes": "tests/macro/test_vibration.py",
+    "macro.substructures.cut_interfaces": "tests/macro/substructures",
+    "pipeline.showing": "tests/pipeline/test_intervals.py tests/report",
+    "pipeline.knobs": "tests/pipeline/test_planner.py",
+    "plotting.lines": "tests/plotting",
+    "report.page": "tests/report",
+    "bench.measure": "tests/bench/test_measure.py",
+    "schema.dataset_schema": "tests/io/test_datasets.py",
+}
+"""Modules of every package, and the tests that guard each."""
+
+EQUIVALENT: dict[str, str] = {}
+"""Mutations that change no answer, by their lines, and why."""
+
+OPERATORS = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Lt: ast.GtE,
+    ast.GtE: ast.Lt,
+    ast.Gt: ast.LtE,
+    ast.LtE: ast.Gt,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
+NAMES = {"minimum": "maximum", "maximum": "minimum", "min": "max", "max": "min"}
+SKIPPED = (ast.Raise, ast.JoinedStr, ast.arguments, ast.AnnAssign)
+FACTOR = 1.5  # of a mutated constant
+SMALLEST = 1e-6  # constant that is mutated; smaller ones guard against rounding
+
+
+def main() -> int:
+    """Print the mutations that survive, and return their number."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("modules", nargs="*", help="modules, without the name of the package")
+    parser.add_argument("--each", type=int, default=3, help="mutations of a module")
+    parser.add_argument("--seed", type=int, default=0, help="of the choice of mutations")
+    arguments = parser.parse_args()
+    counts = {"killed": 0, "equivalent": 0, "survived": 0}
+    with TemporaryDirectory() as folder:
+        copy = Path(folder)
+        for name in COPIED:
+            copytree(ROOT / name, copy / name)
+        for name in ("pyproject.toml", "README.md"):
+            (copy / name).write_bytes((ROOT / name).read_bytes())
+        for module in arguments.modules or TESTS:
+            for line, outcome in mutate(copy, module, arguments.each, arguments.seed):
+                counts[outcome] += 1
+                sys.stdout.write(f"{outcome:10} {line}\n")
+                sys.stdout.flush()
+    sys.stdout.write(", ".join(f"{count} {outcome}" for outcome, count in counts.items()) + "\n")
+    return counts["survived"]
+
+
+def mutate(copy: Path, module: str, each: int, seed: int) -> Iterator[tuple[str, str]]:
+    """Yield the lines of some mutations of a module, and the outcome of their tests."""
+    file = copy / "multiscale" / f"{module.replace('.', '/')}.py"
+    source, stamp = file.read_text(encoding="utf-8"), file.stat()
+    begin = perf_counter()
+    if not passes(copy, TESTS[module]):
+        raise SystemExit(f"{TESTS[module]}: fails without any mutation")
+    limit = 60.0 + 5.0 * (perf_counter() - begin)  # s
+    count = len(list(places(ast.parse(source))))
+    for chosen in sorted(Random(f"{module} {seed}").sample(range(count), min(each, count))):
+        tree = ast.parse(source)
+        node = list(places(tree))[chosen]
+        before = ast.unparse(node)
+        change(node)
+        line = f"{module}:{node.lineno}: {before} -> {ast.unparse(node)}"
+        file.write_text(ast.unparse(tree), encoding="utf-8")
+        killed = not passes(copy, TESTS[module], limit)
+        file.write_text(source, encoding="utf-8")
+        os.utime(file, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # compiled kernels stay valid
+        known = any(line.endswith(change) for change in EQUIVALENT)
+        yield line, "killed" if killed else "equivalent" if known else "survived"
+
+
+def passes(copy: Path, tests: str, limit: float | None = None) -> bool:
+    """Whether tests pass in a copy; False also beyond a limit of seconds."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+    try:
+        ended = subprocess.run(
+            [*command, *tests.split()], cwd=copy, timeout=limit, capture_output=True, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return ended.returncode == 0
+
+
+def places(tree: ast.AST, inside: bool = False) -> Iterator[ast.expr]:
+    """Yield the expressions of functions that a mutation can change."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, SKIPPED):
+            continue
+        within = inside or isinstance(node, ast.FunctionDef)
+        if within and isinstance(node, ast.expr) and can_change(node):
+            yield node
+        yield from places(node, within)
+
+
+def can_change(node: ast.expr) -> bool:
+    """Whether an expression has an operator, sign, constant or name that is mutated."""
+    match node:
+        case ast.BinOp(left=left, right=right, op=op):
+            return type(op) in OPERATORS and not any(map(is_text, (left, right)))
+        case ast.Compare(ops=[op]) | ast.BoolOp(op=op):
+            return type(op) in OPERATORS
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return not isinstance(operand, ast.Constant)
+        case ast.Constant(value=float(value)):
+            return abs(value) > SMALLEST
+        case ast.Attribute(attr=name) | ast.Name(id=name):
+            return name in NAMES
+    return False
+
+
+def is_text(node: ast.expr) -> bool:
+    """Whether an operand is text or a sequence, of which + makes a longer one."""
+    texts = (ast.JoinedStr, ast.List, ast.Tuple)
+    return isinstance(node, texts) or (
+        isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+
+
+def change(node: ast.expr) -> None:
+    """Mutate an expression in place."""
+    match node:
+        case ast.BinOp() | ast.BoolOp():
+            node.op = OPERATORS[type(node.op)]()
+        case ast.Compare():
+            node.ops = [OPERATORS[type(node.ops[0])]()]
+        case ast.UnaryOp():
+            node.op = ast.UAdd()
+        case ast.Constant():
+            node.value = FACTOR * node.value
+        case ast.Attribute():
+            node.attr = NAMES[node.attr]
+        case ast.Name():
+            node.id = NAMES[node.id]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
