@@ -469,8 +469,21 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
 
 @app.command("inspect")
 def inspect_command(
-    surface: Annotated[Path, typer.Argument(help="Topography file: a map or a line scan.")],
+    surfaces: Annotated[
+        list[Path],
+        typer.Argument(help="Topography files, maps or line scans, of one face or of both."),
+    ],
     out: Annotated[Path, _out("Folder of dataset and page.")] = Path("inspection"),
+    structure: Annotated[
+        Literal["blocks", "lap_joint", ""],
+        typer.Option(help="Structure of the proposed case, between both faces."),
+    ] = "",
+    preload: Annotated[
+        str,
+        typer.Option(
+            help='Preload of the structure, such as "20 kN", which decides on the pressures.'
+        ),
+    ] = "",
     channel: Annotated[str, typer.Option(help="Number, from 0, or name of a channel.")] = "",
     size: Annotated[
         str,
@@ -487,33 +500,41 @@ def inspect_command(
     ] = False,
     case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
 ) -> None:
-    """Describe a measured surface, and propose cells with the same roughness."""
+    """Describe measured surfaces, and propose a case of cells with the same roughness."""
     edges = to_lengths(size) if size else None
     metres = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
+    if len(surfaces) > 2:
+        raise CaseError(f"a joint has two faces, got {len(surfaces)} files; give one or two")
+    if bool(structure) != bool(preload):
+        raise CaseError("--structure is pressed by --preload; give both, or neither")
     from multiscale.io import try_to_write, write_bytes
-    from multiscale.pipeline.inspection import INSPECTION, inspect_surface, inspection_lines
+    from multiscale.pipeline.inspection import INSPECTION, inspect_surfaces, inspection_lines
     from multiscale.report import write_inspection
 
     if case is not None:
         try_to_write(case)
-    inspection = inspect_surface(
-        surface,
+    inspections = inspect_surfaces(
+        surfaces,
+        structure=structure,
+        preload=preload,
         channel=channel or None,
         size=edges,
         unit=metres,
         detrend_order=detrend_order,
         spikes="remove" if remove_spikes else "keep",
     )
-    page = write_inspection(out, inspection)
-    proposal = inspection.attrs["proposal"]
+    places = [out] if len(surfaces) == 1 else [out / "face_1", out / "face_2"]
+    pages = [*map(write_inspection, places, inspections)]
+    proposal = inspections[-1].attrs["proposal"]
     if case is not None and proposal:  # before a pipe may close
         write_bytes(case, proposal.encode())
-    _warn(INSPECTION.cautions(inspection))
-    _print_lines(inspection_lines(inspection))
-    typer.echo(f"page, figures and dataset: {page}")
+    for inspection, page in zip(inspections, pages, strict=True):
+        _warn(INSPECTION.cautions(inspection))
+        _print_lines(inspection_lines(inspection))
+        typer.echo(f"page, figures and dataset: {page}")
     if case is not None:
         if not proposal:
-            raise CaseError(f"{surface}: no case is proposed, and {case} is not written")
+            raise CaseError(f"{surfaces[-1]}: no case is proposed, and {case} is not written")
         typer.echo(f"case: {case}")
 
 

@@ -1,12 +1,16 @@
-"""A case for a measured surface: cells that fit into its map, and their share of its roughness."""
+"""A case for measured surfaces: cells that fit into their maps, and a structure under a preload."""
 
+import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil, floor, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import contact_modulus
+from multiscale.pipeline.case import validate_case
 from multiscale.pipeline.measured_sides import Measured, measured_side
 from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
@@ -20,55 +24,113 @@ REALISATIONS = (4, 3, 2, 1)
 SMALLER, MOST_SHRINKS = 0.85, 12  # until there are windows of few filled points
 STEEL = (210e9, 0.3)
 LOADS = np.geomspace(0.004, 0.12, 8)  # of contact modulus times slope: contact of 1 to 20 %
+FRICTION = 0.2  # of points of contact
+BOLTS = (4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 30, 36, 42, 48)  # mm, diameters of shanks
+BOLT_STRESS = 450e6  # Pa, of a shank under its preload
+SLIDING = 0.3  # share of the sliding load of the full preload, for cycles at half of it and more
+PRELOADS = (0.5, 1.0)  # shares of the preload
+ROOM = (0.25, 2.0)  # of pressures of the cells below and above the pressures of the interface
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A measured face: its map, the keys of its table, its spectrum and reliable wavelengths."""
+
+    whole: Surface
+    settings: InstrumentSurface
+    spectrum: Spectrum
+    reliable: tuple[float, float]
+
+    @property
+    def finest(self) -> float:
+        """Shortest wavelength that the cells need, m."""
+        return max(self.reliable[0], self.spectrum.cutoff_holding(SLOPE_HELD, order=2))
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A case for a measured surface."""
+    """A case for measured surfaces."""
 
     text: str  # the case, a TOML file
-    measured: Measured  # roughness of the map and of its cells
+    measured: Sequence[Measured]  # roughness of each map and of its cells
 
-    @property
-    def shares(self) -> dict[str, float]:
-        """Shares of the rms height and slope of the surface that the cells hold."""
-        whole, cells = self.measured.stages[0], self.measured.stages[2]
-        names = ("rms_height", "rms_slope")
-        return {name: getattr(cells, name) / getattr(whole, name) for name in names}
+    def shares(self, face: int) -> tuple[float, float]:
+        """Return the shares of the rms height and slope of a map that its cells hold."""
+        whole, cells = self.measured[face].stages[0], self.measured[face].stages[2]
+        return cells.rms_height / whole.rms_height, cells.rms_slope / whole.rms_slope
 
 
-def propose_case(
-    whole: Surface,
-    settings: InstrumentSurface,
-    spectrum: Spectrum,
-    *,
-    reliable: tuple[float, float],
-) -> Proposal:
-    """Propose cells for a measured surface that hold its height and its slope."""
-    if not reliable[0] < reliable[1]:
+def propose_case(faces: Sequence[Face], structure: str = "", preload: str = "") -> Proposal:
+    """Propose cells for one or two measured faces that hold their heights and slopes.
+
+    A ``structure``, blocks or a lap joint, and its ``preload``, a force or a pressure, decide on
+    the pressures of the cells.
+    """
+    if any(not face.reliable[0] < face.reliable[1] for face in faces):
         raise CaseError("the map has too few points for any reliable wavelength")
-    finest = max(reliable[0], spectrum.cutoff_holding(SLOPE_HELD, order=2))
-    mirrored = 1.0 if settings.profile == "isotropic" else 2.0
+    shared = len({face.settings.file for face in faces}) < len(faces)  # windows of one map
     refusal = CaseError("the map holds no window of roughness")
     for count in REALISATIONS:
-        sizes = [mirrored * edge for edge in _edges(whole, count)]
+        sizes = _common_sizes(faces, count * (1 + shared))
 
         def least_share(size: float) -> float:
-            cutoff = max(finest, POINTS_PER_WAVE * size / MOST_POINTS)
-            return min(spectrum.share(size, cutoff, order=order) for order in (0, 2))
+            grid = POINTS_PER_WAVE * size / MOST_POINTS
+            return min(
+                face.spectrum.share(size, max(face.finest, grid), order=order)
+                for face in faces
+                for order in (0, 2)
+            )
 
         size = max(sizes, key=least_share)
-        for _ in range(MOST_SHRINKS if whole.filled_share else 1):
-            table, cell = _cells(settings, size, finest)
+        filled = any(face.whole.filled_share for face in faces)
+        for _ in range(MOST_SHRINKS if filled else 1):
+            tables, cell = _cells(faces, size)
             try:
-                side = measured_side(whole, table, cell, range(count), count, 0, of_map=spectrum)
+                measured = _measure(faces, tables, cell, count, shared)
             except CaseError as error:
                 refusal = error
                 size *= SMALLER
                 continue
-            assert side.measured is not None
-            return _write(table, cell, count, side.measured)
+            return _write(tables, cell, count, measured, structure, preload)
     raise refusal
+
+
+def _measure(
+    faces: Sequence[Face],
+    tables: Sequence[InstrumentSurface],
+    cell: CellSettings,
+    count: int,
+    shared: bool,
+) -> list[Measured]:
+    """Cut the windows of the faces, and measure their roughness; see ``rough_sides``."""
+    found = []
+    for side, (face, table) in enumerate(zip(faces, tables, strict=True)):
+        which = range(side, 2 * count, 2) if shared else range(count)
+        needed = count * (1 + shared)
+        made = measured_side(
+            *(face.whole, table, cell, which, needed, 0),
+            side=side,
+            of_map=face.spectrum,
+            other_map=len(faces) == 2 and not shared,
+        )
+        assert made.measured is not None
+        found.append(made.measured)
+    return found
+
+
+def _common_sizes(faces: Sequence[Face], count: int) -> list[float]:
+    """Sizes of cells with enough windows in the maps of all faces."""
+    sizes = [
+        [
+            (1.0 if face.settings.profile == "isotropic" else 2.0) * edge
+            for edge in _edges(face.whole, count)
+        ]
+        for face in faces
+    ]
+    if not all(sizes):
+        return [min(min(face.whole.size) for face in faces)]
+    most = min(map(max, sizes))
+    return [size for size in min(sizes, key=max) if size <= most]
 
 
 def _edges(whole: Surface, count: int) -> list[float]:
@@ -83,38 +145,43 @@ def _edges(whole: Surface, count: int) -> list[float]:
     ]
 
 
-def _cells(
-    settings: InstrumentSurface, size: float, finest: float
-) -> tuple[InstrumentSurface, CellSettings]:
-    """Choose grid and cut-off of cells of a size."""
+def _cells(faces: Sequence[Face], size: float) -> tuple[list[InstrumentSurface], CellSettings]:
+    """Choose the grid of cells of a size, and the cut-off of each face."""
     size = float(f"{size:.4g}")  # as in the file
+    finest = min(face.finest for face in faces)
     n = min(MOST_POINTS, 2 * max(8, ceil(0.5 * POINTS_PER_WAVE * size / finest)))
-    cutoff = float(f"{max(finest, POINTS_PER_WAVE * size / n) * 1.0005:.4g}")
     given = {"size": [f"{size!r} m"] * 2, "points": [n, n], "geometry": "flat"}
-    return settings.model_copy(update={"short_cutoff": cutoff}), CellSettings.model_validate(given)
+    tables = []
+    for face in faces:
+        cutoff = float(f"{max(face.finest, POINTS_PER_WAVE * size / n) * 1.0005:.4g}")
+        tables.append(face.settings.model_copy(update={"short_cutoff": cutoff}))
+    return tables, CellSettings.model_validate(given)
 
 
 def _write(
-    table: InstrumentSurface, cell: CellSettings, count: int, measured: Measured
+    tables: Sequence[InstrumentSurface],
+    cell: CellSettings,
+    count: int,
+    measured: Sequence[Measured],
+    structure: str,
+    preload: str,
 ) -> Proposal:
-    """Write the case file of chosen cells."""
-    scale = contact_modulus(STEEL, STEEL) * measured.stages[2].rms_slope
-    rounded = [float(f"{1e-6 * scale * load:.2g}") for load in LOADS]
-    pressures = ", ".join(f'"{pressure:g} MPa"' for pressure in rounded)
-    text = f"""\
-# Proposed by multiscale inspect; the materials and the smooth second body are assumptions.
-title = {_text(table.file.name)}
+    """Write the case file of chosen cells, pressed as the structure or their slope asks for."""
+    slope = sqrt(sum(each.stages[2].rms_slope ** 2 for each in measured))
+    pressures = contact_modulus(STEEL, STEEL) * slope * LOADS
+    further = _structure(structure, preload) if structure else ""
 
-[body_1]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
+    def write(pressures: np.ndarray) -> str:
+        listed = ", ".join(f'"{float(f"{1e-6 * p:.2g}"):g} MPa"' for p in pressures)
+        bodies = [_body(k, tables[k - 1 : k]) for k in (1, 2)]
+        smooth = " and the smooth second body" * (len(tables) == 1)
+        drawing = ", materials and dimensions" if further else ", materials"
+        return f"""\
+# Proposed by multiscale inspect; assumptions{drawing.replace(",", ":", 1)}{smooth}.
+title = {_text(" on ".join(table.file.name for table in tables))}
 
-[body_1.surface]
-{_table(table)}
-[body_2]
-youngs_modulus = "210 GPa"
-poissons_ratio = 0.3
-
+{bodies[0]}
+{bodies[1]}
 [cell]
 size = [{_length(cell.size[0])}, {_length(cell.size[1])}]
 points = [{cell.points[0]}, {cell.points[1]}]
@@ -122,9 +189,100 @@ geometry = "flat"
 
 [micro]
 realisations = {count}
-pressures = [{pressures}]
+pressures = [{listed}]
+{further}"""
+
+    if further:  # the case extrapolates, until its loads are known
+        draft = tomllib.loads(write(pressures)) | {"law": {"extrapolate": True}}
+        case = validate_case(draft, Path("proposed.toml"))
+        (pressed,) = case.structure.pressed(case)
+        ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
+        pressures = np.geomspace(ROOM[0] * ends[0], ROOM[1] * ends[1], len(LOADS))
+    return Proposal(write(pressures), measured)
+
+
+def _body(number: int, tables: Sequence[InstrumentSurface]) -> str:
+    """Write the tables of a body, with or without a measured surface."""
+    lines = [f"[body_{number}]", 'youngs_modulus = "210 GPa"', "poissons_ratio = 0.3", ""]
+    for table in tables:
+        lines += [f"[body_{number}.surface]", _table(table)]
+    return "\n".join(lines)
+
+
+def _structure(kind: str, preload: str) -> str:
+    """Write the tables of a structure under a preload, with the dimensions of a usual one."""
+    if kind == "blocks":
+        return _blocks(preload)
+    force = _positive(preload, "N")
+    wanted = 1e3 * sqrt(4.0 * force / (pi * BOLT_STRESS))
+    shank = next((bolt for bolt in BOLTS if bolt >= wanted), 0)
+    if not shank:
+        raise CaseError(
+            f"--preload {preload}: no bolt of up to {BOLTS[-1]} mm bears this force; give a "
+            f"smaller one"
+        )
+    hole, washer = shank + 1, 2 * shank + 2
+    pressure = 1e6 * force / (pi / 4.0 * (washer**2 - hole**2))  # under the washer, Pa
+    shear = SLIDING * FRICTION * 1e6 * force / (5 * shank**2)  # on the end of a plate, Pa
+    return f"""
+[structure]
+kind = "lap_joint"
+length = "{12.5 * shank:g} mm"
+width = "{5 * shank} mm"
+thickness = "{shank} mm"
+overlap = "{5 * shank} mm"
+hole = "{hole} mm"
+washer = "{washer} mm"
+bolt = "{shank} mm"              # shank, of {1e-3 * force:g} kN
+element = "{0.5 * shank:g} mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+
+[interface]
+friction = {FRICTION:g}                 # an assumption, as is the ratio of stiffnesses
+stiffness_ratio = 0.82
+
+[statics]
+preloads = [{_listed(pressure)}]   # under the washers
+
+[cycles]
+shear = "{1e-6 * shear:.2g} MPa"             # on the end of the upper plate
+cycles = 2
+steps = 8
 """
-    return Proposal(text, measured)
+
+
+def _blocks(preload: str) -> str:
+    """Write the tables of two blocks of 10 x 10 x 5 mm under a force, or a pressure."""
+    try:
+        pressure = _positive(preload, "N") / 1e-4
+    except CaseError:
+        pressure = _positive(preload, "Pa")
+    return f"""
+[structure]
+kind = "blocks"
+height = "5 mm"
+width = "10 mm"
+
+[statics]
+preloads = [{_listed(pressure)}]
+"""
+
+
+def _positive(text: str, unit: str) -> float:
+    """Read a positive quantity of the command line."""
+    try:
+        value = to_si(text, unit)
+    except CaseError as error:
+        raise CaseError(f"--preload {error}") from None
+    if not 0.0 < value < np.inf:
+        raise CaseError(f"--preload {text}: must be positive, such as 20 kN")
+    return value
+
+
+def _listed(pressure: float) -> str:
+    """Write the preloads up to a pressure."""
+    return ", ".join(f'"{1e-6 * share * pressure:.3g} MPa"' for share in PRELOADS)
 
 
 def _table(settings: InstrumentSurface) -> str:

@@ -127,6 +127,30 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
     assert (status, "MPa" in said) == (0, True)
 
 
+@pytest.mark.parametrize(
+    ("structure", "preload", "pressed"),
+    [
+        pytest.param("lap_joint", "20 kN", 104.8, id="bolt"),  # over 190.9 mm^2 of the washer
+        pytest.param("blocks", "2 kN", 20.0, id="blocks-by-force"),  # over 100 mm^2
+        pytest.param("blocks", "20 MPa", 20.0, id="blocks-by-pressure"),
+    ],
+)
+def test_a_case_for_two_faces_is_pressed_by_its_preload(
+    structure, preload, pressed, store, rough, command, tmp_path
+):
+    files = [store(rough, "a.npy"), store(rough[::-1], "b.npy")]
+    known = ("--size", "384 um x 320 um", "--unit", "m", "--case", "joint.toml")
+    said = ("inspect", *files, "--structure", structure, "--preload", preload, *known)
+    assert command(*said)[0] == 0
+    case = load_case(tmp_path / "joint.toml")
+    assert case.statics.preloads[-1] == pytest.approx(1e6 * pressed, rel=1e-2)
+    assert [body.surface.file for body in case.bodies] == files
+    (interface,) = case.structure.pressed(case)
+    low, high = interface.steps[0][0], interface.steps[-1][1]
+    assert case.micro.pressures[0] < 0.5 * low < high < 0.6 * case.micro.pressures[-1]
+    assert command("run", "joint.toml", "--explain")[0] == 0
+
+
 @pytest.fixture(scope="module")
 def spiked(rough):
     """The map with 40 spikes of 30 times its rms height, up to two points wide, and their mask."""

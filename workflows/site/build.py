@@ -124,7 +124,7 @@ def list_guides(files: list[Path], heads: list[tuple[str, str, str]]) -> str:
 def in_cells(guide: str) -> str:
     """Return a guide with its comments as cells of text, between its code."""
     title, subtitle, rest = head_of(guide)
-    code = guide.split('"""', 2)[2]
+    code = guide.split('"""', 2)[2].replace("Path(__file__).parents[1]", "Path.cwd().parent")
     head = f'"""\n{title}\n{"=" * len(title)}\n\n{subtitle}\n\n{as_literal(rest)}"""'
     cells = re.sub(r"(?<=\n\n)(?=# )", "# %%\n", code)
     table = re.compile(r"^#\n((?:#   .*\n(?:#\n(?=#   ))?)+)", flags=re.MULTILINE)

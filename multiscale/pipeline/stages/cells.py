@@ -15,7 +15,6 @@ from multiscale.micro import Path as LoadPath
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import case_cells
 from multiscale.pipeline.case_knobs import cell_knobs
-from multiscale.pipeline.inspection import tabulate_statistics
 from multiscale.pipeline.measured_sides import STAGES, Measured
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.showing import Table
@@ -27,6 +26,7 @@ from multiscale.pipeline.stage import (
     Stage,
     unseen,
 )
+from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import surface_figures
 from multiscale.plotting.figure import on_axes
