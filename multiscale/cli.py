@@ -460,11 +460,19 @@ def cases_command() -> None:
 
 
 @app.command("report")
-def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
+def report_command(
+    out: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Also compute the first cell again, and compare it.")
+    ] = False,
+) -> None:
     """Draw the figures and write the report of a finished run again."""
+    from multiscale.pipeline.verification import verify_run
     from multiscale.report import show_run
 
     typer.echo(show_run(out).out / "report.html")
+    if verify:
+        typer.echo(verify_run(out))
 
 
 @app.command("inspect")

@@ -5,7 +5,7 @@ from pathlib import Path
 from shutil import rmtree
 
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
-from multiscale.io import open_dataset, remove, write_bytes
+from multiscale.io import open_dataset, read_text, remove, write_bytes
 from multiscale.pipeline.case import load_case
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
@@ -40,6 +40,16 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
             for name in stage.folders if force else ():
                 rmtree(out / name, ignore_errors=True)
     write_bytes(file, case.to_toml().encode())
+
+
+def require_claimed(out: Path, case: Case) -> None:
+    """Refuse a folder that another run has taken since this run began."""
+    file = out / "case.toml"
+    if file.exists() and read_text(file) != case.to_toml():
+        raise CaseError(
+            f"{out}: another run has written its case into this folder in the meantime; delete the "
+            f"folder, and give each run a separate one"
+        )
 
 
 def _difference(file: Path, case: Case) -> str:

@@ -15,7 +15,7 @@ from multiscale.micro.cell import WORTH
 from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.costs import SECONDS
-from multiscale.pipeline.run_folder import claim_folder, is_up_to_date
+from multiscale.pipeline.run_folder import claim_folder, is_up_to_date, require_claimed
 from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
 from multiscale.pipeline.stages import ACCURACY_STAGE, COMPUTED, stages_of
 from multiscale.pipeline.stages.accuracy import planned_case
@@ -128,6 +128,8 @@ def _run(case: Case, job: Job, *, force: bool = False) -> dict[str, Dataset]:
             datasets[stage.name] = planned[stage.name]
         else:
             datasets[stage.name] = _up_to_date_or_run(stage, case, datasets, job)
+    if job.out.exists():
+        require_claimed(job.out, case)
     return {stage.name: datasets[stage.name] for stage in stages}
 
 
@@ -143,7 +145,7 @@ def _take_planned(case: Case, plan: Dataset, job: Job) -> Datasets:
 def _up_to_date_or_run(stage: Stage, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Read the dataset of a stage, if it is there, or compute it."""
     file = job.out / stage.file
-    if not file.exists():
+    if not is_up_to_date(stage, case, job.out):  # maybe of another run in the same folder
         return _compute(stage, case, datasets, job, file)
     logger.info("%s: up to date, kept", stage.name)
     dataset = open_dataset(file, stage.schema)

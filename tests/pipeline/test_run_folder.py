@@ -1,16 +1,18 @@
 """A run folder belongs to one case, and its report shows no result of another one."""
 
+from dataclasses import replace
 from shutil import copytree
 
 import pytest
 from typer.testing import CliRunner
 
 from multiscale.cli import app
-from multiscale.errors import CaseError, SchemaError
+from multiscale.errors import CaseError, ConvergenceError, SchemaError
 from multiscale.io import make_folder, open_dataset, read_text, write_dataset
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.run_folder import claim_folder
+from multiscale.pipeline.run_folder import claim_folder, is_up_to_date
 from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.verification import verify_run
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SCHEMAS
 from tests.support import SCENES
@@ -147,3 +149,57 @@ def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name,
     write_dataset(old, file, schema)
     with pytest.raises(SchemaError, match=f"has no {lost}, as in runs of an earlier version"):
         show(folder)
+
+
+def test_a_realisation_computed_again_agrees_or_names_what_was_changed(folder, tmp_path):
+    assert verify_run(folder).startswith("the first realisation computed again agrees within")
+    file, schema = folder / "micro_response.nc", SCHEMAS["micro_response"]
+    changed = open_dataset(file, schema).load()
+    changed["mean_gap"][0, 2] *= 1.00001
+    write_dataset(changed, file, schema)
+    with pytest.raises(ConvergenceError, match=r"differs by .* of the largest mean gap"):
+        verify_run(folder)
+    (tmp_path / "case.toml").write_text(read_text(SCENES / "cable_net.toml"))
+    with pytest.raises(CaseError, match="its case has no cells"):
+        verify_run(tmp_path)
+
+
+def test_a_run_whose_folder_another_run_takes_ends_in_a_sentence(folder, monkeypatch):
+    case = load_case(folder / "case.toml")
+    text = "# another case"
+    monkeypatch.setattr(
+        "multiscale.pipeline.runner.prepare", lambda _: (folder / "case.toml").write_text(text)
+    )
+    with pytest.raises(CaseError, match="another run has written its case into this folder"):
+        run(case, folder)
+
+
+def test_results_of_another_run_in_the_folder_are_not_taken(folder):
+    case = load_case(folder / "case.toml")
+    other = case.model_copy(
+        update={"statics": case.statics.model_copy(update={"preloads": (12.5e6, 50e6)})}
+    )
+    theirs = (folder / "macro_result.nc").read_bytes()
+    claim_folder(folder, other)
+    (folder / "macro_result.nc").write_bytes(theirs)  # of the run that ends after the claim
+    answers = [stage for stage in stages_of(case.tables) if stage.name == "macro_result"]
+    assert not is_up_to_date(answers[0], other, folder)
+    assert run(other, folder).macro_result.sizes["step"] == 2
+
+
+def test_a_link_in_a_run_folder_is_replaced_and_its_target_stays(folder, tmp_path):
+    outside = tmp_path / "outside.html"
+    outside.write_text("mine")
+    (folder / "report.html").unlink(missing_ok=True)
+    (folder / "report.html").symlink_to(outside)
+    page = write_report(folder)
+    assert outside.read_text() == "mine"
+    assert not page.is_symlink()
+
+
+def test_a_dataset_of_a_newer_version_is_answered_in_a_sentence(folder):
+    file, schema = folder / "macro_result.nc", SCHEMAS["macro_result"]
+    newer = replace(schema, version=schema.version + 1)
+    write_dataset(open_dataset(file, schema).load(), file, newer)
+    with pytest.raises(SchemaError, match="version"):
+        write_report(folder)

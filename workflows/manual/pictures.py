@@ -27,6 +27,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from multiscale import plotting
+from multiscale.bench import bench
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.plotting.figure import save_figure
@@ -81,6 +82,7 @@ SHOWN = {
     "three_ways": lambda runs, ax: plotting.plot_work_precision(
         runs, scene="rough wave", ax=ax
     ).legend(fontsize="small"),
+    "error_against_time": lambda runs, ax: draw_cells(runs, ax=ax),
 }
 PUBLISHED = {1e-7: 0.0873, 2.43e-6: 0.1636, 8.94e-6: 0.615, 6.99e-5: 3.063}
 """Damping of the first bending mode of the Brake-Reuss beam, % of critical, at modal amplitudes,
@@ -138,6 +140,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str, xr.Dataset]":
     """Return the dataset of a scene or script, or the datasets of a case by their names."""
     scene, out = WORKFLOWS / "scenes" / f"{name}.toml", results / name
+    if name == "error_against_time":
+        return bench("micro", quick=True)
     if name in LEFT:
         main = runpy.run_path(str(WORKFLOWS / f"{name}.py"))["main"]
         main(["-o", str(out), *(["--quick"] if quick else [])])
@@ -159,6 +163,13 @@ def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
     small = drawn.reduce(2).quantize(colours, Image.Quantize.MAXCOVERAGE)
     small.save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())
+
+
+def draw_cells(runs: xr.Dataset, ax: Axes) -> None:
+    """Draw the error of a rough cell against processor time, beside the boundary-element codes."""
+    plotting.plot_work_precision(runs.assign(wall_time=runs["cpu_time"]), ax=ax)
+    ax.set(xlabel="processor time (s)", ylabel="error of the mean gap over rms height")
+    ax.legend(fontsize="small")
 
 
 def draw_beam(result: xr.Dataset, ax: Axes) -> None:
