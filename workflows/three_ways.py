@@ -1,10 +1,11 @@
-"""A rough structure solved in three ways: with a law, with cells at every point, and resolved.
+"""A rough structure solved with a law, with cells where its load asks for them, and resolved.
 
 *Sequential*: cells are pressed, a law is fitted, the structure is solved with it; *law at hand* is
-this solve only. *Concurrent*: a cell is solved wherever the structure asks for a pressure.
-*Direct*: all roughness is in the model of the structure. The scenes are a wave that is rough and a
-joint of two blocks under a tilted platen; the longest wave of the roughness is 1/4 to 1/32 of them.
-The functions below serve guide 11 too.
+this solve only. *Adaptive*: the cells are pressed under three pressures, and further where the load
+of the structure leaves them, as `way = "adaptive"` of a case does. *Concurrent*: a cell is solved
+wherever the structure asks for a pressure. *Direct*: all roughness is in the model of the
+structure. The scenes are a wave that is rough and a joint of two blocks under a tilted platen; the
+longest wave of the roughness is 1/4 to 1/32 of them. The functions below serve guide 11 too.
 
     python workflows/three_ways.py -o three_ways [--quick]
 
@@ -20,6 +21,7 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -37,7 +39,13 @@ from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body, Contact, FiniteAssembly, solve_contact, solve_interface
 from multiscale.macro.continuum.body import fixed_motion
-from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, data_ends, load_shares
+from multiscale.macro.data_range import (
+    FAR_FACTOR,
+    FAR_SHARE,
+    data_ends,
+    further_pressures,
+    load_shares,
+)
 from multiscale.micro import (
     CellLaw,
     FlatCell,
@@ -52,9 +60,12 @@ from multiscale.numerics.factorisation import on_diagonal
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION, Dataset
 from multiscale.upscaling import area_from_dataset, estimate_grid_error, fit_law, law_from_dataset
+from multiscale.upscaling.response_observations import join_steps
 
 BAND = 4.0  # longest over shortest wavelength of the roughness
 CELL_WAVES = 4  # longest wavelengths of the roughness along an edge of a cell
+FEW = slice(4, 7)  # first pressures of adaptive cells, among those of sequential ones
+ROUNDS = 6  # of adaptive cells
 BELOW = 0.1  # lowest pressure of a concurrent cell over the lowest of a law
 STEEL = Elastic(210e9, 0.3)
 
@@ -295,25 +306,44 @@ class Way:
 
 
 def solve_sequential(
-    structure: Structure, seeds: Sequence[int], *, points_per_wave: int = 8, waves: int = CELL_WAVES
+    structure: Structure,
+    seeds: Sequence[int],
+    *,
+    points_per_wave: int = 8,
+    waves: int = CELL_WAVES,
+    adaptive: bool = False,
 ) -> Way:
     """Press cells, fit a law to all of them and solve the structure with it."""
     begin = perf_counter()
     cells = [structure.cell(structure.surface(seed, points_per_wave, waves)) for seed in seeds]
-    response: Dataset = run_ensemble(cells, LoadPath(pressure=tuple(structure.pressures)))
-    dataset = fit_law(response, n_samples=0)
-    law, area = law_from_dataset(dataset), area_from_dataset(dataset)
-    fitted = perf_counter()
-    answer = checked(structure.solve(law, area), law)
-    end = perf_counter()
+    pressures = tuple(structure.pressures[FEW] if adaptive else structure.pressures)
+    response: Dataset = run_ensemble(cells, LoadPath(pressure=pressures))
+    for _ in range(ROUNDS):
+        dataset = fit_law(response, n_samples=0)
+        law, area = law_from_dataset(dataset), area_from_dataset(dataset)
+        fitted = perf_counter()
+        answer = structure.solve(law, area)
+        end = perf_counter()
+        further = further_pressures(data_ends(law), shares_of(answer, law)) if adaptive else ()
+        if not further:
+            break
+        response = join_steps(response, run_ensemble(cells, LoadPath(pressure=further)))
     solved = int(response["converged"].sum())
-    return Way((answer,), end - begin, end - fitted, solved, 0, response)
+    shared = answer.pressure.size * len(cells) if adaptive else 0
+    return Way((checked(answer, law),), end - begin, end - fitted, solved, shared, response)
+
+
+solve_adaptive = partial(solve_sequential, adaptive=True)
+
+
+def shares_of(answer: Answer, law: NormalLaw) -> np.ndarray:
+    """Return the shares of the load below, above and far outside the data of a law."""
+    return load_shares(answer.pressure[None], np.ones(answer.pressure.size), data_ends(law))
 
 
 def checked(answer: Answer, law: NormalLaw) -> Answer:
     """Return an answer, or refuse it if more than 5 % of its load lies far outside the data."""
-    even = np.ones(answer.pressure.size)
-    far = float(load_shares(answer.pressure[None], even, data_ends(law))[2, 0])
+    far = float(shares_of(answer, law)[2, 0])
     if far > FAR_SHARE:
         low, high = law.pressure_range
         raise CaseError(
@@ -349,6 +379,12 @@ def solve_direct(structure: Structure, seeds: Sequence[int], *, points_per_wave:
     return Way(answers, seconds, seconds)
 
 
+WAYS = {
+    "sequential": solve_sequential,
+    "adaptive": solve_adaptive,
+    "concurrent": solve_concurrent,
+    "direct": solve_direct,
+}
 SCENES = {"rough wave": RoughWave, "joint of two blocks": TiltedJoint}
 EFFORTS = ((1 / 4, 8, 16), (1 / 8, 6, 16), (1 / 16, 4, 8), (1 / 32, 3, 8))
 """Ratios, structures, points per shortest wave of the truth: 4 times a power of 2."""
@@ -366,6 +402,8 @@ def measure(
     law = solve_sequential(structure, range(cells), points_per_wave=points)
     concurrent = solve_concurrent(structure, seeds, points_per_wave=points)
     ways = [("sequential", law, law.seconds), ("sequential, law at hand", law, law.solve_seconds)]
+    adapted = solve_adaptive(structure, range(cells), points_per_wave=points)
+    ways += [("adaptive", adapted, adapted.seconds)]
     ways += [("concurrent", concurrent, concurrent.seconds / len(seeds))]
     ways += [(f"direct, {n} points per wave", direct[n], direct[n].seconds) for n in grids[:-1]]
     for method, way, seconds in ways:
@@ -393,7 +431,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     out, rows = make_folder(arguments.out), []
     for name, kind in SCENES.items():
-        for way in (solve_sequential, solve_concurrent, solve_direct):  # imports, compilation
+        for way in WAYS.values():  # imports, compilation
             way(kind(0.25), [0], points_per_wave=3)
         for ratio, count, finest in [(1 / 4, 2, 8)] if arguments.quick else EFFORTS:
             numbers = (2, 4) if arguments.quick else (8, 8)  # cells, points per wave

@@ -16,6 +16,9 @@ FAR_SHARE = 0.05  # largest allowed share of the load of an interface beyond thi
 NEGLIGIBLE = 0.01  # share of the load outside the data below which no caution is given
 ROUND_OFF = 1e-6  # relative distance up to which a pressure outside the data counts as their end
 
+LOAD_SHARES = ("load_below", "load_above", "load_far")
+"""Shares of the load below, above and far outside the data of a law, in a result."""
+
 INPUT_VARIABLES = frozenset(
     {
         "preload",
@@ -29,9 +32,7 @@ INPUT_VARIABLES = frozenset(
         "temperature",
         "residual",
         "wall_time",
-        "load_below",
-        "load_above",
-        "load_far",
+        *LOAD_SHARES,
     }
 )
 """Variables of a step that are input or cost, and stay if the results are unknown."""
@@ -41,6 +42,30 @@ def data_ends(law: "InterfaceLaw") -> tuple[float, float, float]:
     """Return the lowest and highest pressure of the data of a law and its limit of validity, Pa."""
     low, high = law.pressure_range
     return low, high, min(FAR_FACTOR * high, law.pressure_limit)
+
+
+def further_pressures(
+    data: tuple[float, float, float] | np.ndarray, shares: np.ndarray
+) -> tuple[float, ...]:
+    """Return pressures beyond the data of a law, Pa, under which its cells are still to be pressed.
+
+    Parameters
+    ----------
+    data : tuple of float, see :func:`data_ends`
+    shares : ndarray, shape (3, ...), see :func:`load_shares`
+
+    Returns
+    -------
+    tuple of float
+        Two pressures at factors of :data:`FAR_FACTOR` beyond each end with more than
+        :data:`NEGLIGIBLE` of the load beyond it; none above an end that the cells contradict.
+    """
+    low, high, limit = data
+    below, above, _ = np.nan_to_num(shares).reshape(3, -1).max(axis=1, initial=0.0)
+    reach = FAR_FACTOR ** np.arange(1, 3)
+    lower = low / reach[::-1] if below > NEGLIGIBLE else np.empty(0)
+    higher = high * reach if above > NEGLIGIBLE and limit >= FAR_FACTOR * high else np.empty(0)
+    return tuple(map(float, (*lower, *higher)))
 
 
 def load_shares(
@@ -70,8 +95,7 @@ def with_load_shares(
 ) -> Dataset:
     """Return a result with the shares of its load outside the data of the laws."""
     known = np.all(shares[2] <= FAR_SHARE, axis=1)
-    names = ("load_below", "load_above", "load_far")
-    values = dict(zip(names, shares, strict=True)) | {"known": known.astype(int)}
+    values = dict(zip(LOAD_SHARES, shares, strict=True)) | {"known": known.astype(int)}
     result = MACRO_RESULT.assign(result, values).assign_coords(interface=range(shares.shape[2]))
     if not extrapolate and not known.all():
         answers = [
@@ -91,7 +115,7 @@ def _cautions(
     result: Dataset, data: np.ndarray, extrapolate: bool, loads: Sequence[str]
 ) -> Iterator[str]:
     """Yield a sentence for each interface with load outside the data of its law."""
-    below, above, far = (result[f"load_{name}"].values for name in ("below", "above", "far"))
+    below, above, far = (result[name].values for name in LOAD_SHARES)
     for number, (low, high, limit) in enumerate(data):
         name = f" of interface {number}" if len(data) > 1 else ""
         ends = " to ".join(readable(f"{end:.4g} Pa") for end in (low, high))

@@ -22,10 +22,28 @@ def prepare(case: Case) -> None:
     """Refuse a case for its files, and for loads that are far outside the data of its laws."""
     for stage in stages_of(case.tables):
         stage.prepare(case)
-    if case.structure is not None and not case.extrapolate:
+    if case.adaptive:
+        _refuse_without_cells(case)
+    if case.structure is not None and not (case.extrapolate or case.adaptive):
         for pressed in case.structure.pressed(case):
             if message := report_far(pressed, *_data_of(case, pressed)):
                 raise CaseError(f"{case.title}: {message}")
+
+
+def _refuse_without_cells(case: Case) -> None:
+    """Refuse the adaptive way for laws without cells that could be pressed further."""
+    assert case.structure is not None  # no other table has interfaces
+    for named in case.structure.named_laws(case):
+        if named is None and not case.has_cells:
+            where = "an interface has neither cells nor a law with cells"
+        elif named is not None and named[0].suffix != ".toml":
+            where = f"{named[0].name} is a law without cells"
+        else:
+            continue
+        raise CaseError(
+            f'{case.title}: way = "adaptive" in [interface] presses the cells of a law further, '
+            f"and {where}; name a case with cells by law, or leave way out"
+        )
 
 
 def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:

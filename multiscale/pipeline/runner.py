@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from multiscale.errors import MultiscaleError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.cell import WORTH
+from multiscale.pipeline.adaptive import reach_loads
 from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.costs import SECONDS
@@ -20,7 +21,14 @@ from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
 from multiscale.pipeline.stages import ACCURACY_STAGE, COMPUTED, stages_of
 from multiscale.pipeline.stages.accuracy import planned_case
 from multiscale.pipeline.tables.settings import Case
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE, Dataset
+from multiscale.schema import (
+    INTERFACE_LAW,
+    MACRO_RESULT,
+    MICRO_RESPONSE,
+    RVE,
+    Dataset,
+    with_cautions,
+)
 from multiscale.upscaling.tables import read_law
 
 if TYPE_CHECKING:
@@ -162,7 +170,7 @@ def _solve_coarse(case: Case, job: Job) -> dict[str, Dataset]:
             datasets[stage.name] = open_dataset(job.out / stage.file, stage.schema)
         else:
             begin = perf_counter()
-            result = stage.run(case, datasets, job)
+            result = _solve(stage, case, datasets, job)
             stage.check(result)
             datasets[stage.name] = result.assign_attrs({SECONDS: perf_counter() - begin})
     return datasets
@@ -238,6 +246,12 @@ def _job(
             file = run_alone(*taken_law(file, quick)) / f"{INTERFACE_LAW.name}.nc"
         return read_law(file)
 
+    def cells_of(file: Path, quick: bool) -> tuple[Case, Datasets]:
+        place, other = taken_law(file, quick)
+        folder = run_alone(place, other)
+        stages = stages_of(other.tables)
+        return other, {s.name: open_dataset(folder / s.file, s.schema) for s in stages}
+
     def volume_of(file: Path, quick: bool) -> Dataset:
         if file.suffix == ".toml":
             file = run_alone(*taken_volume(file, quick)) / f"{RVE.name}.nc"
@@ -247,7 +261,16 @@ def _job(
         inner = replace(job, out=out / place)
         return _run(case, inner) if whole else _solve_coarse(case, inner)
 
-    job = Job(out, executor, progress, team, read_law=law_of, read_rve=volume_of, solve=solve)
+    job = Job(
+        out,
+        executor,
+        progress,
+        team,
+        read_law=law_of,
+        read_rve=volume_of,
+        open_cells=cells_of,
+        solve=solve,
+    )
     return job
 
 
@@ -255,7 +278,7 @@ def _compute(stage: Stage, case: Case, datasets: Datasets, job: Job, file: Path)
     """Run a stage and write its files, the dataset last."""
     logger.info("%s: begun", stage.name)
     begin = perf_counter()
-    result = stage.run(case, datasets, job)
+    result = _solve(stage, case, datasets, job)
     result = result.assign_attrs({SECONDS: perf_counter() - begin})
     if _writes(job) and not (job.sparing and perf_counter() - begin < WORTH):
         make_folder(file.parent)
@@ -265,6 +288,13 @@ def _compute(stage: Stage, case: Case, datasets: Datasets, job: Job, file: Path)
     logger.info("%s: finished after %.3g s", stage.name, perf_counter() - begin)
     stage.check(result)
     return result
+
+
+def _solve(stage: Stage, case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Compute a stage; a structure has laws that reach its loads first, if it asks for them."""
+    if case.adaptive and "structure" in stage.tables:
+        datasets, job = reach_loads(case, datasets, job)
+    return with_cautions(stage.run(case, datasets, job), *job.notes)
 
 
 def _writes(job: Job) -> bool:

@@ -70,6 +70,9 @@ class Job:
     """Read the law of a dataset, or of a case (maybe quick), which is run in its folder."""
     read_rve: Callable[[Path, bool], Dataset] = lambda file, quick: open_dataset(file, RVE)
     """Read a representative volume likewise."""
+    open_cells: Callable[[Path, bool], tuple[Any, Datasets]] = lambda file, quick: (None, {})
+    """Run the cells of a case likewise, and return it with its datasets."""
+    notes: tuple[str, ...] = ()  # on the inputs of the stages, which become cautions
     solve: Callable[[Path, Any, bool], Datasets] = lambda place, case, whole: {}
     """Run a case in a folder of the run; without its intervals, if it is not whole, and only
     ensembles are stored."""

@@ -152,6 +152,21 @@ def up_to_limit(response: Dataset, law: Dataset) -> Dataset:
     return response.isel(step=np.flatnonzero(usable_steps(response)[1] <= limit))
 
 
+def join_steps(first: Dataset, second: Dataset) -> Dataset:
+    """Return the steps of two loading branches of the same cells, by rising pressure.
+
+    Variables that only one of them has are left out, but for those without steps.
+    """
+    import xarray as xr
+
+    shared = [name for name in first if name in second and "step" in first[name].dims]
+    both = xr.concat([first[shared], second[shared]], "step", combine_attrs="override")
+    order = np.argsort(both["nominal_pressure"].to_numpy(), kind="stable")
+    both = both.isel(step=order).assign_coords(step=range(order.size))
+    rest = first[[name for name in first if "step" not in first[name].dims]]
+    return rest.merge(both, combine_attrs="override")
+
+
 def loading_branch(response: Dataset) -> Dataset:
     """Return the steps of a response with a pressure that was not reached before."""
     return response.isel(step=np.flatnonzero(response["branch"] == LOADING))

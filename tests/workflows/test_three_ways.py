@@ -6,9 +6,12 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
 from multiscale.laws import Exponential
+from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.schema import WORK_PRECISION
 from multiscale.upscaling import fit_law, law_from_dataset
 from workflows.three_ways import (
+    FEW,
+    WAYS,
     Answer,
     RoughWave,
     TiltedJoint,
@@ -40,6 +43,19 @@ def test_a_structure_resolved_is_near_the_one_with_the_law_of_its_surface(struct
     assert direct.mean_gap == pytest.approx(law.mean_gap, rel=6e-2)
 
 
+@pytest.mark.parametrize("structure", [RoughWave(1 / 8), TiltedJoint(1 / 8)], ids=["wave", "joint"])
+def test_adaptive_cells_begin_at_few_pressures_and_reach_those_of_the_structure(structure):
+    law, adapted = (
+        solve(structure, range(4), points_per_wave=4)
+        for solve in (WAYS["sequential"], WAYS["adaptive"])
+    )
+    assert adapted.mean_gap == pytest.approx(law.mean_gap, rel=5e-3)
+    pressures = adapted.response["nominal_pressure"].values
+    assert np.isin(structure.pressures[FEW], pressures).all()
+    assert pressures[-1] >= adapted.answers[0].pressure.max() / FAR_FACTOR
+    assert adapted.solved == 4 * pressures.size
+
+
 def test_a_seed_gives_the_cell_the_surface_of_the_structure():
     wave = RoughWave(1 / 4)
     whole, cell = wave.surface(3, 8), wave.surface(3, 8, waves=4)
@@ -53,22 +69,23 @@ def test_a_seed_gives_the_cell_the_surface_of_the_structure():
 @pytest.mark.slow
 def test_three_ways_leave_errors_times_and_a_figure(tmp_path, capsys):
     assert not main(["--quick", "-o", str(tmp_path)])
-    assert len(capsys.readouterr().out.splitlines()) == 8
+    assert len(capsys.readouterr().out.splitlines()) == 10
     found = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
     methods = [
         "sequential",
         "sequential, law at hand",
+        "adaptive",
         "concurrent",
         "direct, 4 points per wave",
     ]
     assert list(found["method"].values) == 2 * methods
-    law, again, cells, direct = found["error"].values.reshape(2, 4).T
+    law, again, adapted, cells, direct = found["error"].values.reshape(2, 5).T
     assert np.all(direct < 0.02)
-    assert max(law[0], cells[0]) < 0.15
+    assert max(law[0], adapted[0], cells[0]) < 0.15
     np.testing.assert_array_equal(law, again)
     assert np.all(found["wall_time"] > 0.0)
-    np.testing.assert_array_equal(found["cells_solved"].values > 0, 2 * [True, True, True, False])
-    assert np.all(found["cells_reused"].values[2::4] > found["cells_solved"].values[2::4])
+    np.testing.assert_array_equal(found["cells_solved"].values > 0, 2 * [*(4 * [True]), False])
+    assert np.all(found["cells_reused"].values[3::5] > found["cells_solved"].values[3::5])
     assert (tmp_path / "work_precision.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -9,16 +9,17 @@ import sys
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1]))  # the folder of the script with the three ways
-from three_ways import RoughWave, solve_concurrent, solve_direct, solve_sequential
+from three_ways import WAYS, RoughWave
 
-# The chain condenses roughness into a law (sequential). The same structure can be solved with a
-# cell at every point where it asks for a pressure (concurrent), or with all of its roughness
-# (direct).
+# The chain condenses roughness into a law (sequential). The cells of the law can be pressed further
+# where the load of the structure leaves them (adaptive; way = "adaptive" in [interface] of a case).
+# The same structure can be solved with a cell at every point where it asks for a pressure
+# (concurrent), or with all of its roughness (direct).
 wave = RoughWave(1 / 8)  # longest wave of the roughness over the wave of the structure
 gaps = []
-for solve in (solve_sequential, solve_concurrent, solve_direct):
+for name, solve in WAYS.items():
     way = solve(wave, range(2), points_per_wave=4)  # two seeds
-    print(solve.__name__, way.mean_gap, way.seconds, way.solved, way.reused)  # m, s, cells
+    print(name, way.mean_gap, way.seconds, way.solved, way.reused)  # m, s, cells
     gaps.append(way.mean_gap)
 
 # CellLaw(cell, pressures) of multiscale.micro is the law behind the concurrent way. The solvers of

@@ -380,5 +380,5 @@ CELLS: Stage = Stage(
     sections=_sections,
     work=count_cells,
     knobs=cell_knobs,
-    folders=("micro", "micro-halved-increments", "micro-slope-order"),
+    folders=("micro", "micro-halved-increments", "micro-slope-order", "adaptive"),
 )

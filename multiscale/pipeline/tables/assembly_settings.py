@@ -187,14 +187,16 @@ class Bodies(StructureKind):
                 ):
                     raise ValueError(missing)
 
-    def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
-        """Return files of laws that interfaces name, and whether a case among them is run quick."""
+    def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
+        """Return the named law of every interface; None for a stated law, and for cells."""
         sources = [
-            interface.over(case.interface)
+            None if interface.is_stated else interface.over(case.interface)
             for interface in self.interfaces
-            if not interface.is_stated
         ]
-        return {(source.law, source.quick) for source in sources if source.law is not None}
+        return [
+            None if source is None or source.law is None else (source.law, source.quick)
+            for source in sources
+        ]
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:
         """Return files of volumes that bodies name, and whether a case among them is run quick."""

@@ -164,6 +164,11 @@ class LawSource(toml.Settings):
     `"10 %"`; its error is unknown if not given."""
     quick: Annotated[bool, RUN_QUICK] = False
     """Whether a case that `law` names is run `--quick`."""
+    way: Literal["sequential", "adaptive"] = "sequential"
+    """How cells serve the structure: `"sequential"`, by the law of the pressures of their case;
+    `"adaptive"`, which presses them further wherever more than 1 % of the load of an interface
+    leaves these pressures. All points share the cells. A law that the command names stays as it
+    is."""
     extrapolate: bool = False
     """Whether answers stand where more than 5 % of the load of an interface lies beyond a factor of
     2 outside the pressures of the law; they are unknown otherwise."""

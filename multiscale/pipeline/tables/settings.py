@@ -1,5 +1,6 @@
 """The case, with all tables and the checks of tables against each other."""
 
+from collections.abc import Iterable
 from operator import truediv
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
@@ -521,6 +522,11 @@ class Case(Settings):
         return any(table.extrapolate for table in tables if table is not None)
 
     @property
+    def adaptive(self) -> bool:
+        """Whether cells are pressed wherever the load of an interface leaves their data."""
+        return self.interface is not None and self.interface.way == "adaptive"
+
+    @property
     def cut(self) -> Substructures:
         """The cut of the structure; a single substructure if not given."""
         return self.substructures or Substructures()
@@ -546,9 +552,17 @@ class Case(Settings):
         of_bodies = () if self.structure.of_bodies else CELLS[:2]
         changes = dict.fromkeys((*OF_CELLS, "accuracy", *of_bodies))
         if source is not None:
-            update = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
+            update = {"extrapolate": self.extrapolate} | (
+                {} if law is None else {"law": law, "way": "sequential"}
+            )
             changes["interface"] = (self.interface or source()).model_copy(update=update)
         return self.model_copy(update=changes)
+
+    def pressed_at(self, pressures: Iterable[float]) -> Self:
+        """Return the case of cells under other pressures."""
+        changes = {"pressures": tuple(sorted(pressures)), "spots": False}
+        micro = self.micro.model_copy(update=changes)
+        return self.model_copy(update={"micro": micro})
 
     def coarser(self) -> Self:
         """Return the case of the first cells on half of their points."""

@@ -92,7 +92,7 @@ def report_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
 
 def refuse_far_cells(kind: "StructureKind", case: "Case") -> None:
     """Refuse loads that press every step far outside the pressures of the cells of the case."""
-    if not case.has_cells or case.extrapolate:
+    if not case.has_cells or case.extrapolate or case.adaptive:
         return
     for pressed in kind.pressed(case):
         data = case.micro.pressures[0], case.micro.pressures[-1]
@@ -134,8 +134,12 @@ class StructureKind(Settings):
 
     def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
         """Return files of laws, and whether a case among them is run quick."""
+        return {named for named in self.named_laws(case) if named is not None}
+
+    def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
+        """Return the named law of every interface, or of all; None for the law of the cells."""
         source = None if case.has_cells else case.interface
-        return set() if source is None or source.law is None else {(source.law, source.quick)}
+        return [None if source is None or source.law is None else (source.law, source.quick)]
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:
         """Return files of volumes, and whether a case among them is run quick."""

@@ -1,0 +1,145 @@
+"""The adaptive way: cells are pressed wherever the load of a structure leaves the data of a law."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import make_folder, write_dataset
+from multiscale.macro.data_range import LOAD_SHARES, data_ends, further_pressures
+from multiscale.pipeline.stage import Datasets, Job, unseen
+from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.ensembles import COARSER_CELLS, CONTROL_CELLS, press_control
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.tables.settings import Case
+from multiscale.schema import Dataset
+from multiscale.units import readable
+from multiscale.upscaling import law_from_dataset
+from multiscale.upscaling.response_observations import join_steps
+
+ROUNDS = 6
+"""Largest number of solves of a structure, between which the data of its laws are extended."""
+
+FOLDER = "adaptive"
+"""Folder of further cells and of the laws with them in a run folder."""
+
+Named = tuple[Path, bool] | None
+"""File of a law, and whether its case is run quick; None for the law of the cells of a case."""
+
+
+@dataclass(frozen=True, eq=False)
+class PressedCells:
+    """Cells of a case, and their law."""
+
+    case: Case
+    datasets: Datasets  # of the stages of the cells and of their law
+    added: tuple[float, ...] = ()  # further pressures, Pa
+
+    @property
+    def law(self) -> Dataset:
+        """Law fitted to all pressures."""
+        return self.datasets[FITTED_LAW.name]
+
+    def further(self, shares: np.ndarray) -> tuple[float, ...]:
+        """Return the pressures for which the load of some interfaces asks, Pa."""
+        asked = further_pressures(data_ends(law_from_dataset(self.law)), shares)
+        return tuple(p for p in asked if not np.isclose(p, self.case.micro.pressures).any())
+
+    def press(self, pressures: tuple[float, ...], job: Job) -> "PressedCells":
+        """Press the cells at further pressures too, and fit the law to all of them.
+
+        Cells with plastic flow follow all pressures again; others are pressed at the further ones
+        only.
+        """
+        case, joined = self.case, dict(self.datasets)
+        whole = case.pressed_at({*case.micro.pressures, *pressures})
+        remembers = case.yield_stress is not None or case.micro.unload is not False
+        solved = whole if remembers else case.pressed_at(pressures)
+        inner = replace(job, out=job.out / FOLDER / whole.checksum()[:8], sparing=True)
+        more = {
+            stage.name: stage.run(solved, {}, inner)
+            for stage in (CELLS, COARSER_CELLS)
+            if stage.name in joined
+        }
+        if (control := joined.get(CONTROL_CELLS.name)) is not None:
+            more[CONTROL_CELLS.name] = press_control(solved, control.sizes["realisation"], inner)
+        joined |= {
+            name: new if remembers else join_steps(joined[name], new) for name, new in more.items()
+        }
+        law = FITTED_LAW.run(whole, joined, inner)
+        write_dataset(law, make_folder(inner.out) / FITTED_LAW.file, FITTED_LAW.schema)
+        return PressedCells(whole, joined | {FITTED_LAW.name: law}, (*self.added, *pressures))
+
+    def report(self) -> str:
+        """Report the cells that were solved."""
+        count = self.case.micro.realisations
+        listed = ", ".join(readable(f"{p:.4g} Pa") for p in sorted(self.added))
+        return (
+            f"the load of the interfaces leaves the data of their law, and {count} cells were "
+            f"pressed under {listed} too ({count * len(self.added)} steps of cells, which all "
+            f"points share)"
+        )
+
+
+def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job]:
+    """Return datasets and job with laws that have data for the load of the structure at rest.
+
+    The structure is solved without intervals. Where more than 1 % of the load of an interface
+    leaves the data of its law, the cells are pressed at further pressures, the law is fitted to
+    all of them, and the structure is solved again. All points share these cells. Pressures at which
+    no cell converges leave the law as it is.
+
+    Raises
+    ------
+    CaseError
+        If several processes share the structure.
+    """
+    if job.team is not None and job.team.size > 1:
+        raise CaseError(
+            f'{case.title}: way = "adaptive" in [interface] presses cells between solves of the '
+            f"structure, in one process, got {job.team.size}"
+        )
+    still = case.model_copy(update={"vibration": None, "fatigue": None, "growth": None})
+    (stage,) = (s for s in stages_of(still.tables) if s.tables == ("structure", s.tables[-1]))
+    assert case.structure is not None  # no other table has interfaces
+    named = list(case.structure.named_laws(case))
+    cells = {name: _open_cells(case, name, datasets, job) for name in dict.fromkeys(named)}
+    quiet = replace(job, intervals=False, progress=unseen)
+    for _ in range(ROUNDS):
+        result = stage.run(still, *_with_laws(cells, datasets, quiet))
+        shares = np.array([result[name].to_numpy() for name in LOAD_SHARES])
+        of_all = named * (shares.shape[2] if len(named) == 1 else 1)
+        further = {
+            name: pressed.further(shares[..., [other == name for other in of_all]])
+            for name, pressed in cells.items()
+        }
+        if not any(further.values()):
+            break
+        for name, pressures in further.items():
+            if pressures:
+                cells[name] = cells[name].press(pressures, job)
+    notes = tuple(pressed.report() for pressed in cells.values() if pressed.added)
+    return _with_laws(cells, datasets, replace(job, notes=notes))
+
+
+def _open_cells(case: Case, named: Named, datasets: Datasets, job: Job) -> PressedCells:
+    """Return the cells of a law, which is that of the case itself or of another one."""
+    if named is None:
+        return PressedCells(case, datasets)
+    return PressedCells(*job.open_cells(*named))
+
+
+def _with_laws(
+    cells: Mapping[Named, PressedCells], datasets: Datasets, job: Job
+) -> tuple[Datasets, Job]:
+    """Return datasets and a job that give the laws of pressed cells."""
+    laws = {name: pressed.law for name, pressed in cells.items()}
+
+    def read_law(file: Path, quick: bool) -> Dataset:
+        return laws[file, quick] if (file, quick) in laws else job.read_law(file, quick)
+
+    own = {FITTED_LAW.name: laws[None]} if None in laws else {}
+    return {**datasets, **own}, replace(job, read_law=read_law)
