@@ -7,22 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import (
+from multiscale.bench.measure import BenchFamily, Row, Runner
+from multiscale.bench.nonsmooth_scenes import (
     RigidBodies,
     block_tower,
     box_stack,
-    sphere_pile,
-    wedged_block,
-)
-from multiscale.bench.lcp_scenes import (
     condensed,
     granular,
     loaded_column,
     membrane,
     p_matrix,
+    sphere_pile,
     tensegrity,
+    wedged_block,
 )
-from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.convergence import Solution
 from multiscale.nonsmooth import solve_friction, solve_lcp, verify_friction, verify_lcp
 from multiscale.nonsmooth.friction import FRICTION_METHODS

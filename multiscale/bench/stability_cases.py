@@ -221,7 +221,7 @@ def _fault_of_path(
 
 def friction(mass_ratio: float, coefficient: float, boxes: int) -> float:
     """Push a stack of boxes: natural-map error of its impulses."""
-    from multiscale.bench.friction_scenes import box_stack
+    from multiscale.bench.nonsmooth_scenes import box_stack
 
     rng = np.random.default_rng(seed=1)
     return _impulses(box_stack(boxes, rng, mass_ratio=mass_ratio, friction=coefficient).condensed())
@@ -229,14 +229,14 @@ def friction(mass_ratio: float, coefficient: float, boxes: int) -> float:
 
 def wedge(coefficient: float) -> float:
     """Press a block between two slanted walls: natural-map error of its impulses."""
-    from multiscale.bench.friction_scenes import wedged_block
+    from multiscale.bench.nonsmooth_scenes import wedged_block
 
     return _impulses(wedged_block(coefficient).condensed())
 
 
 def pile(spheres: int, mass_ratio: float, coefficient: float) -> float:
     """Push a regular packing of spheres: natural-map error of its impulses."""
-    from multiscale.bench.friction_scenes import sphere_pile
+    from multiscale.bench.nonsmooth_scenes import sphere_pile
 
     rng = np.random.default_rng(seed=1)
     bodies = sphere_pile(spheres, rng, mass_ratio=mass_ratio, friction=coefficient)
@@ -251,7 +251,7 @@ def _impulses(problem: tuple[np.ndarray, np.ndarray, np.ndarray]) -> float:
 
 def complementarity(contrast: float, points: int) -> float:
     """Solve a membrane of two stiffnesses with an obstacle: natural-map error."""
-    from multiscale.bench.lcp_scenes import membrane
+    from multiscale.bench.nonsmooth_scenes import membrane
     from multiscale.nonsmooth import solve_lcp, verify_lcp
 
     matrix, vector = membrane(points, contrast=contrast)

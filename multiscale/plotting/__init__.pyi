@@ -1,7 +1,3 @@
-from .body_figures import MOST_DRAWN as MOST_DRAWN
-from .body_figures import load_pictures as load_pictures
-from .body_figures import plot_body_stress as plot_body_stress
-from .body_figures import plot_load_paths as plot_load_paths
 from .budget_figures import plot_error_budget as plot_error_budget
 from .damage_figures import plot_damage_sphere as plot_damage_sphere
 from .damage_figures import plot_element_field as plot_element_field
@@ -10,9 +6,13 @@ from .damage_figures import plot_worst_section as plot_worst_section
 from .grain_figures import plot_biaxial_curve as plot_biaxial_curve
 from .grain_figures import plot_contact_error as plot_contact_error
 from .grain_figures import plot_force_network as plot_force_network
+from .joint_figures import MOST_DRAWN as MOST_DRAWN
 from .joint_figures import joint_pictures as joint_pictures
+from .joint_figures import load_pictures as load_pictures
+from .joint_figures import plot_body_stress as plot_body_stress
 from .joint_figures import plot_hysteresis as plot_hysteresis
 from .joint_figures import plot_joint_plan as plot_joint_plan
+from .joint_figures import plot_load_paths as plot_load_paths
 from .law_figures import plot_area_law as plot_area_law
 from .law_figures import plot_gap_law as plot_gap_law
 from .law_figures import plot_joint_stiffness as plot_joint_stiffness

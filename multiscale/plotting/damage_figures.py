@@ -7,8 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, colour_faces
+from multiscale.plotting.figure import (
+    Axes,
+    add_colour_bar,
+    axes_or_current,
+    colour_faces,
+    outer_faces,
+)
 from multiscale.schema import Dataset
 from multiscale.units import length_unit
 

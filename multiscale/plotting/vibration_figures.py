@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, outer_faces
 from multiscale.plotting.joint_figures import draw_points
 from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset

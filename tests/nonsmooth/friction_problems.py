@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.bench.friction_scenes import GRAVITY, TIME_STEP, RigidBodies, box_stack
+from multiscale.bench.nonsmooth_scenes import GRAVITY, TIME_STEP, RigidBodies, box_stack
 
 PUSHES = ("each", "top", "sideways", "one", "squeeze")
 """Ways to push a stack: each box by its own weight, the top box alone, all in one direction, one

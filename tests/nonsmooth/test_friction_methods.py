@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import block_tower, sphere_pile, wedged_block
+from multiscale.bench.nonsmooth_scenes import block_tower, sphere_pile, wedged_block
 from multiscale.nonsmooth import friction_interior_point as interior_point
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import FRICTION_METHODS, solve_friction

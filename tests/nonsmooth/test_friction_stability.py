@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import box_stack, sphere_pile, wedged_block
+from multiscale.bench.nonsmooth_scenes import box_stack, sphere_pile, wedged_block
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import verify_friction

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.bench.lcp_scenes import (
+from multiscale.bench.nonsmooth_scenes import (
     condensed,
     granular,
     loaded_column,

@@ -18,8 +18,8 @@ from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.pipeline.tables.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.tables.made_bodies import Plate
 from multiscale.pipeline.tables.settings import Case
-from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
+from multiscale.plotting.joint_figures import plot_body_stress
 from multiscale.plotting.link_figures import (
     ENERGIES,
     plot_deformed_links,

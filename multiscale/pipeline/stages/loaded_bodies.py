@@ -21,8 +21,8 @@ from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import joint_pictures, load_pictures
-from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
+from multiscale.plotting.joint_figures import plot_body_stress
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 
 NO_LARGER = (

@@ -1,4 +1,4 @@
-"""Tables of cells in a case: cells, ensemble, shear, law, sliding and accuracy."""
+"""Tables of cells in a case: cells, ensemble, shear, law, measured joints, sliding and accuracy."""
 
 import re
 from itertools import pairwise
@@ -11,15 +11,16 @@ from pydantic import Field, Strict, field_validator, model_validator
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Recipe
 from multiscale.pipeline.tables import toml_model as toml
-from multiscale.pipeline.tables.toml_model import quantity
+from multiscale.pipeline.tables.toml_model import quantity, with_unit
 from multiscale.units import readable
+from multiscale.upscaling import MeasuredJoint, read_measured
 from multiscale.upscaling.sampling import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 ABSENT: Any = None  # default of optional tables, which are read only where they are given
 POINTS_PER_WAVE = 8  # grid points per shortest wavelength of a map without a cut-off
 
-Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), toml.with_unit("Pa*s")]
+Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
 Points = Annotated[toml.Count, Field(ge=4, le=8192, multiple_of=2)]
 
 HALVED = toml.Quick(lambda _, points: tuple(max(4, 2 * ((n + 2) // 4)) for n in points))
@@ -440,3 +441,39 @@ class AccuracySettings(toml.Settings):
         if re.fullmatch(r"[1-9]\d*", str(value)):
             raise ValueError(f'{value!r} is not a share; write it as "{value} %"')
         return value
+
+
+Compliance = Annotated[float, quantity("m/Pa"), Field(ge=0.0), with_unit("m/Pa")]
+Zero = Annotated[float, quantity("Pa"), Field(ge=0.0), with_unit("Pa")]
+Area = Annotated[float, quantity("m^2"), Field(gt=0.0), with_unit("m^2")]
+
+
+class MeasuredTable(toml.Settings):
+    """Measured values of a joint under an even pressure, by which the law is calibrated.
+
+    Give `[[measured]]` for each table; see [measured joints](interfaces.md#measured-joints).
+    """
+
+    file: Path
+    """Table with units in its head: `preload, stiffness`; `pressure, closure`; or
+    `preload, displacement, shear` along loops."""
+    kind: Literal["stiffness", "tangential_stiffness", "closure", "loop"]
+    """Measured values: normal stiffness, tangential stiffness without slip, closure since the first
+    row, or shear along loops."""
+    error: toml.Tolerance | None = None
+    """Half-width of the 95 % interval of the values, over them, or in loops over the largest shear;
+    needless where the table has a column `error`."""
+    bodies: Compliance = Field(0.0, description="Compliance of the bodies between the sensors.")
+    frame: Compliance | None = None
+    """Half-width of the 95 % interval of a compliance of the frame that the values contain; a fifth
+    of the least measured compliance if not given."""
+    offset: Zero | None = None
+    """Half-width of the 95 % interval of the zero of the load; a tenth of the least preload if not
+    given."""
+    area: Area | None = None
+    """Nominal area of the joint, whose few cells scatter; many cells if not given."""
+
+    def read(self) -> MeasuredJoint:
+        """Read the table."""
+        given = self.model_dump(include={"error", "bodies", "frame", "offset"})
+        return read_measured(self.file, self.kind, **given)

@@ -12,7 +12,7 @@ from multiscale.micro.layer import depth_caution
 from multiscale.micro.slide import LONGEST_SLIDE
 from multiscale.pipeline.tables import case_tables, grain_settings, link_settings, tyre_settings
 from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
-from multiscale.pipeline.tables.case_tables import ABSENT
+from multiscale.pipeline.tables.case_tables import ABSENT, MeasuredTable
 from multiscale.pipeline.tables.cycled_settings import (
     FatigueSettings,
     GrowthSettings,
@@ -29,7 +29,6 @@ from multiscale.pipeline.tables.joint_settings import (
     Substructures,
 )
 from multiscale.pipeline.tables.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
-from multiscale.pipeline.tables.measured_settings import MeasuredTable
 from multiscale.pipeline.tables.rough_bodies import (
     CoatingSettings,
     InstrumentSurface,
