@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.io.surface_file import Topography, open_topography
 from multiscale.pipeline.measured_sides import HELD
-from multiscale.pipeline.proposal import Face, propose_case
+from multiscale.pipeline.proposal import MeasuredFace, propose_case
 from multiscale.pipeline.stage import Datasets, Section, Shown
 from multiscale.pipeline.surface_rows import reliable_range, tabulate_statistics
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
@@ -65,7 +65,7 @@ def inspect_surfaces(
             profile="isotropic" if topography.is_profile else None,
         ).model_copy(update={"size": None if size is None else tuple(size), "unit": unit})
         ends = float(statistics["shortest_reliable"]), float(statistics["longest_reliable"])
-        faces.append(Face(surface, settings, density, ends))
+        faces.append(MeasuredFace(surface, settings, density, ends))
         cautions = [*topography.say_spikes(), *_doubts(statistics, topography)]
         if topography.interpolated:
             cautions.append("the points of the line scan are uneven, and heights were interpolated")

@@ -33,7 +33,7 @@ ROOM = (0.25, 2.0)  # of pressures of the cells below and above the pressures of
 
 
 @dataclass(frozen=True, eq=False)
-class Face:
+class MeasuredFace:
     """A measured face: its map, the keys of its table, its spectrum and reliable wavelengths."""
 
     whole: Surface
@@ -60,7 +60,7 @@ class Proposal:
         return cells.rms_height / whole.rms_height, cells.rms_slope / whole.rms_slope
 
 
-def propose_case(faces: Sequence[Face], structure: str = "", preload: str = "") -> Proposal:
+def propose_case(faces: Sequence[MeasuredFace], structure: str = "", preload: str = "") -> Proposal:
     """Propose cells for one or two measured faces that hold their heights and slopes.
 
     A ``structure``, blocks or a lap joint, and its ``preload``, a force or a pressure, decide on
@@ -96,7 +96,7 @@ def propose_case(faces: Sequence[Face], structure: str = "", preload: str = "") 
 
 
 def _measure(
-    faces: Sequence[Face],
+    faces: Sequence[MeasuredFace],
     tables: Sequence[InstrumentSurface],
     cell: CellSettings,
     count: int,
@@ -118,7 +118,7 @@ def _measure(
     return found
 
 
-def _common_sizes(faces: Sequence[Face], count: int) -> list[float]:
+def _common_sizes(faces: Sequence[MeasuredFace], count: int) -> list[float]:
     """Sizes of cells with enough windows in the maps of all faces."""
     sizes = [
         [
@@ -145,7 +145,9 @@ def _edges(whole: Surface, count: int) -> list[float]:
     ]
 
 
-def _cells(faces: Sequence[Face], size: float) -> tuple[list[InstrumentSurface], CellSettings]:
+def _cells(
+    faces: Sequence[MeasuredFace], size: float
+) -> tuple[list[InstrumentSurface], CellSettings]:
     """Choose the grid of cells of a size, and the cut-off of each face."""
     size = float(f"{size:.4g}")  # as in the file
     finest = min(face.finest for face in faces)

@@ -13,10 +13,10 @@ from multiscale.schema.dataset_schema import read_schemas
 from multiscale.schema.dataset_schema import with_cautions as with_cautions
 from multiscale.schema.shown import SHOWN as SHOWN
 from multiscale.schema.shown import Show as Show
-from multiscale.schema.shown import read_table
+from multiscale.schema.shown import schema_table
 from multiscale.schema.shown import unit_in as unit_in
 
-SCHEMAS = read_schemas(read_table("datasets"))  # kinds of datasets by their names
+SCHEMAS = read_schemas(schema_table("datasets"))  # kinds of datasets by their names
 
 SURFACE_STATISTICS = SCHEMAS["surface_statistics"]
 MICRO_RESPONSE = SCHEMAS["micro_response"]

@@ -31,7 +31,7 @@ class Show:
         return shown_unit(self.unit, values)
 
 
-def read_table(name: str) -> dict[str, Any]:
+def schema_table(name: str) -> dict[str, Any]:
     """Read a table of this package."""
     text = resources.files("multiscale.schema").joinpath(f"{name}.toml").read_text("utf-8")
     return tomllib.loads(text)
@@ -39,7 +39,7 @@ def read_table(name: str) -> dict[str, Any]:
 
 def _read_shown() -> dict[str, Show]:
     """Read the presentation of variables from their table."""
-    table = read_table("shown")
+    table = schema_table("shown")
     rows, axes = table["shown"], table["axes"]
     for row in rows.values():
         if "over" in row:
