@@ -248,11 +248,7 @@ def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasi
 
 
 def left_out(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points that fits use (fits, n), and the left out point that judges each (fits,).
-
-    The first n - 2 fits use all other points, the rest the others of every second point. The first
-    and the last point of either are not judged, as leaving them out is extrapolation.
-    """
+    """Return the points that fits use (fits, n), and the left out point of each (fits,)."""
     sets = (range(n), range(0, n, 2), range(1, n, 2))
     fits = [(points, j) for points in sets for j in points[1:-1]]
     used = np.array([[i in points and i != j for i in range(n)] for points, j in fits])

@@ -232,11 +232,7 @@ def sampling_term(
 
 
 def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the relative sum of squares about the mean, scaled to a freedom; the freedom, and n.
-
-    The values (realisations, steps) have ``spent`` degrees of freedom less than their number; their
-    variance has n - 1.
-    """
+    """Return the relative sum of squares about the mean of values, scaled; freedom, n."""
     counted = np.isfinite(values)
     n = counted.sum(axis=0)
     mean = np.where(counted, values, 0.0).sum(axis=0) / np.maximum(n, 1)

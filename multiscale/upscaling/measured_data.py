@@ -272,10 +272,7 @@ class MeasuredLoop(MeasuredJoint):
 def _first_loading(
     amplitude: np.ndarray, p: np.ndarray, interface: BedCurve, series: float
 ) -> tuple[np.ndarray, ...]:
-    """Return (1) at displacements, and its derivatives by all parameters.
-
-    These are the rates (m, ...) of the curve, ln kappa, ln mu, the compliance and the pressure.
-    """
+    """Return (1), and its derivatives by rates, ln kappa, ln mu, compliance and pressure."""
     curve, kappa, mu = interface
     total, rates = curve.closure(p)
     plain = replace(curve, rates=np.empty((0, curve.x.size)))
@@ -329,10 +326,7 @@ def split_loops(pressure: np.ndarray) -> list[slice]:
 
 
 def masing_terms(displacement: np.ndarray) -> list[list[tuple[float, float]]]:
-    """Return amplitudes and factors of the first loadings that add up to the force at each row.
-
-    Where a path closes a loop it returns to the branch before (Madelung's rules).
-    """
+    """Return amplitudes and factors of first loadings that add up to the force (Madelung)."""
     rows: list[list[tuple[float, float]]] = []
     turns: list[float] = []  # displacements of the open reversals
     last, way = 0.0, 0.0

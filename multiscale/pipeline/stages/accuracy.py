@@ -80,10 +80,7 @@ class Asked:
     def errors(
         self, datasets: Datasets, places: Sequence[int]
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Return relative half-widths and biases of the mean law at places, by terms of the budget.
-
-        An answer with an interval and without a budget has all of it as sampling.
-        """
+        """Return relative half-widths and biases of the mean law at places, by terms."""
         dataset, (value, ends) = datasets[self.stage.name], self.values(datasets)
         half_widths, biases = dict[str, np.ndarray](), dict[str, np.ndarray]()
         names = self.quantities(dataset)

@@ -159,10 +159,7 @@ def write_fields(case: Case, cells: Path, out: Path) -> None:
 
 
 def increment_errors(response: Dataset, halved: Dataset) -> dict[str, np.ndarray]:
-    """Relative errors of the increments, from the first realisation solved with half increments.
-
-    The error is of first order in the increment, so that halving it halves the error.
-    """
+    """Relative errors of the increments, from a realisation with half of each, to first order."""
     errors = {}
     for name in ("mean_gap", "contact_fraction"):
         full, half = (result[name].to_numpy()[0] for result in (response, halved))
