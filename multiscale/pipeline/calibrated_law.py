@@ -4,7 +4,13 @@ from multiscale.errors import CaseError
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset
 from multiscale.units import readable
-from multiscale.upscaling import Calibration, assume_shear, calibrate, tangential_values
+from multiscale.upscaling import (
+    Calibration,
+    assume_shear,
+    calibrate,
+    require_law,
+    tangential_values,
+)
 from multiscale.upscaling.calibration import DISCREPANCY, EXPONENT, ROUGHNESS
 
 PARAMETERS = ("parameter", "cells", "±", "calibrated", "±", "learned", "pull")
@@ -36,11 +42,12 @@ def calibrate_case(case: Case, law: Dataset) -> Calibration:
             law = law.assign_attrs(cautions=cautions)
     areas = [table.area for table in case.measured if table.area is not None]
     discrepancy = DISCREPANCY if case.law.discrepancy is None else case.law.discrepancy
-    size = case.cell.size
+    if areas:
+        require_law(law, "cell_size")  # of the cells of the law, which may not be those of the case
     calibration = calibrate(
         law,
         tables,
-        cells=min(areas) / (size[0] * size[1]) if areas else None,
+        cells=min(areas) / float(law.attrs["cell_size"]) ** 2 if areas else None,
         roughness=ROUGHNESS if case.law.roughness is None else case.law.roughness,
         discrepancy=discrepancy,
         exponent=EXPONENT * discrepancy / DISCREPANCY,

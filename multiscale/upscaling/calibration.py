@@ -28,12 +28,10 @@ from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, Residual, draw, find_mode
 from multiscale.upscaling.posterior_law import DATA_POINTS, law_of_interfaces
 from multiscale.upscaling.reading import fitted_laws, pick, refuse_band, require_law
+from multiscale.upscaling.sampling import widening
 
-HEIGHTS, STIFFNESS_RATIO = "factor of the heights", "stiffness ratio"
-FRICTION_COEFFICIENT = "friction coefficient"
-LOGARITHMIC = (HEIGHTS, STIFFNESS_RATIO, FRICTION_COEFFICIENT)
-UNITS = {"frame": "m/Pa", "offset": "Pa", "zero": "m"}
-"""Names of parameters, and units of nuisances."""
+HEIGHTS = "factor of the heights"
+UNITS = {"frame": "m/Pa", "offset": "Pa", "zero": "m"}  # of nuisances
 
 UNIT_TEXTS = {"Pa m-1": "Pa/m", "m": "m", "Pa": "Pa"}
 
@@ -155,22 +153,8 @@ def calibrate(
     about it, and weighted. With ``solve`` they have the normal distribution of the linearised
     answers, so that a structure is solved for the mode only.
     """
-    if not measured:
-        raise CaseError("there are no measured values; give a table [[measured]] or more")
-    sheared = any(table.sheared for table in measured)
-    if sheared and len(tangential_values(law)) < 2:
-        raise CaseError(
-            "the tables need friction and stiffness ratio, which the law of the cells does not "
-            "have; shear the cells, or state both in [law]"
-        )
-    for table in measured:
-        _refuse_outside(table, law, extrapolate)
+    _refuse_tables(measured, law, extrapolate)
     prior = _Prior.of(law, measured, roughness, (discrepancy, exponent), cells)
-    if not prior.scale.size:
-        raise CaseError(
-            "nothing of the law is uncertain, so that measured values correct nothing; give a "
-            "roughness or a discrepancy above 0"
-        )
     answer = solve or (lambda table, *given: table.answer(*given))
 
     def residual(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -187,17 +171,17 @@ def calibrate(
     count = int(law.sizes.get("sample", 0)) or SAMPLES
     draws = _draws(mode, None if solve else residual, count, np.random.default_rng(seed))
     rows = tuple(_rows(mode, measured))
-    parameters = tuple(prior.parameters(mode))
     sentences = tuple(_sentences(mode, prior, rows, draws))
     theta = np.vstack([mode.theta, draws.theta])
     calibrated = law_of_interfaces(
         law,
         [prior.interface(row) for row in theta],
-        prior.heights(theta),
+        prior.factors_of_heights(theta),
         sentences,
-        sheared=sheared or (solve is not None and STIFFNESS_RATIO in prior.names),
+        sheared=prior.sheared and (solve is not None or any(table.sheared for table in measured)),
     )
     calibrated.attrs["effective_draws"] = draws.effective
+    parameters = tuple(prior.parameters(mode))
     return Calibration(calibrated, parameters, rows, sentences, draws.effective, mode.solves)
 
 
@@ -306,8 +290,10 @@ class _Prior:
     modes: np.ndarray  # (modes, points), of ln K, scaled by their deviations
     names: tuple[str, ...]
     units: tuple[str, ...]
-    scale: np.ndarray  # deviation of every parameter, in its unit
-    shear: tuple[float, float]  # prior of stiffness ratio and friction
+    scale: np.ndarray  # deviation of every parameter, in its unit or of its logarithm
+    middle: np.ndarray  # value before calibration of parameters with a logarithm, 0 of others
+    heights: slice  # places of the parameters, empty where they are certain
+    shear: slice
 
     @classmethod
     def of(
@@ -340,121 +326,149 @@ class _Prior:
         level, bend = np.array(discrepancy) / NORMAL
         covariance = level**2 + bend**2 * np.outer(centred, centred)
         if len(drawn) > 1:
-            share = 0.0 if cells is None else float(law.attrs["n_realisations"]) / cells
-            covariance += (1.0 + share) * np.cov(np.array(drawn).T)
-        value, vector = np.linalg.eigh(covariance)
-        value, vector = value[::-1], vector[:, ::-1]
-        share = np.cumsum(value) / max(value.sum(), 1e-300)
-        n = int(np.searchsorted(share, VARIANCE)) + 1 if value[0] > 1e-12 else 0
-        modes = np.array(
-            [np.interp(x, data, row) for row in (np.sqrt(value[:n]) * vector[:, :n]).T]
-        )
-        names, scale = [f"form of the law, mode {k + 1}" for k in range(n)], [1.0] * n
+            covariance += _covariance_of_cells(law, np.cov(np.array(drawn).T), cells)
+        modes = np.array([np.interp(x, data, mode) for mode in _leading(covariance)])
+        # name, unit, deviation and value of every parameter
+        n = len(modes)
+        listed = [(f"form of the law, mode {k + 1}", "1", 1.0, 0.0) for k in range(n)]
         if roughness > 0.0:
-            names, scale = [*names, HEIGHTS], [*scale, roughness / NORMAL]
-        shears = tangential_values(law)
-        if len(shears) == 2:
-            names += [STIFFNESS_RATIO, FRICTION_COEFFICIENT]
-            scale += list(_shear_widths(law, shears))
-        units = ["1"] * len(names)
-        for k, table in enumerate(measured):
-            units += [UNITS[name] for name in table.nuisances]
-            names += [f"{name} of {k + 1}, {table.name}" for name in table.nuisances]
-            scale += list(table.nuisances.values())
-        shear = shears.get("stiffness_ratio", 1.0), shears.get("friction", 1.0)
+            listed.append((HEIGHTS, "1", roughness / NORMAL, 1.0))
+        heights = slice(n, len(listed))
+        if len(shears := tangential_values(law)) == 2:
+            listed += _shear_parameters(law, shears)
+        shear = slice(heights.stop, len(listed))
+        for k, table in enumerate(measured, 1):
+            listed += [
+                (f"{name} of {k}, {table.name}", UNITS[name], width, 0.0)
+                for name, width in table.nuisances.items()
+            ]
+        if not listed:
+            raise CaseError(
+                "nothing of the law is uncertain, so that measured values correct nothing; give a "
+                "roughness or a discrepancy above 0"
+            )
+        names, units, scale, before = zip(*listed, strict=True)
         modes = modes.reshape(n, x.size)
-        return cls(x, mean, modes, tuple(names), tuple(units), np.array(scale), shear)
+        return cls(x, mean, modes, names, units, np.array(scale), np.array(before), heights, shear)
+
+    @property
+    def sheared(self) -> bool:
+        """Whether the law has friction and stiffness ratio."""
+        return bool(self.shear.stop > self.shear.start)
 
     def interface(self, theta: np.ndarray) -> BedCurve:
         """Return the law by parameters, with its rates by modes and by heights, if uncertain."""
-        n, shift, rates = len(self.modes), 0.0, self.modes
-        uncertain = HEIGHTS in self.names
-        if uncertain:
-            shift = self.scale[n] * theta[n]
-        middle, slope = self.mean(self.x - shift)
-        if uncertain:
-            rates = np.vstack([self.modes, -self.scale[n] * slope])
-        curve = Curve(self.x, middle + theta[:n] @ self.modes, rates)
-        ratio, friction = self.shear
-        at = n + uncertain
-        if STIFFNESS_RATIO in self.names:
-            step = np.exp(self.scale[at : at + 2] * theta[at : at + 2])
-            ratio, friction = ratio * step[0], friction * step[1]
-        return BedCurve(curve, float(ratio), float(friction))
+        width = self.scale[self.heights]
+        middle, slope = self.mean(self.x - width @ theta[self.heights])
+        log_stiffness = middle + theta[: len(self.modes)] @ self.modes
+        rates = np.vstack([self.modes, -width[:, None] * slope])
+        ratio, friction = 1.0, 1.0  # without influence
+        if self.sheared:
+            ratio, friction = self.middle[self.shear] * np.exp(
+                self.scale[self.shear] * theta[self.shear]
+            )
+        return BedCurve(Curve(self.x, log_stiffness, rates).rising(), float(ratio), float(friction))
 
-    def heights(self, theta: np.ndarray) -> np.ndarray:
+    def factors_of_heights(self, theta: np.ndarray) -> np.ndarray:
         """Return the factors of the heights of rows of parameters."""
-        if HEIGHTS not in self.names:
-            return np.ones(len(theta))
-        k = self.names.index(HEIGHTS)
-        return np.asarray(np.exp(self.scale[k] * theta[:, k]))
+        return np.asarray(np.exp(theta[:, self.heights] @ self.scale[self.heights]))
 
     def residual(
         self, theta: np.ndarray, measured: Sequence[MeasuredJoint], answer: Answer
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return all residuals over their deviations, and their derivatives."""
         interface = self.interface(theta)
-        m, shear = len(interface.curve.rates), 2 * (STIFFNESS_RATIO in self.names)
-        at, residuals, rows = m + shear, [], []
+        m, at, residuals, rows = self.heights.stop, self.shear.stop, [], []
         for table in measured:
-            n = len(table.nuisances)
-            place = slice(at, at + n)
+            place = slice(at, at + len(table.nuisances))
             given = dict(zip(table.nuisances, self.scale[place] * theta[place], strict=True))
             value, gradient = answer(table, interface, given)
             row = np.zeros((value.size, theta.size))
             row[:, :m] = gradient[:, :m]
-            row[:, m : m + shear] = gradient[:, m : m + shear] * self.scale[m : m + shear]
+            if self.sheared:
+                row[:, self.shear] = gradient[:, m : m + 2] * self.scale[self.shear]
             row[:, place] = gradient[:, m + 2 :] * self.scale[place]
             residuals.append((value - table.value) / table.deviation)
             rows.append(row / table.deviation[:, None])
-            at += n
+            at = place.stop
         return np.concatenate(residuals), np.concatenate(rows)
 
     def parameters(self, mode: Mode) -> Iterator[Parameter]:
         """Yield the parameters in their units before and after calibration."""
-        deviation = np.sqrt(np.diag(mode.covariance))
-        logarithmic = dict(zip(LOGARITHMIC, (1.0, *self.shear), strict=True))
-        columns = zip(
-            self.names,
-            self.units,
-            self.scale,
-            mode.theta,
-            deviation,
-            mode.learned,
-            mode.pull,
-            strict=True,
-        )
         data = (self.x >= self.x[0] + BELOW) & (self.x <= self.x[-1] - ABOVE)
-        for k, (name, unit, scale, theta, spread, learned, pull) in enumerate(columns):
-            if k < len(self.modes):  # as the root mean square of ln K over the data
-                scale = float(np.sqrt(np.mean(self.modes[k, data] ** 2)))
-            middle = logarithmic.get(name, 0.0)
-            value = middle * np.exp(scale * theta) if middle else scale * theta
-            width = NORMAL * scale * (middle or 1.0)
-            after = width * spread * (value / middle if middle else 1.0)
-            yield Parameter(name, unit, middle, width, value, after, learned, pull)
+        scale = self.scale.copy()  # of modes as the root mean square of ln K over the data
+        scale[: len(self.modes)] = np.sqrt(np.mean(self.modes[:, data] ** 2, axis=1))
+        logarithmic, step = self.middle > 0.0, scale * mode.theta
+        value = np.where(logarithmic, self.middle * np.exp(np.where(logarithmic, step, 0.0)), step)
+        before, after = (
+            NORMAL * scale * np.where(logarithmic, size, 1.0) for size in (self.middle, value)
+        )
+        after *= np.sqrt(np.diag(mode.covariance))
+        columns = (self.middle, before, value, after, mode.learned, mode.pull)
+        for name, unit, *row in zip(self.names, self.units, *columns, strict=True):
+            yield Parameter(name, unit, *map(float, row))
 
 
-def _shear_widths(law: Dataset, shears: Mapping[str, float]) -> Iterator[float]:
-    """Yield the deviations of the logarithms of stiffness ratio and friction of a law."""
-    for short, width in (("stiffness_ratio", RATIO), ("friction", FRICTION)):
+def _covariance_of_cells(law: Dataset, sampled: np.ndarray, cells: float | None) -> np.ndarray:
+    """Return the covariance of the mean law, and of a joint with a number of cells about it.
+
+    With control cells the samples scatter less than the mean of the others, and the scatter of
+    single cells is that of the budget.
+    """
+    if cells is None:
+        return sampled
+    n = int(law.attrs["n_realisations"])
+    share = n / cells
+    if "n_control" in law.attrs:
+        require_law(law, "cell_scatter")
+        scatter = law["cell_scatter"].sel(quantity="stiffness").to_numpy()
+        variance = widening(n - 1) ** 2 * np.nanmean(scatter**2) / cells
+        share = float(variance / np.diag(sampled).mean())
+    return (1.0 + share) * sampled
+
+
+def _leading(covariance: np.ndarray) -> np.ndarray:
+    """Return the leading eigenvectors of a covariance, scaled by their deviations, as rows."""
+    value, vector = np.linalg.eigh(covariance)
+    value, vector = value[::-1], vector[:, ::-1]
+    share = np.cumsum(value) / max(value.sum(), 1e-300)
+    n = int(np.searchsorted(share, VARIANCE)) + 1 if value[0] > 1e-12 else 0
+    return np.asarray((np.sqrt(value[:n]) * vector[:, :n]).T)
+
+
+def _shear_parameters(
+    law: Dataset, shears: Mapping[str, float]
+) -> Iterator[tuple[str, str, float, float]]:
+    """Yield name, unit, deviation of the logarithm and value of stiffness ratio and friction."""
+    for short, name, width in (
+        ("stiffness_ratio", "stiffness ratio", RATIO),
+        ("friction", "friction coefficient", FRICTION),
+    ):
         samples = range(int(law.sizes.get("shear_sample", 0)))
         drawn = [np.nanmean(value) for value in pick(law, f"shear_{short}", samples, of="shear")]
         scatter = float(np.std(drawn)) / shears[short] if drawn else 0.0
-        yield float(np.hypot(scatter, width / NORMAL))
+        yield name, "1", float(np.hypot(scatter, width / NORMAL)), shears[short]
 
 
-def _refuse_outside(table: MeasuredJoint, law: Dataset, extrapolate: bool) -> None:
-    """Refuse preloads outside the pressures of the law."""
-    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    p = table.pressure
-    outside = (p < low / OUTSIDE) | (p > high * OUTSIDE)
-    if outside.any() and not extrapolate:
+def _refuse_tables(measured: Sequence[MeasuredJoint], law: Dataset, extrapolate: bool) -> None:
+    """Refuse no tables, tables that need what the law lacks, and preloads outside its pressures."""
+    if not measured:
+        raise CaseError("there are no measured values; give a table [[measured]] or more")
+    if any(table.sheared for table in measured) and len(tangential_values(law)) < 2:
         raise CaseError(
-            f"{table.name}: the law has pressures from {list_pressures(np.array([low]))} to "
-            f"{list_pressures(np.array([high]))}, and was not computed at the measured "
-            f"{list_pressures(p[outside])}; press the cells there, or leave these rows out"
+            "the tables need friction and stiffness ratio, which the law of the cells does not "
+            "have; shear the cells, or state both in [law]"
         )
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    for table in measured:
+        p = table.pressure
+        outside = (p < low / OUTSIDE) | (p > high * OUTSIDE)
+        if outside.any() and not extrapolate:
+            raise CaseError(
+                f"{table.name}: the law has pressures from {list_pressures(np.array([low]))} to "
+                f"{list_pressures(np.array([high]))}, and was not computed at the measured "
+                f"{list_pressures(p[outside])}; press the cells there, or leave these rows out"
+            )
 
 
 def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None:
@@ -517,11 +531,8 @@ def _sentences(
             f"{text} no information on the form of the law, and cannot separate it from the zero "
             f"of the load and the frame"
         )
-    unlearned = [
-        name
-        for name, learned in zip(prior.names, mode.learned, strict=True)
-        if learned < LEARNS and name in LOGARITHMIC
-    ]
+    columns = zip(prior.names, mode.learned, prior.middle, strict=True)
+    unlearned = [name for name, learned, value in columns if learned < LEARNS and value > 0.0]
     if unlearned:
         yield f"the measured values give no information on the {' and the '.join(unlearned)}"
     if draws.tail > RELIABLE:

@@ -66,6 +66,22 @@ class Curve:
         slope = (np.diff(self.log_stiffness) / np.diff(self.x))[place]
         return np.interp(x, self.x, self.log_stiffness), rates.reshape(-1, *x.shape), slope
 
+    def rising(self) -> "Curve":
+        """Return the mean of the least rising curve above and of the largest one below.
+
+        No rough interface softens under pressure, as a sum of modes may.
+        """
+        values, place = self.log_stiffness, np.arange(self.x.size)
+        highest = np.maximum.accumulate(values)
+        lowest = np.minimum.accumulate(values[::-1])[::-1]
+        above = np.maximum.accumulate(np.where(values >= highest, place, 0))
+        below = np.where(values <= lowest, place, place.size)
+        below = np.minimum.accumulate(below[::-1])[::-1]
+        log_stiffness, rates = (
+            0.5 * (rows[..., above] + rows[..., below]) for rows in (values, self.rates)
+        )
+        return replace(self, log_stiffness=log_stiffness, rates=rates)
+
     def closure(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         r"""Return :math:`\int \mathrm{d}p / K` from the lowest pressure, m, and its rates."""
         x = np.log(np.atleast_1d(pressure))

@@ -23,7 +23,7 @@ from multiscale.upscaling.measured_data import BedCurve
 from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.sampling import half_range
 
-DATA_POINTS = 48  # of the law within its data
+DATA_POINTS, BEYOND = 64, 2.0  # of the law, up to this factor outside its data
 
 REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit", "stiffness_fit")
 """Begins of the names of variables of the normal law of the cells."""
@@ -39,14 +39,13 @@ def law_of_interfaces(
 ) -> Dataset:
     """Return a law of cells with a mode and its samples, which have factors of the heights."""
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    p = np.geomspace(low, high, DATA_POINTS)
+    p = np.geomspace(low / BEYOND, high * BEYOND, DATA_POINTS)
     stiffness = np.array([np.exp(interface.curve.at(p)[0]) for interface in interfaces])
-    # gaps up to a constant, which scales with the heights; laws meet the mode at a middle pressure,
-    # so that the same knots serve all
+    # gaps up to a constant, by the gap of the cells at the largest pressure and the heights
+    gap = integrate_stiffness(p, stiffness)
     top = heights * law_from_dataset(law).gap_at(high / heights)
-    gap = integrate_stiffness(p, stiffness) + top[:, None]
-    apart = gap[:, DATA_POINTS // 2] - gap[0, DATA_POINTS // 2]
-    gap -= apart[:, None]
+    at_top = np.array([np.interp(np.log(high), np.log(p), row) for row in gap])
+    gap += (top - at_top)[:, None]
     knot, level = place_knots(p, gap[0], N_TERMS, float(gap.max()))
     coefficient = fit_spline(p, gap, np.ones_like(gap), knot, level)
     values = {"knot": knot, "coefficient": coefficient[0], "coefficient_sample": coefficient[1:]}
@@ -59,7 +58,7 @@ def law_of_interfaces(
     if "area_fraction" in law and "area_fraction_sample" not in law:
         values["area_fraction_sample"] = np.tile(law["area_fraction"].to_numpy(), (count, 1))
     gone = [name for name in law.variables if str(name).startswith(REPLACED)]
-    after = law.drop_dims(("quantity", "error_term", "parameter"), errors="ignore")
+    after = law.drop_dims(("quantity", "error_term", "parameter", "term"), errors="ignore")
     after = INTERFACE_LAW.assign(after.drop_vars(gone, errors="ignore"), values)
     after.attrs = {
         name: text
@@ -75,7 +74,7 @@ def law_of_interfaces(
     if sheared:
         after = _with_shear(after, interfaces)
     at_law = np.exp([interface.curve.at(data)[0] for interface in interfaces])
-    budget = _budget(law, after, at_data + apart[:, None], at_law)
+    budget = _budget(law, after, at_data, at_law)
     return with_cautions(with_budget(after, budget), *sentences)
 
 
@@ -99,7 +98,8 @@ def _with_shear(law: Dataset, interfaces: Sequence[BedCurve]) -> Dataset:
 
 def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndarray) -> Dataset:
     """Return the budget: the posterior of gap and stiffness, and the terms of the cells."""
-    p = after["fit_pressure"].to_numpy()
+    p, spline = after["fit_pressure"].to_numpy(), law_from_dataset(after)
+    misfit = np.abs(spline.stiffness(spline.gap_at(p)) / stiffness[0] - 1.0)
     terms = {}
     for term in ERROR_TERMS:
         half, bias = np.zeros((2, 3, p.size))
@@ -111,6 +111,9 @@ def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndar
             how = f"of gap and contact area: {before.attrs[how_attribute(term)]}"
         elif term in ALWAYS:
             half[:2] = np.nan
+        if term == "fit":
+            half[2] = misfit
+            how += f"; the stiffness is within {100.0 * misfit.max():.2g} % of the posterior"
         if term == "sampling":
             half[[0, 2]] = [half_range(rows[1:]) / np.abs(rows[0]) for rows in (gap, stiffness)]
             how = f"{len(gap) - 1} samples of the posterior of measured joints"

@@ -36,7 +36,9 @@ from multiscale.upscaling.measured_data import (
     split_loops,
 )
 from multiscale.upscaling.posterior import draw, find_mode, smooth_weights
+from multiscale.upscaling.posterior_law import law_of_interfaces
 from multiscale.upscaling.reading import fitted_laws
+from multiscale.upscaling.sampling import half_range
 from tests.upscaling.responses import exponential_gaps, response_of
 
 P = np.geomspace(6e6, 6e7, 8)  # Pa
@@ -274,6 +276,29 @@ def test_the_gap_keeps_the_terms_of_cells(law):
     after = calibrate(cells, [data]).law["error_half_width"]
     assert np.all(after.sel(error_term="small slopes", quantity="mean_gap") == 0.02)
     assert np.all(after.sel(error_term="small slopes", quantity="stiffness") == 0.0)
+
+
+def test_curves_of_stiffness_rise():
+    """Between both envelopes, with the rates of the places that they are taken from."""
+    falls = Curve(X[:5], np.array([0.0, 2.0, 1.0, 1.5, 3.0]), np.array([[0.0, 1.0, 2.0, 3.0, 4.0]]))
+    np.testing.assert_allclose(falls.rising().log_stiffness, [0.0, 1.5, 1.5, 1.75, 3.0])
+    np.testing.assert_allclose(falls.rising().rates, [[0.0, 1.5, 1.5, 2.0, 4.0]])
+    np.testing.assert_allclose(falls.rising().rising().log_stiffness, falls.rising().log_stiffness)
+
+
+def test_samples_have_the_stiffness_and_the_gap_of_their_curves(law):
+    """Up to the ends of the data, and with gaps that the heights and the stiffness change."""
+    given = [interface(f, exponent=m) for f, m in ((1.0, 1.0), (0.8, 0.9), (1.3, 1.1), (1.0, 0.6))]
+    few, heights = law.isel(sample=range(3)), np.array([1.0, 1.3, 0.7, 1.0])
+    after = law_of_interfaces(few, given, heights, [], sheared=False)
+    p = law["fit_pressure"].to_numpy()
+    laws = fitted_laws(after, [None, *range(3)])
+    stiffness = np.array([normal.stiffness(normal.gap_at(p)) for normal in laws])
+    expected = np.exp([bed.curve.at(p)[0] for bed in given])
+    np.testing.assert_allclose(stiffness, expected, rtol=0.02)
+    half = interval_errors(after)["mean_law"][0]
+    gap = np.array([normal.gap_at(p) for normal in laws])
+    np.testing.assert_allclose(half, half_range(gap[1:]) / gap[0], rtol=0.05)
 
 
 def test_the_calibrated_law_is_a_law_with_samples_and_a_budget(law):

@@ -101,7 +101,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
 
     conducts = upscaling.conductance_ratios(law)
 
-    def from_stiffness(K: np.ndarray) -> dict[str, np.ndarray]:
+    def from_stiffness(K: np.ndarray, ratio: float | None = ratio) -> dict[str, np.ndarray]:
         """Answers that follow from the stiffness of the interface."""
         values = {name: share * K for name, share in conducts.items()}
         if ratio is None:
@@ -126,14 +126,19 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     real = ["real_pressure"] if "area_pressure" in law else []
     names = (*STIFFNESSES, *shear, *conducts, *real)
 
-    def answers(changed: NormalLaw) -> np.ndarray:
+    def answers(changed: NormalLaw, ratio: float | None = ratio) -> np.ndarray:
         pressed = macro.press_joint(joint, changed, preload[steps], extrapolate=True)
         normal = {name: pressed[name].to_numpy() for name in STIFFNESSES}
-        rows = normal | from_stiffness(normal["interface_stiffness"])
+        rows = normal | from_stiffness(normal["interface_stiffness"], ratio)
         return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
 
     known = result.isel(step=steps)
-    drawn = [answers(sample) for sample in samples] or None
+    # samples of the same number of normal law and stiffness ratio were drawn together
+    jointly = bool(shear) and len(samples) == law.sizes.get("shear_sample", 0)
+    ratios = [ratio] * len(samples)
+    if jointly:
+        ratios = [float(np.nanmean(row)) for row in law["shear_stiffness_ratio_sample"].values]
+    drawn = [answers(*sample) for sample in zip(samples, ratios, strict=True)] or None
     answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
     at = preload[steps]
     exact = "none: blocks and law in series have a closed form under uniform pressure"
@@ -148,8 +153,10 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     if shear and branch_origins(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         rate = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
-        errors = shear_errors(law, at)["stiffness_ratio"]
+        errors = shear_errors(law, at).get("stiffness_ratio", {})
         half_width = {term: errors[term] for term in known_terms(law) if term in errors}
+        if jointly:
+            half_width.pop("sampling", None)
         sources.append(
             upscaling.Uncertainty(name="stiffness ratio", half_width=half_width, rate=rate)
         )
