@@ -160,7 +160,7 @@ def _find_file(file: Path, schema: Schema | None) -> Path:
 def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
     """Return the part of a case that makes its law, and its place in another case's run folder."""
     other = load_case(file)
-    if not other.has_cells:
+    if not other.makes_law:
         raise CaseError(f"{file}: the case has no cells, and so it makes no law")
     return _placed("laws", file, other.without_structure(), quick)
 

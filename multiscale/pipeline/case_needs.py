@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from math import isnan
+from math import inf, isnan
 from pathlib import Path
 
 from multiscale.errors import CaseError
@@ -30,13 +30,18 @@ def prepare(case: Case) -> None:
                 raise CaseError(f"{case.title}: {message}")
 
 
+EVERY = (0.0, inf)  # pressures of a law of grains, which hold at a speed only, Pa
+
+
 def _refuse_without_cells(case: Case) -> None:
     """Refuse the adaptive way for laws without cells that could be pressed further."""
     assert case.structure is not None  # no other table has interfaces
     for named in case.structure.named_laws(case):
         if named is None and not case.has_cells:
             where = "an interface has neither cells nor a law with cells"
-        elif named is not None and named[0].suffix != ".toml":
+        elif named is not None and (
+            named[0].suffix != ".toml" or not taken_law(*named)[1].has_cells
+        ):
             where = f"{named[0].name} is a law without cells"
         else:
             continue
@@ -50,14 +55,20 @@ def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:
     """Pressures of the law of an interface, Pa, their source, and the remedy."""
     if pressed.stated is not None:
         return pressed.stated, "stated by the case", "state a law for such pressures"
+    if case.third_body is not None:
+        return EVERY, "", ""
     if pressed.law is None and case.has_cells:
         return (case.micro.pressures[0], case.micro.pressures[-1]), *OF_CELLS
     remedy = "take a law of such pressures, or set extrapolate = true in [interface]"
     file = pressed.law or (case.interface or LawSource()).source
     if file.suffix == ".toml":
         _, other = taken_law(file, quick=False)
+        if other.third_body is not None:
+            return EVERY, file.name, remedy
         return (other.micro.pressures[0], other.micro.pressures[-1]), file.name, remedy
-    return law_from_dataset(read_law(file)).pressure_range, file.name, remedy
+    law = read_law(file)
+    known = EVERY if "sliding_speed" in law.attrs else law_from_dataset(law).pressure_range
+    return known, file.name, remedy
 
 
 LONGEST = 86400.0  # s, of a run that needs no consent

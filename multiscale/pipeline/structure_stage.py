@@ -256,7 +256,7 @@ def with_cautions_of(
     if len(named) == len(laws) > 0 and all(law is laws[0] for law in laws):
         named = {"its law": next(iter(named.values()))}
     # the stage of the law reports the cautions of the cells of the case
-    reported = list_cautions(datasets[INTERFACE_LAW.name]) if case.has_cells else []
+    reported = list_cautions(datasets[INTERFACE_LAW.name]) if case.makes_law else []
     for name, law in named.items():
         further = [caution for caution in list_cautions(law) if caution not in reported]
         reported += further

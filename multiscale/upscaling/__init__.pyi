@@ -1,8 +1,10 @@
 from .branches import assume_shear as assume_shear
+from .branches import at_speed as at_speed
 from .branches import fit_branches as fit_branches
 from .branches import hysteretic_from_dataset as hysteretic_from_dataset
 from .branches import sliders_from_dataset as sliders_from_dataset
 from .branches import tangential_values as tangential_values
+from .branches import with_steady_friction as with_steady_friction
 from .budget import estimate_grid_error as estimate_grid_error
 from .budget import limits as limits
 from .budget import over_steps as over_steps

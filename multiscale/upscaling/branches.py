@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
 from multiscale.laws.interface_law import GapLaw
 from multiscale.schema import (
@@ -14,11 +14,16 @@ from multiscale.schema import (
     Dataset,
     with_cautions,
 )
+from multiscale.upscaling.cell_size import students
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import branch_origins, describe_control, fit_law, with_branch
 from multiscale.upscaling.observations import Misfit, Observations, list_pressures
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
-from multiscale.upscaling.response_observations import loading_branch, unloading_observations
+from multiscale.upscaling.response_observations import (
+    friction_observations,
+    loading_branch,
+    unloading_observations,
+)
 from multiscale.upscaling.shear_fit import with_shear
 
 SAME = 1e-6  # relative difference of pressures that are the same
@@ -143,6 +148,66 @@ def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
     return with_branch(law, "sliding", "measured", values)
 
 
+def with_steady_friction(law: Dataset, response: Dataset) -> Dataset:
+    """Add the friction of a response that slides steadily at one speed to its normal law.
+
+    The law holds at this speed, the attribute ``sliding_speed``; :func:`at_speed` gives others.
+    """
+    seen = friction_observations(response)
+    (speed,) = np.unique(seen.conditions[1])
+    n = seen.counted.sum(axis=0)
+    variance = np.nanvar(seen.values, axis=0) / np.maximum(n - 1, 1)
+    half = np.where(n > 1, students(variance[None], n[None] - 1), np.nan)
+    values = {
+        "sliding_pressure": seen.pressure,
+        "sliding_friction": seen.mean,
+        "sliding_friction_error": half / seen.mean,
+    }
+    law = with_branch(law, "sliding", "measured", values)
+    return law.assign_attrs(sliding_speed=float(speed))
+
+
+def at_speed(law: Dataset, speed: float | None) -> Dataset:
+    r"""Return the law of rigid grains at another speed.
+
+    Parameters
+    ----------
+    law : Dataset, follows ``INTERFACE_LAW``; of a third body, with the attribute ``sliding_speed``
+    speed : float or None, m/s; a law without a speed takes None only
+
+    Raises
+    ------
+    CaseError
+        If the law depends on the speed and none is given, or the other way round.
+
+    Notes
+    -----
+    Rigid grains have no scale of time, so that gap and friction depend on
+    :math:`v / \sqrt p` only, and the law at the speed v is the law at :math:`v_0` with all
+    pressures multiplied by :math:`(v / v_0)^2`.
+    """
+    measured = law.attrs.get("sliding_speed")
+    if (measured is None) != (speed is None):
+        raise CaseError(
+            "speed in [interface] is of a law of grains, and this law has none; leave it out"
+            if measured is None
+            else f"the law of grains depends on the speed of sliding, {measured:.4g} m/s in its "
+            f"cells; give speed in [interface]"
+        )
+    if speed is None:
+        return law
+    require("speed", speed, "(0, inf)", "m/s")
+    factor = (speed / float(law.attrs["sliding_speed"])) ** 2
+    scaled = {
+        name: (values.dims, factor * values.to_numpy(), values.attrs)
+        for name, values in law.variables.items()
+        if str(values.attrs.get("units")).startswith("Pa")  # linear in pressures
+    }
+    ends = ("pressure_min", "pressure_max", "pressure_limit")
+    limits = {name: factor * float(law.attrs[name]) for name in ends if name in law.attrs}
+    return law.assign(scaled).assign_attrs(sliding_speed=speed, **limits)
+
+
 def sliding_friction_at(dataset: Dataset, pressure: np.ndarray) -> np.ndarray:
     """Interpolate the friction coefficient of large sliding at pressures, Pa."""
     require_law(dataset, "sliding_pressure", "sliding_friction")
@@ -155,8 +220,10 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     friction = float(sliding_friction_at(law, np.array(pressure)))
     origin = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
     name, changed = _set_shear(law, origin, friction, None)
-    changed = INTERFACE_LAW.assign(changed, {"shear_friction_error": np.nan})
     slid = law["sliding_pressure"].to_numpy()
+    known = np.asarray(law.get("sliding_friction_error", np.full(slid.size, np.nan)))
+    error = float(np.interp(np.log(pressure), np.log(slid), known))
+    changed = INTERFACE_LAW.assign(changed, {"shear_friction_error": error})
     nearest = slid[np.argmin(np.abs(np.log(slid / pressure)))]
     outside = (
         f"no cell slid at {list_pressures(np.array([pressure]))}, which lies outside "
@@ -168,7 +235,9 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
         changed,
         outside if beyond else "",
         f"{name} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, with an "
-        f"unknown error; shear the cells to measure it with its scatter",
+        f"unknown error; shear the cells to measure it with its scatter"
+        if np.isnan(error)
+        else "",
     )
 
 

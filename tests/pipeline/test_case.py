@@ -17,6 +17,7 @@ OTHERS = (
     "notched_concrete",
     "porous_bracket",
     "seal",
+    "third_body",
     "tyre_on_road",
 )
 """Shipped cases without a joint of rough blocks or without cells."""

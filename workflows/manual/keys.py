@@ -50,7 +50,7 @@ PAGES = {
     "volumes": ("volumes with pores and cracks", "RveSettings GrowthSettings"),
     "grains": (
         "grains",
-        "Deposit Silo ColumnCollapse ShearCell Biaxial GrainSettings Motion",
+        "Deposit Silo ColumnCollapse ShearCell Biaxial GrainSettings Motion ThirdBody",
     ),
     "tyres": (
         "tyres on a road",

@@ -1,8 +1,10 @@
 from .grain_cells import biaxial_cell as biaxial_cell
 from .grain_cells import biaxial_curve as biaxial_curve
 from .grain_cells import compact as compact
+from .grain_cells import shear_cells as shear_cells
 from .grain_cells import shear_layer as shear_layer
 from .grain_cells import shear_response as shear_response
+from .grain_cells import shear_steps as shear_steps
 from .model import ContactLaw as ContactLaw
 from .model import CylinderWall as CylinderWall
 from .model import Grains as Grains

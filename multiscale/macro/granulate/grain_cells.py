@@ -5,15 +5,23 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError, require
+from multiscale.errors import CaseError, ConvergenceError, require
 from multiscale.macro.granulate.grain_motion import initial_state, step_grains
 from multiscale.macro.granulate.model import ContactLaw, Grains, Model, PlaneWall, Solver
 from multiscale.macro.granulate.packings import place_loosely
-from multiscale.macro.granulate.simulation import Record, final_grains, simulate_grains
-from multiscale.schema import MICRO_RESPONSE, Dataset
+from multiscale.macro.granulate.simulation import Record, final_grains, network, simulate_grains
+from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
 
 REST_STRAIN, REST_STEPS = 1e-6, 20
 """Strain per step below which a cell is at rest, and the number of steps for which it must hold."""
+
+LONGEST_SLIP, MOST_STEPS = 0.1, 20000
+"""Way of a sheared plate in a step, over the diameter of its grains, and the limit of its steps."""
+
+SOLVED, UNSTEADY, FRAMES = 0.9, 0.05, 21
+"""Share of solved steps and relative error of the mean pressure in steady shear; its frames."""
+
+BODIES = "grains between two plates, of rigid spheres"
 
 
 def compact(
@@ -108,6 +116,8 @@ def shear_layer(
     *,
     wall_friction: float | None = None,
     density: float = 2600.0,
+    plate_mass: float = 1.0,
+    solver: Solver | None = None,
     seed: int = 0,
 ) -> tuple[Model, float]:
     r"""Grains pressed between two plates (a third body), ready to be sheared.
@@ -120,6 +130,8 @@ def shear_layer(
     pressure, speed : float, pressure on the upper plate, Pa, positive, and its speed along x, m/s
     wall_friction : float, optional
         Friction coefficient of the plates; the coefficient of the grains if not given.
+    plate_mass : float, mass of the upper plate in shear over the mass of the grains
+    solver : Solver, optional, of the pressing
 
     Returns
     -------
@@ -144,9 +156,14 @@ def shear_layer(
     )
     step = _resolving_step(grains, pressure)
     model = Model(grains, plates, law, (0.0, 0.0, 0.0), (*size, np.inf), np.log(2.0) / step)
-    pressed = simulate_grains(model, 300 * step, step)
+    pressed = simulate_grains(model, 300 * step, step, solver=solver)
     height = float(pressed["wall_position"][-1, 1, 2])
-    loaded = replace(plates[1], point=(0.0, 0.0, height), velocity=(speed, 0.0, 0.0))
+    loaded = replace(
+        plates[1],
+        point=(0.0, 0.0, height),
+        velocity=(speed, 0.0, 0.0),
+        mass=plate_mass * mass,
+    )
     still = np.zeros_like(grains.position)
     ready = final_grains(model, pressed).moved(pressed["position"].values[-1], still, still)
     return replace(model, grains=ready, walls=(plates[0], loaded), damping_rate=0.0), step
@@ -160,7 +177,9 @@ def shear_response(
     law: ContactLaw,
     *,
     n_realisations: int = 3,
-    n_steps: int = 400,
+    n_steps: int | None = 400,
+    distance: float = 10.0,
+    **options: Any,
 ) -> Dataset:
     r"""Shear a layer of grains at several pressures and speeds.
 
@@ -171,44 +190,142 @@ def shear_response(
     pressures, speeds : ndarray, shape (steps,)
         Pressures on the upper plate, Pa, and its speeds, m/s.
     n_realisations : int
-    n_steps : int, number of time steps of each simulation; the second half is averaged
+    n_steps : int, optional
+        Number of time steps of each simulation; the second half is averaged. If None, the plate
+        slides by the ``distance``.
+    distance : float, way of the plate in mean diameters of the grains
+    **options
+        Of :func:`shear_layer`, and ``solver`` also of the shear.
 
     Returns
     -------
     Dataset
         Follows ``MICRO_RESPONSE``, with the pressure and ``sliding_speed`` along ``step``. The
         traction acts on the plates, eqs (2)-(3) of the source with forces in place of tractions;
-        ``mean_gap`` is the distance of the plates; rigid grains have no contact area.
+        ``mean_gap`` is the distance of the plates, and ``contact_fraction`` the share of the upper
+        plate below which grains bear it. A step is ``converged`` if 90 % of its time steps are,
+        and the grains bear the pressure within 5 % in the mean. The attribute ``ended`` has the
+        reasons of other steps.
+
+    Notes
+    -----
+    Rigid grains have no scale of time: the response depends on pressure and speed only by the
+    inertial number :math:`I = (v / H)\, d \sqrt{\rho / p}` with the height :math:`H` of the layer,
+    and holds at all p and v with the same :math:`v / \sqrt p`.
     """
-    pressures, speeds = np.broadcast_arrays(
+    records = [
+        shear_cells(
+            radii,
+            size,
+            pressures,
+            speeds,
+            law,
+            n_steps=n_steps,
+            distance=distance,
+            **{"seed": seed, **options},
+        )
+        for seed in range(n_realisations)
+    ]
+    ended = [str(record.attributes.get("ended", "")) for record in records]
+    joined = MICRO_RESPONSE.join(records, "realisation")
+    return MICRO_RESPONSE.build(joined.values, bodies=BODIES, ended="\n".join(filter(None, ended)))
+
+
+def shear_cells(
+    radii: np.ndarray,
+    size: tuple[float, float],
+    pressures: np.ndarray,
+    speeds: np.ndarray,
+    law: ContactLaw,
+    *,
+    n_steps: int | None = None,
+    distance: float = 10.0,
+    **options: Any,
+) -> PlainDataset:
+    """Shear one packing at several pressures and speeds; see :func:`shear_response`."""
+    p, v = np.broadcast_arrays(
         np.atleast_1d(np.asarray(pressures, float)), np.atleast_1d(np.asarray(speeds, float))
     )
-    late, area, rows = slice(n_steps // 2, None), size[0] * size[1], list[dict[str, Any]]()
-    for seed in range(n_realisations):
-        for pressure, speed in zip(pressures, speeds, strict=True):
-            model, step = shear_layer(radii, size, pressure, speed, law, seed=seed)
-            motion = simulate_grains(model, n_steps * step, step)
-            force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
-            height = motion["wall_position"].values[:, 1, 2]
-            rows.append(
-                {
-                    "displacement_jump": [height[-1] - height[0], speed * n_steps * step, 0.0],
-                    "traction": -force[[2, 0, 1]] / area,
-                    "mean_gap": height[late].mean(),
-                    "contact_fraction": 0.0,
-                    "converged": int(motion["converged"].values[late].mean() > 0.9),
-                    "active_set_iterations": 0,
-                    "linear_iterations": int(motion["iterations"].sum()),
-                    "wall_time": float(motion["wall_time"].sum()),
-                }
-            )
-    values: dict[str, Any] = {}
-    for name in rows[0]:
-        entries = np.array([row[name] for row in rows])
-        values[name] = entries.reshape(n_realisations, pressures.size, *entries.shape[1:])
-    values |= {"nominal_pressure": pressures, "sliding_speed": speeds}
-    values["branch"] = np.zeros(pressures.size, int)  # steps are independent
-    return MICRO_RESPONSE.build(values, bodies="grains between two plates")
+    ended, rows = list[str](), list[dict[str, Any]]()
+    for pressure, speed in zip(p, v, strict=True):
+        model, step = shear_layer(radii, size, pressure, speed, law, **options)
+        count = n_steps
+        if count is None:
+            step, count = shear_steps(model.grains, pressure, speed, distance)
+        force = pressure * size[0] * size[1]
+        row, reason = _shear(model, force, pressure, (count, step), options.get("solver"))
+        rows.append(row)
+        if reason:
+            ended.append(f"{pressure:.4g} Pa and {speed:.4g} m/s: {reason}")
+    values: dict[str, Any] = {name: np.array([[row[name] for row in rows]]) for name in rows[0]}
+    values |= {"nominal_pressure": p, "sliding_speed": v}
+    values["branch"] = np.zeros(p.size, int)  # steps are independent
+    return PlainDataset(values, {"ended": "; ".join(ended)} if ended else {})
+
+
+def shear_steps(
+    grains: Grains, pressure: float, speed: float, distance: float
+) -> tuple[float, int]:
+    """Return length, s, and number of the steps in which a plate slides some mean diameters.
+
+    Raises
+    ------
+    CaseError
+        If grains under their pressure rearrange in so short steps that the plate hardly slides.
+    """
+    require("speed", speed, "(0, inf)", "m/s")
+    diameter = 2.0 * float(grains.radius.mean())
+    step = min(_resolving_step(grains, pressure), LONGEST_SLIP * diameter / speed)
+    count = int(np.ceil(distance * diameter / (speed * step)))
+    if count > MOST_STEPS:
+        factor = (count / MOST_STEPS) ** 2
+        raise CaseError(
+            f"grains do not flow steadily before {distance:g} diameters, for which the plate at "
+            f"{speed:.3g} m/s takes {count:.2g} steps that resolve the grains, and {MOST_STEPS} "
+            f"are the limit; take {factor**0.5:.2g} times the speed, or {factor:.2g} times less "
+            f"pressure: only the speed over the root of the pressure counts"
+        )
+    return step, count
+
+
+def _shear(
+    model: Model, load: float, pressure: float, steps: tuple[int, float], solver: Solver | None
+) -> tuple[dict[str, Any], str]:
+    """Shear a layer; return its means over the second half, and why they are not steady."""
+    (count, step), area, frames = steps, load / pressure, min(FRAMES, steps[0] + 1)
+    motion = simulate_grains(model, count * step, step, solver=solver, n_frames=frames)
+    late, upper = slice(count // 2, None), model.walls[1]
+    force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
+    height = motion["wall_position"].values[:, 1, 2]
+    plate, disc = model.grains.n + 1, np.pi * model.grains.radius**2
+    covered = []
+    for frame in range(motion.sizes["frame"] // 2, motion.sizes["frame"]):
+        ends, _, _ = network(motion, frame)
+        covered.append(float(disc[ends[ends[:, 1] == plate, 0]].sum()) / area)
+    solved, pressed = float(motion["converged"].values[late].mean()), force[2] / area
+    reason = str(motion.attrs["failure"])
+    if not reason and not solved > SOLVED:
+        reason = f"{100.0 * (1.0 - solved):.3g} % of the steps missed the tolerance of contacts"
+    if not reason and not abs(pressed / pressure - 1.0) < UNSTEADY:
+        reason = (
+            f"the grains bear {pressed:.3g} Pa in the mean and do not flow steadily: the plate "
+            f"bounces or falls; slide farther, or slower"
+        )
+    row = {
+        "displacement_jump": [
+            height[-1] - upper.point[2],
+            upper.velocity[0] * float(motion["time"][-1]),
+            0.0,
+        ],
+        "traction": -force[[2, 0, 1]] / area,
+        "mean_gap": height[late].mean(),
+        "contact_fraction": min(1.0, float(np.mean(covered))),
+        "converged": int(not reason),
+        "active_set_iterations": 0,
+        "linear_iterations": int(motion["iterations"].sum()),
+        "wall_time": float(motion["wall_time"].sum()),
+    }
+    return row, reason
 
 
 def biaxial_cell(

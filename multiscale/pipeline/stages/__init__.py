@@ -16,6 +16,7 @@ from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW, ROADS
+from multiscale.pipeline.stages.third_body import THIRD_BODY_CELLS, THIRD_BODY_LAW
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 from multiscale.pipeline.stages.volumes import GROWING_CRACKS, REPRESENTATIVE_VOLUME
 
@@ -31,6 +32,8 @@ COMPUTED: tuple[Stage, ...] = (
     ensembles.COARSER_SHEAR,
     ensembles.CONTROL_CELLS,
     FITTED_LAW,
+    THIRD_BODY_CELLS,
+    THIRD_BODY_LAW,
     RING_SEAL,
     JOINT,
     ROADS,

@@ -17,6 +17,7 @@ from multiscale.pipeline.body_budget import STIFFNESSES, UNKNOWN_LAW
 from multiscale.pipeline.case_cells import joint_scales
 from multiscale.pipeline.stage import Datasets, Section, Stage, list_cautions, with_sample_band
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.tables.made_bodies import Blocks
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.budget_figures import plot_error_budget
@@ -276,7 +277,7 @@ JOINT = Stage(
     schema=MACRO_RESULT,
     tables=("structure", "joint"),
     reads={"structure", "interface", "statics", "body_1", "body_2"},
-    takes=(FITTED_LAW,),
+    takes=(FITTED_LAW, THIRD_BODY_LAW),
     run=lambda case, datasets, job: solve_joint(case, case.interface_law(datasets, job.read_law)),
     needs=_needs,
     check=_check,

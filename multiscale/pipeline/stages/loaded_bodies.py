@@ -16,6 +16,7 @@ from multiscale.pipeline.real_contact import with_contact, with_interface_contac
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
+from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.made_bodies import RoughBodies
@@ -185,7 +186,7 @@ ROUGH_JOINTS = structure_stage.structure_stage(
     lambda result: TABLE.rows(_pressed(result)),
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
-    takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
+    takes=(FITTED_LAW, THIRD_BODY_LAW, REPRESENTATIVE_VOLUME),
     knobs=body_knobs,
     question="How stiff are the joints, where do they slip, and what does a cycle dissipate?",
     check=partial(structure_stage.require_known, answer="approach"),
@@ -429,7 +430,7 @@ LOADED_BODIES = structure_stage.structure_stage(
     _tabulate,
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
-    takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
+    takes=(FITTED_LAW, THIRD_BODY_LAW, REPRESENTATIVE_VOLUME),
     knobs=body_knobs,
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),

@@ -20,6 +20,7 @@ from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.loaded_bodies import NO_COARSER, QUICK_NOTE
+from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
 from multiscale.pipeline.tables.assembly_settings import Bodies
@@ -317,7 +318,7 @@ VIBRATING_BODIES = structure_stage(
     _tabulate,
     write_mode_fields,
     reads={"strict", "structure", "interface", "statics", "vibration"},
-    takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
+    takes=(FITTED_LAW, THIRD_BODY_LAW, REPRESENTATIVE_VOLUME),
     knobs=body_knobs,
     schema=VIBRATION,
     question="Which frequency and damping do the bodies have, and how do both change with the "

@@ -16,6 +16,7 @@ from multiscale.io.csv_tables import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.pipeline.tables import toml_model as toml
+from multiscale.pipeline.tables.grain_settings import SlidingSpeed
 from multiscale.pipeline.tables.joint_settings import (
     RUN_QUICK,
     Damage,
@@ -379,6 +380,8 @@ class BodyInterface(toml.Settings):
     """Initial gap over the interface; even if not given."""
     quick: Annotated[bool, RUN_QUICK] = False
     """Whether a case that `law` names is run `--quick`."""
+    speed: SlidingSpeed | None = None
+    """Speed of sliding of a law of grains, m/s, if not the value of `[interface]`."""
     friction: toml.UncertainFactor | None = None
     """Coefficient of friction, if not the value of `[interface]` or the law."""
     stiffness_ratio: Annotated[toml.UncertainNumber, Field(gt=0.0)] | None = None
@@ -414,11 +417,12 @@ class BodyInterface(toml.Settings):
 
     def over(self, shared: JointLaw | None) -> JointLaw:
         """Return the keys of ``[interface]``, if given, replaced by the keys of this interface."""
-        names = ("law", "law_error", "friction", "stiffness_ratio")
+        names = ("law", "law_error", "speed", "friction", "stiffness_ratio")
         keys = {name: getattr(self, name) for name in names}
         given = {name: value for name, value in keys.items() if value is not None}
         if self.law is not None:  # of this law, whatever [interface] states
-            given |= {"law_error": self.law_error, "quick": self.quick}
+            of_law = {"law_error": self.law_error, "quick": self.quick, "speed": self.speed}
+            given |= of_law
         return (shared or JointLaw()).model_copy(update=given)
 
 

@@ -309,7 +309,7 @@ class Bodies(StructureKind):
                 or interface.exponential
                 or interface.linear
                 or (
-                    *(source.law, source.quick, source.law_error),
+                    *(source.law, source.quick, source.law_error, source.speed),
                     *(source.friction, source.stiffness_ratio),
                 )
             )

@@ -4,7 +4,7 @@ from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
@@ -19,6 +19,7 @@ QUICK_STEPS = 40  # of a motion
 COARSEST = 2.5  # longest step of pressed grains, over the step that resolves how they rearrange
 
 Speed = Annotated[float, toml.quantity("m/s"), Field(ge=0.0), toml.with_unit("m/s")]
+SlidingSpeed = Annotated[float, toml.quantity("m/s"), Field(gt=0.0), toml.with_unit("m/s")]
 StrainRate = Annotated[float, toml.quantity("s^-1"), Field(gt=0.0), toml.with_unit("s^-1")]
 
 
@@ -63,6 +64,72 @@ class GrainSettings(toml.Settings):
     def radii(self) -> np.ndarray:
         """Radius of every grain, m."""
         return granulate.draw_radii(self.number, *self.radius, seed=self.seed)
+
+
+class ThirdBody(toml.Settings):
+    """Cells of grains between two plates, pressed and sheared, as the law of an interface.
+
+    Rigid grains have no scale of time: at another speed than `speed` the law holds at pressures in
+    proportion to the square of the speed; `speed` of `[interface]` states it.
+    """
+
+    size: tuple[toml.Length, toml.Length] = Field(description="Periods along x and y, m.")
+    pressures: Annotated[
+        tuple[toml.Pressure, ...], toml.Quick(lambda _, all_: all_[:: max(1, len(all_) // 3)])
+    ] = Field(min_length=3, description="Pressures on the plates, Pa, rising.")
+    speed: SlidingSpeed = Field(description="Speed of the upper plate, m/s.")
+    realisations: Annotated[toml.Positive, toml.at_most(3)] = Field(description="Number of cells.")
+    distance: Annotated[toml.Number, Field(ge=3.0), toml.Quick(lambda _, way: min(way, 10.0))] = (
+        20.0
+    )
+    """Way of the plate in mean diameters of grains; its second half is averaged."""
+    wall_friction: toml.Factor | None = None
+    """Friction coefficient of the plates, if not the value of the grains."""
+    plate_mass: Annotated[toml.Number, Field(gt=0.0)] = Field(
+        0.1, description="Mass of the upper plate over the mass of the grains."
+    )
+    tolerance: toml.Tolerance = Field(1e-2, description="Error of contacts over their velocities.")
+    max_iterations: toml.Positive = Field(300, description="Largest number of sweeps in a step.")
+
+    _rise = field_validator("pressures")(toml.must_rise)
+
+    def cell(self, grains: GrainSettings, k: int) -> tuple[np.ndarray, dict[str, Any]]:
+        """Return the radii of a realisation, m, and the options of its shear."""
+        seed = grains.seed + k
+        options = {
+            "distance": self.distance,
+            "wall_friction": self.wall_friction,
+            "plate_mass": self.plate_mass,
+            "solver": granulate.Solver(self.tolerance, self.max_iterations, 0),
+            "density": grains.density,
+            "seed": seed,
+        }
+        return granulate.draw_radii(grains.number, *grains.radius, seed=seed), options
+
+    def steps(self, grains: GrainSettings) -> list[int]:
+        """Return the number of steps of the shear at each pressure; refuse too many."""
+        radii, _ = self.cell(grains, 0)
+        some = granulate.Grains(np.zeros((grains.number, 3)), radii, grains.density)
+        return [
+            granulate.shear_steps(some, pressure, self.speed, self.distance)[1]
+            for pressure in self.pressures
+        ]
+
+
+def check_third_body(case: "Case") -> None:
+    """Refuse a third body without grains, or with cells of two surfaces."""
+    if case.grains is None:
+        raise ValueError("[third_body] presses and shears [grains]; give them")
+    stray = [name for name in ("cell", "micro", "slide", "seal", "measured") if getattr(case, name)]
+    if stray:
+        raise ValueError(
+            f"[third_body] and [{stray[0]}] give the law of an interface both; leave out one"
+        )
+    if case.structure is not None and "grains" in case.structure.asks[0]:
+        raise ValueError(
+            f"a structure of kind {case.structure.kind!r} is made of [grains], and [third_body] "
+            f"too; leave out one of them"
+        )
 
 
 class Motion(toml.TimeSteps):

@@ -15,6 +15,7 @@ from multiscale.laws.asperities import class_densities, gaussian_asperities
 from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import toml_model as toml
+from multiscale.pipeline.tables.grain_settings import SlidingSpeed
 from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling.branches import state_shear, take_sliding_friction
 from multiscale.upscaling.fit import branch_origins
@@ -169,6 +170,8 @@ class LawSource(toml.Settings):
     `"adaptive"`, which presses them further wherever more than 1 % of the load of an interface
     leaves these pressures. All points share the cells. A law that the command names stays as it
     is."""
+    speed: SlidingSpeed | None = None
+    """Speed of sliding of a law of grains, m/s; see `[third_body]`."""
     extrapolate: bool = False
     """Whether answers stand where more than 5 % of the load of an interface lies beyond a factor of
     2 outside the pressures of the law; they are unknown otherwise."""
@@ -185,7 +188,7 @@ class LawSource(toml.Settings):
 
     def read(self, open_law: OpenLaw) -> Dataset:
         """Read the normal law, with the error that the case states, or a caution for a table."""
-        law = open_law(self.source, self.quick)
+        law = upscaling.at_speed(open_law(self.source, self.quick), self.speed)
         if self.law_error is not None:
             return with_stated_error(law, self.law_error)
         return with_cautions(law, UNKNOWN_ERROR) if law.attrs.get("family") == TABLE else law
@@ -247,6 +250,11 @@ class JointLaw(LawSource):
                     f"the law of the joints has no stiffness_ratio, and theory has no ratio for "
                     f"the coatings of {coated}; shear the cells by [micro.shear], or give "
                     f"stiffness_ratio in {where}"
+                )
+            if "sliding_speed" in law.attrs:
+                raise CaseError(
+                    f"the law of grains has no stiffness_ratio, and theory has none for rigid "
+                    f"grains; give stiffness_ratio in {where}"
                 )
             law = upscaling.assume_shear(law, stiffness_ratio=mindlin_ratio(poissons_ratio))
         law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)

@@ -39,6 +39,7 @@ from multiscale.pipeline.tables.rve_settings import RveSettings
 from multiscale.pipeline.tables.toml_model import OneOf, Settings, list_tables
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
+from multiscale.upscaling import at_speed
 from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
@@ -124,6 +125,7 @@ class Case(Settings):
     fatigue: FatigueSettings = ABSENT
     grains: grain_settings.GrainSettings = ABSENT
     motion: grain_settings.Motion = ABSENT
+    third_body: grain_settings.ThirdBody = ABSENT
     rubber: tyre_settings.Rubber = ABSENT
     road: SyntheticSurface = Field(ABSENT, description="Surface of the road.")
     sliding: tyre_settings.Slides = ABSENT
@@ -135,7 +137,7 @@ class Case(Settings):
         """Ask for a law wherever there are cells, and for its apertures wherever a ring leaks."""
         if "seal" in given and isinstance(given.get("micro"), dict):
             given = given | {"micro": {"leakage": True} | given["micro"]}
-        return {"law": {}} | given if {"micro", "rubber"} & given.keys() else given
+        return {"law": {}} | given if {"micro", "rubber", "third_body"} & given.keys() else given
 
     @field_validator("interface", "statics", "cycles", mode="before")
     @classmethod
@@ -167,6 +169,9 @@ class Case(Settings):
             )
         asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
+        if self.third_body is not None:
+            grain_settings.check_third_body(self)
+            asked, missing = [], []
         if missing and (asked or (self.structure is None and self.rve is None)):
             raise ValueError(
                 f"without {list_tables(missing)} there are no cells, which take "
@@ -194,6 +199,8 @@ class Case(Settings):
     def _check_structure(self, kind: Structure) -> None:
         """Refuse tables that do not go with the kind of structure."""
         given = {name for name in WITH_STRUCTURE if self._has(name)}
+        if self.third_body is not None:
+            given.discard("grains")
         if given not in [set(tables) for tables in kind.asks]:
             asked = " or ".join(list_tables(tables) for tables in kind.asks)
             raise ValueError(
@@ -209,12 +216,12 @@ class Case(Settings):
                 f"a structure of kind {kind.kind!r} is made of [body_1] and [body_2]; give the "
                 f"youngs_modulus and the poissons_ratio of both"
             )
-        if self.has_cells and self.interface is not None and self.interface.law is not None:
+        if self.makes_law and self.interface is not None and self.interface.law is not None:
             raise ValueError(
                 "[interface] law names a file, and the structure takes the law of the cells; leave "
                 "out law, or the cells"
             )
-        if self.has_cells and self.interface is not None and self.interface.law_error is not None:
+        if self.makes_law and self.interface is not None and self.interface.law_error is not None:
             raise ValueError(
                 "[interface] law_error is of a table, and the law of the cells has an error "
                 "budget; leave out law_error"
@@ -461,7 +468,8 @@ class Case(Settings):
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
         again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
         control = {"micro.control"} if self.controlled else set()
-        return super().tables | asked | condensed | sheared | again | control
+        tables = super().tables | asked | condensed | sheared | again | control
+        return tables if self.third_body is None else tables - {"grains"}
 
     @property
     def controlled(self) -> bool:
@@ -485,6 +493,11 @@ class Case(Settings):
     def has_cells(self) -> bool:
         """Whether the case has cells."""
         return self.micro is not None
+
+    @property
+    def makes_law(self) -> bool:
+        """Whether the case has cells of two bodies or of grains, and so a law."""
+        return self.has_cells or self.third_body is not None
 
     @property
     def bodies(self) -> tuple[RoughBody, RoughBody]:
@@ -532,9 +545,11 @@ class Case(Settings):
 
     def interface_law(self, datasets: "Datasets", open_law: OpenLaw) -> Dataset:
         """Law of the interfaces of the structure, from the cells or from another case."""
-        if self.has_cells:
-            return datasets[INTERFACE_LAW.name]
-        return (self.interface or LawSource()).read(open_law)
+        source = self.interface or LawSource()
+        if self.makes_law:
+            return at_speed(datasets[INTERFACE_LAW.name], source.speed)
+        law: Dataset = source.read(open_law)
+        return law
 
     def from_structure(self, law: Path | None) -> Self:
         """Return the part of the case that begins at the structure, with the law of a file."""
@@ -549,7 +564,8 @@ class Case(Settings):
         if law is not None and source is None:
             raise CaseError(f"{self.title}: the structure has no joint for the law {law}")
         of_bodies = () if self.structure.of_bodies else CELLS[:2]
-        changes = dict.fromkeys((*OF_CELLS, "accuracy", *of_bodies))
+        of_grains = () if self.third_body is None else ("third_body", "grains")
+        changes = dict.fromkeys((*OF_CELLS, "accuracy", *of_bodies, *of_grains))
         if source is not None:
             update = {"extrapolate": self.extrapolate} | (
                 {} if law is None else {"law": law, "way": "sequential"}
@@ -596,7 +612,8 @@ class Case(Settings):
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
-        return self._only(*CELLS, "law", "measured", "slide")
+        of_grains = () if self.third_body is None else ("third_body", "grains")
+        return self._only(*CELLS, "law", "measured", "slide", *of_grains)
 
     def _only(self, *tables: str) -> Self:
         """Return the case with some of its tables, and all keys outside of tables."""
@@ -611,6 +628,8 @@ class Case(Settings):
         if self.rubber is not None:
             samples = min(tyre_settings.QUICK_SAMPLES, self.law.samples)
             changes["law"] = self.law.model_copy(update={"samples": samples})
+        if self.third_body is not None:  # fewer grains would be a lower layer
+            changes["grains"] = self.grains
         if self.slide is not None:
             changes["slide"] = small.slide.within(self.cell, self.micro)
         if self.has_cells and (shear := small.micro.shear) is not None and shear.points:
@@ -656,6 +675,8 @@ class Case(Settings):
         """Short description of the cases of the same run folder."""
         if self.cell is not None:
             return self.cell.scope
+        if self.third_body is not None:
+            return "cells of grains"
         if self.structure is None:
             return "a representative volume"
         return f"a structure of kind {self.structure.kind!r}"
@@ -669,6 +690,10 @@ class Case(Settings):
         if self.rubber is not None:
             return self.checksum(
                 include={*OF_RUBBER[:3], "cell"}, exclude={"sliding": {"realisations"}}
+            )
+        if self.third_body is not None:
+            return self.checksum(
+                include={"grains", "third_body"}, exclude={"third_body": {"realisations"}}
             )
         tables = {"structure", "grains"} if self.structure else {"rve"}
         tables = set(CELLS) if self.has_cells else tables

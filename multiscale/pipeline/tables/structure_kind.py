@@ -138,7 +138,7 @@ class StructureKind(Settings):
 
     def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
         """Return the named law of every interface, or of all; None for the law of the cells."""
-        source = None if case.has_cells else case.interface
+        source = None if case.makes_law else case.interface
         return [None if source is None or source.law is None else (source.law, source.quick)]
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:

@@ -1,0 +1,151 @@
+"""Stages: grains between two plates are pressed and sheared, and give the law of an interface."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from multiscale.macro import granulate
+from multiscale.micro.slide import run_realisations
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.showing import Table
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.tables.settings import Case
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.lines import plot_lines
+from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, Dataset, PlainDataset, with_cautions
+from multiscale.upscaling import error_budget, fit_law, with_budget, with_steady_friction
+from multiscale.upscaling.budget import Term
+from multiscale.upscaling.sampling import FEWEST_REALISATIONS
+
+PRESSING, SWEPT = 300, 1.2e-4  # steps before the shear, and s of a step and grain, about
+NOTHING = ("micro discretisation", "increments", "small slopes", "surface")
+"""Terms of the error of cells on grids that cells of grains do not have."""
+
+TABLE = Table(
+    (
+        "sliding_pressure",
+        "inertial_number",
+        "sliding_friction",
+        "sliding_friction:mean_law",
+        "layer_height",
+    ),
+    along=("load",),
+)
+
+
+def _shear(case: Case, k: int) -> PlainDataset:
+    """Shear the layer of a realisation at all pressures."""
+    third, grains = case.third_body, case.grains
+    radii, options = third.cell(grains, k)
+    p = np.array(third.pressures)
+    speed = np.full(p.size, third.speed)
+    return granulate.shear_cells(radii, third.size, p, speed, grains.law, **options)
+
+
+def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    identity, count = case.identity(), case.third_body.realisations
+    response = run_realisations(
+        _shear,
+        [(case, k) for k in range(count)],
+        **job.ensemble("micro", identity, count, "cells of grains"),
+    )
+    ended = str(response.attrs.get("ended", "")).splitlines()
+    few = (
+        f"{count} realisation(s) are too few for the scatter: there are no bands below "
+        f"{FEWEST_REALISATIONS}"
+    )
+    density, diameter = case.grains.density, 2.0 * float(np.mean(case.grains.radius))
+    response = response.assign_attrs(
+        title=case.title,
+        bodies="rigid grains between two plates, in steady shear",
+        grain_density=density,
+        grain_diameter=diameter,
+    )
+    return with_cautions(
+        response,
+        *(f"{line} (no shear is known there)" for line in ended),
+        few if count < FEWEST_REALISATIONS else "",
+    )
+
+
+def _needs(case: Case) -> Needs:
+    third, steps = case.third_body, case.third_body.steps(case.grains)
+    each = sum(count + PRESSING for count in steps) * SWEPT * case.grains.number
+    cells = Choice(
+        "cells of grains",
+        f"{third.realisations} of {case.grains.number} grains, each sheared at {len(steps)} "
+        f"pressures in up to {max(steps)} steps",
+    )
+    return Needs(
+        unknowns_per_contact=3,
+        kinematics="rigid grains in motion, impulses in place of forces",
+        choices=(cells,),
+        seconds=third.realisations * each,
+    )
+
+
+def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
+    response = datasets[MICRO_RESPONSE.name]
+    law = fit_law(response, n_samples=case.law.samples, n_terms=case.law.terms)
+    nothing = Term("nothing: the grains are rigid spheres", np.zeros((3, law.sizes["step"])))
+    budget = error_budget(response, law, known=dict.fromkeys(NOTHING, nothing))
+    return with_steady_friction(with_budget(law, budget), response).assign_attrs(title=case.title)
+
+
+def _shown(law: Dataset) -> Dataset:
+    """Return the law with height and inertial number of the layer at the pressures of its cells."""
+    diameter, density = (float(law.attrs[f"grain_{name}"]) for name in ("diameter", "density"))
+    speed, p = float(law.attrs["sliding_speed"]), law["sliding_pressure"].to_numpy()
+    height = np.interp(p, law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy())
+    mu, half = (law[f"sliding_friction{end}"].to_numpy() for end in ("", "_error"))
+    band = mu * (1.0 + half * np.array([[-1.0], [1.0]]))
+    inertial = speed / height * diameter * np.sqrt(density / p)
+    return law.assign(
+        inertial_number=("load", inertial),
+        layer_height=("load", height),
+        sliding_friction_mean_law=(("limit", "load"), band),
+    )
+
+
+def _answer(law: Dataset) -> Iterator[str]:
+    shown = _shown(law)
+    mu, number = (shown[name].to_numpy() for name in ("sliding_friction", "inertial_number"))
+    height = 1e3 * shown["layer_height"].to_numpy()
+    yield (
+        f"At {law.attrs['sliding_speed']:.3g} m/s the layer bears a friction of {mu[-1]:.3g} to "
+        f"{mu[0]:.3g} of the pressure, at inertial numbers of {number[-1]:.2g} to {number[0]:.2g}, "
+        f"and is {height[-1]:.4g} to {height[0]:.4g} mm high."
+    )
+    yield "At another speed v the law holds at pressures in proportion to v squared."
+
+
+def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    law = datasets[THIRD_BODY_LAW.name]
+    friction = on_axes(plot_lines, _shown(law), "sliding_friction", xscale="log")
+    yield Section("Third body", (), *TABLE.rows(_shown(law)), figures={"friction": friction})
+
+
+THIRD_BODY_CELLS = Stage(
+    schema=MICRO_RESPONSE,
+    tables=("third_body",),
+    reads={"title", "grains", "third_body"},
+    run=_run,
+    needs=_needs,
+    prepare=lambda case: case.third_body.steps(case.grains),
+    folders=("micro",),
+)
+
+THIRD_BODY_LAW = Stage(
+    schema=INTERFACE_LAW,
+    tables=("third_body",),
+    reads={"law"},
+    takes=(THIRD_BODY_CELLS,),
+    run=_fit,
+    needs=lambda case: Needs(seconds=2.0),
+    question="Which friction and height has the layer of grains over pressure and speed?",
+    answer=_answer,
+    sections=_sections,
+    answers={"sliding_friction": "", "layer_height": ""},
+    compared=lambda law: _shown(law),
+)

@@ -1,0 +1,143 @@
+"""Grains between plates as the law of an interface: from their response to joints that slide."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.io import save_law
+from multiscale.pipeline import run, run_macro
+from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
+from multiscale.schema import MICRO_RESPONSE
+from multiscale.upscaling import at_speed, law_from_dataset
+from multiscale.upscaling.branches import sliding_friction_at
+from tests.support import TWO_BLOCKS, case_of, joints_of
+
+GRAINS = """title = "Grains"
+[grains]
+number = 100
+radius = ["4 mm", "6 mm"]
+friction = 0.5
+compliance = 0.05
+[third_body]
+size = ["5 cm", "5 cm"]
+pressures = ["0.5 kPa", "1 kPa", "2 kPa", "4 kPa", "8 kPa", "16 kPa"]
+speed = "0.5 m/s"
+realisations = 6
+"""
+JOINT = TWO_BLOCKS[TWO_BLOCKS.index("[structure]") :]
+SPEED, DIAMETER, DENSITY = 0.5, 0.01, 2600.0
+HEIGHT, DILATION = 0.03, 0.2  # m, and relative growth of the height with the inertial number
+
+
+def exact(pressure, speed):
+    """Height, m, and friction over the inertial number of a layer of this height."""
+    number = speed / HEIGHT * DIAMETER * np.sqrt(DENSITY / pressure)
+    return HEIGHT * (1.0 + DILATION * number), 0.2 + 0.3 * number / (number + 0.3)
+
+
+def synthetic(pressure, noise=0.0):
+    """Response of six layers that follow the exact functions, each with its scatter."""
+    height, friction = exact(pressure, SPEED)
+    rng = np.random.default_rng(seed=2)
+    own = 1.0 + noise * rng.standard_normal((2, 6, 1))
+    gap, mu = height * own[0], friction * own[1]
+    traction = np.stack([-pressure + 0.0 * mu, mu * pressure, 0.0 * mu], axis=-1)
+    values = {
+        "displacement_jump": np.zeros_like(traction),
+        "traction": traction,
+        "mean_gap": gap,
+        "contact_fraction": np.full(gap.shape, 0.3),
+        "nominal_pressure": pressure,
+        "sliding_speed": np.full(pressure.size, SPEED),
+        "branch": np.zeros(pressure.size, int),
+        "converged": np.ones(gap.shape, int),
+        "active_set_iterations": np.zeros(gap.shape, int),
+        "linear_iterations": np.zeros(gap.shape, int),
+        "wall_time": np.zeros(gap.shape),
+    }
+    return MICRO_RESPONSE.build(values, grain_density=DENSITY, grain_diameter=DIAMETER, cautions="")
+
+
+@pytest.fixture(scope="module")
+def law(tmp_path_factory):
+    case = case_of(tmp_path_factory.mktemp("grains"), GRAINS)
+    return THIRD_BODY_LAW.run(
+        case, {"micro_response": synthetic(np.geomspace(5e2, 3e4, 8), 1e-3)}, None
+    )
+
+
+@pytest.mark.parametrize("speed", [1e-6, 0.05, 0.5, 1e3])
+def test_the_law_at_another_speed_has_the_inertial_number_of_its_cells(law, speed):
+    scaled = at_speed(law, speed)
+    factor = (speed / SPEED) ** 2
+    p = factor * np.array([7e2, 3e3, 2e4])  # between the pressures of the cells
+    height, friction = exact(p, speed)
+    np.testing.assert_allclose(law_from_dataset(scaled).gap_at(p), height, rtol=3e-3)
+    np.testing.assert_allclose(sliding_friction_at(scaled, p), friction, rtol=5e-3)
+    assert law_from_dataset(scaled).pressure_range == pytest.approx((5e2 * factor, 3e4 * factor))
+    K, exact_slope = law_from_dataset(scaled).stiffness(height), 2.0 * p / (height - HEIGHT)
+    np.testing.assert_allclose(K, exact_slope, rtol=0.05)
+
+
+def joint(tmp_path, law, interface, preloads='"2 kPa", "8 kPa"'):
+    """Case of two blocks with the law of a file."""
+    save_law(law, tmp_path / "law.nc")
+    text = JOINT.replace("friction = 0.2\nstiffness_ratio = 0.8\n", f'law = "law.nc"\n{interface}')
+    text = text.replace('"5 MPa", "20 MPa"', preloads)
+    return case_of(tmp_path, 'title = "Joint"\n' + text)
+
+
+def test_a_joint_takes_friction_and_dilation_at_its_speed(law, tmp_path):
+    case = joint(tmp_path, law, 'speed = "1 m/s"\nstiffness_ratio = 1.0\n')
+    result = run_macro(case, tmp_path / "out.nc")
+    p = result["preload"].to_numpy()
+    height, _ = exact(p, 1.0)
+    np.testing.assert_allclose(result["gap"].mean("point"), height, rtol=3e-3)
+    np.testing.assert_allclose(
+        result["interface_stiffness"], 2.0 * p / (height - HEIGHT), rtol=0.05
+    )
+    bodies, (taken,) = joints_of(case)
+    (bed,) = bodies.sliders(case, [taken])
+    assert bed.friction == pytest.approx(exact(8e3, 1.0)[1], rel=5e-3)  # at the last preload
+    assert 0.0 < float(taken["shear_friction_error"]) < 5e-3
+    assert "assumed" not in result.attrs["cautions"]
+
+
+@pytest.mark.parametrize(
+    ("interface", "preloads", "words"),
+    [
+        ("stiffness_ratio = 1.0\n", '"2 kPa"', "depends on the speed of sliding, 0.5 m/s .* give"),
+        ('speed = "1 m/s"\n', '"2 kPa"', "law of grains has no stiffness_ratio"),
+        ('speed = "1e-6 m/s"\nstiffness_ratio = 1.0\n', '"2 kPa"', "unknown at every step"),
+        ('speed = "0 m/s"\nstiffness_ratio = 1.0\n', '"2 kPa"', "speed"),
+    ],
+)
+def test_a_law_of_grains_is_refused_where_it_says_nothing(
+    law, tmp_path, interface, preloads, words
+):
+    with pytest.raises(MultiscaleError, match=words):
+        run_macro(joint(tmp_path, law, interface, preloads), tmp_path / "out.nc")
+
+
+def test_a_law_without_a_speed_is_refused_one(law, tmp_path):
+    plain = law.copy()
+    del plain.attrs["sliding_speed"]
+    with pytest.raises(CaseError, match="of a law of grains, and this law has none; leave it out"):
+        at_speed(plain, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('speed = "0.5 m/s"', 'speed = "1e-6 m/s"', "grains do not flow steadily before 20 diam"),
+        (
+            GRAINS[GRAINS.index("[grains]") : GRAINS.index("[third_body]")],
+            "",
+            r"\[third_body\] presses and shears \[grains\]",
+        ),
+        ('"0.5 kPa", "1 kPa"', '"1 kPa", "0.5 kPa"', "must rise"),
+    ],
+)
+def test_grains_that_do_not_flow_are_refused_before_a_run(tmp_path, old, new, words):
+    with pytest.raises(CaseError, match=words):
+        run(case_of(tmp_path, GRAINS.replace(old, new)), tmp_path / "out")
