@@ -5,6 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import save_law
+from multiscale.macro import granulate
 from multiscale.pipeline import run, run_macro
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.schema import MICRO_RESPONSE
@@ -64,6 +65,15 @@ def law(tmp_path_factory):
     return THIRD_BODY_LAW.run(
         case, {"micro_response": synthetic(np.geomspace(5e2, 3e4, 8), 1e-3)}, None
     )
+
+
+def test_layers_of_all_realisations_have_the_mean_volume_of_many_grains(tmp_path):
+    case = case_of(tmp_path, GRAINS)
+    cells = [case.third_body.cell(case.grains, k)[0] for k in range(6)]
+    many = granulate.draw_radii(400000, *case.grains.radius, seed=1)
+    for radii in cells:
+        assert np.mean(radii**3) == pytest.approx(np.mean(many**3), rel=3e-3)
+    assert not np.allclose(cells[0], cells[1])
 
 
 @pytest.mark.parametrize("speed", [1e-6, 0.05, 0.5, 1e3])

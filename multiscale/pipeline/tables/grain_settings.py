@@ -94,8 +94,15 @@ class ThirdBody(toml.Settings):
     _rise = field_validator("pressures")(toml.must_rise)
 
     def cell(self, grains: GrainSettings, k: int) -> tuple[np.ndarray, dict[str, Any]]:
-        """Return the radii of a realisation, m, and the options of its shear."""
-        seed = grains.seed + k
+        """Return the radii of a realisation, m, and the options of its shear.
+
+        Radii are scaled, by some per cent at most, so that all realisations have the same volume,
+        whose scatter would hide how the height changes with the pressure.
+        """
+        seed, (a, b) = grains.seed + k, grains.radius
+        radii = granulate.draw_radii(grains.number, a, b, seed=seed)
+        mean_cube = 2.0 * (a * b) ** 2 / (a + b)  # of a volume that is uniform over the radius
+        radii *= (grains.number * mean_cube / np.sum(radii**3)) ** (1.0 / 3.0)
         options = {
             "distance": self.distance,
             "wall_friction": self.wall_friction,
@@ -104,7 +111,7 @@ class ThirdBody(toml.Settings):
             "density": grains.density,
             "seed": seed,
         }
-        return granulate.draw_radii(grains.number, *grains.radius, seed=seed), options
+        return radii, options
 
     def steps(self, grains: GrainSettings) -> list[int]:
         """Return the number of steps of the shear at each pressure; refuse too many."""
