@@ -16,6 +16,7 @@ FAMILIES: Mapping[str, str] = {
     "chain": "answers",
     "damage": "answers",
     "grains": "grain_scenes",
+    "growth": "growth",
     "laws": "answers",
     "limit": "cell_scenes",
     "meshes": "cell_scenes",

@@ -146,6 +146,40 @@ def joint_path(scene: str, law_over_block: float, friction: float, method: str) 
     return _fault_of_path(blocks, factors, cut, law_over_block, 1)
 
 
+def large_blocks(
+    law_over_block: float, friction: float, elements: int, *, matching: bool = True
+) -> "Assembly":
+    """Two blocks of a number of elements along an edge, pressed, then sheared, by load cases."""
+    from multiscale.fe.mesh_file import box_mesh
+    from multiscale.laws.bulk import Elastic
+    from multiscale.macro import Assembly, Body, Interface
+
+    steel, coarse = Elastic(YOUNG, POISSON), elements if matching else elements - 2
+    shear = min(0.5 * friction, 0.3) * PRESSURE
+    load = {"top": (lambda x, t: shear * t, 0.0, lambda x, t: PRESSURE * (t - 1.0))}
+    lower, upper = (
+        Body(
+            box_mesh((EDGE, EDGE, 0.5 * EDGE), (count, count, count // 2), origin=(0.0, 0.0, z)),
+            steel,
+            supports={"bottom": (0.0, 0.0, 0.0)} if z == 0.0 else {"front": (None, 0.0, None)},
+            tractions={} if z == 0.0 else load,
+        )
+        for z, count in ((0.0, elements), (0.5 * EDGE, coarse))
+    )
+    face = Interface((0, 1), ("top", "bottom"), _bed(law_over_block, friction))
+    return Assembly((lower, upper), (face,), (0.0, 1.0))
+
+
+def large_bodies(law_over_block: float, friction: float, matching: str) -> float:
+    """Press and shear blocks of 2000 unknowns or more by multigrid: distance as of ``joint``."""
+    from multiscale.macro import MultigridNewton, solve_assembly
+
+    blocks = large_blocks(law_over_block, friction, 9, matching=matching == "yes")
+    factors = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, -1.0]])
+    result = solve_assembly(blocks, factors, method=MultigridNewton())
+    return _fault_of_path(blocks, factors, result, law_over_block, 1)
+
+
 def bolts(pull: float, law_over_block: float, method: str) -> float:
     """Pull bolted blocks and release them: errors of the balance, and of the initial state again.
 

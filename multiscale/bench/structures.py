@@ -90,7 +90,8 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
     packages=("scipy", "pypardiso"),
     attributes={
         "wall_time_counts": f"median, above {REPEATED} x {REPEATED} modules one run; without "
-        f"start of the process, imports and compilation"
+        f"start of the process, imports and compilation",
+        "growth": "cables",
     },
 )
 def structures(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
 
+ELEMENTS = 2**14  # of which element matrices are stored at once
+
+
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
     """Finite-element space of a displacement component."""
     from skfem import Basis, ElementHex1, MeshHex
@@ -103,22 +106,26 @@ def mode_stiffness(
        1211-1219, doi:10.1002/nme.1620100602.
     """
     elements = elements_of_basis(basis, mean_volume=False)
-    G, w = elements.gradient, elements.weight
-    if share is not None:
-        w = w * share[:, None]
     middle = np.full((3, 1), 0.5)
     J = np.asarray(basis.mapping.DF(middle))[..., 0].transpose(2, 0, 1)
     ratio = np.abs(basis.mapping.detDF(middle) / basis.mapping.detDF(basis.X))  # j_0 / j
     slope = np.eye(3) * (1.0 - 2.0 * basis.X.T)[:, :, None]  # up to a factor of every mode
-    P = np.einsum("eq,qmr,erj->eqmj", ratio, slope, np.linalg.inv(J))  # (3)
 
-    def integrate(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    def integrate(w: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         blocks = np.einsum("eq,eqaj,ijkl,eqbl->eaibk", w, left, law.tensor, right, optimize=True)
         return np.asarray(blocks.reshape(len(w), 3 * left.shape[2], 3 * right.shape[2]))
 
-    mixed, modes = integrate(G, P), integrate(P, P)
-    blocks = mixed @ np.linalg.solve(modes, mixed.transpose(0, 2, 1))
-    return sum_blocks(blocks, elements.unknowns, elements.unknowns, (elements.size,) * 2)
+    total = csr_array((elements.size,) * 2)
+    for start in range(0, len(J), ELEMENTS):
+        at = slice(start, start + ELEMENTS)
+        G, w = elements.gradient[at], elements.weight[at]
+        w = w if share is None else w * share[at, None]
+        P = np.einsum("eq,qmr,erj->eqmj", ratio[at], slope, np.linalg.inv(J[at]))  # (3)
+        mixed, modes = integrate(w, G, P), integrate(w, P, P)
+        blocks = mixed @ np.linalg.solve(modes, mixed.transpose(0, 2, 1))
+        unknown = elements.unknowns[at]
+        total = total + sum_blocks(blocks, unknown, unknown, total.shape)
+    return csr_array(total)
 
 
 def _interleave(blocks: Sequence[Sequence[Any]]) -> csr_array:

@@ -36,6 +36,7 @@ from .links import tensegrity_grid as tensegrity_grid
 from .monolithic import solve_interface as solve_interface
 from .substructures import AssembledNewton as AssembledNewton
 from .substructures import LatinMethod as LatinMethod
+from .substructures import MultigridNewton as MultigridNewton
 from .substructures import NewtonSchur as NewtonSchur
 from .substructures import cut_links as cut_links
 from .substructures import homogenise as homogenise

@@ -27,6 +27,7 @@ from scipy.sparse import block_diag, csr_array, hstack, issparse
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.elasticity import compliances
+from multiscale.fe.multigrid import joint_matrix
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.newton import Limits, NewtonRun, enough, join_solutions, step_length
@@ -72,7 +73,7 @@ FEW, FULL = 2000, 0.1
 """A matrix is stored as a dense matrix up to this number of unknowns, or above this share of
 nonzero entries."""
 
-NO_LINKS = np.zeros(0)
+NO_LINKS, NO_JOINT = np.zeros(0), np.zeros((3, 3, 0))
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,21 @@ def solve_interface(
     )
 
 
+Linear = Callable[[csr_array | np.ndarray, csr_array, np.ndarray], Solve]
+"""Solver of K + B^T D B from K, B and the tangents D, (d, d, points), N/m."""
+
+
+def factorise_joined(
+    stiffness: csr_array | np.ndarray, jump: csr_array, tangent: np.ndarray
+) -> Solve:
+    """Factorise the stiffness of bodies with the tangents of their joints."""
+    if not jump.shape[0]:
+        return factorise(stiffness, name="the stiffness of the structure")
+    matrix = stiffness + jump.T @ (joint_matrix(tangent) @ jump)
+    full = issparse(matrix) and matrix.nnz > FULL * matrix.shape[0] ** 2
+    return factorise(matrix.toarray() if full else matrix, name="the tangent stiffness")
+
+
 @dataclass(frozen=True, eq=False)
 class Assembled:
     """Assembled elastic bodies, prepared for many laws and loads."""
@@ -176,6 +192,7 @@ class Assembled:
     jump: csr_array  # normal jumps of all points, then each tangential jump, (d * points, n)
     weight: np.ndarray  # area of these points, (points,), m²
     motions: np.ndarray  # rigid motions of the bodies, (n, motions), m
+    linear: Linear = factorise_joined  # solver of bodies with the tangents of joints
 
     def solve(
         self,
@@ -227,7 +244,7 @@ class Assembled:
 
     @cached_property
     def _solve(self) -> Solve:
-        return factorise(self.stiffness, name="the stiffness of the structure")
+        return self.linear(self.stiffness, self.jump, NO_JOINT)
 
     @cached_property
     def resistance(self) -> float:
@@ -249,13 +266,7 @@ class Assembled:
 
     def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Newton direction, m, by factors of the tangent K + B^T (w D) B."""
-        B, points = self.jump, self.weight.size
-        i, j, at = np.nonzero(tangent)
-        place = (points * i + at, points * j + at)
-        weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
-        matrix = self.stiffness + B.T @ (weighted @ B)
-        matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
-        return factorise(matrix, name="the tangent stiffness")(force)
+        return self.linear(self.stiffness, self.jump, tangent)(force)
 
     def split(self, value: np.ndarray, *, motions: bool = True) -> np.ndarray:
         """Unknowns or forces of the Newton step."""

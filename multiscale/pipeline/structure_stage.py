@@ -58,13 +58,14 @@ def choose_solver(
 ) -> "substructures.MethodChoice":
     """Choose the solver of bodies, unless the case names it, or asks for substructures."""
     method, shared = case.statics.method, team is not None and team.size > 1
-    if method == "newton":
+    if method in ("newton", "multigrid"):
         if shared:
             raise CaseError(
-                'method = "newton" in [statics] solves the whole on one process; take "latin", or '
-                "one process"
+                f'method = "{method}" in [statics] solves the whole on one process; take "latin", '
+                f"or one process"
             )
-        return substructures.choose_method(size, substructures.AssembledNewton())
+        whole = substructures.MultigridNewton if method == "multigrid" else macro.AssembledNewton
+        return substructures.choose_method(size, whole())
     asks = method == "latin" or case.substructures is not None or shared
     return substructures.choose_method(size, case.cut.method(team) if asks else None)
 

@@ -1,4 +1,4 @@
-"""Figures of ``WORK_PRECISION``: error against run time, growth of time and memory with cables."""
+"""Figures of ``WORK_PRECISION``: error against run time, growth of time and memory with sizes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -132,10 +132,10 @@ def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
             plot_growth(sized.assign(scene=("run", ["grids"] * sized.sizes["run"])), ax=panels[-1])
         title = "filled: converged; open: not converged; dotted: tolerance"
         figure.legend([*lines.values()], [*lines], loc="outside lower center", ncols=6, title=title)
-    elif "cables" in work_precision:
+    elif size := work_precision.attrs.get("growth"):
         figure = new_figure(11.0, 5.0)
         for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
-            plot_growth(work_precision, quantity=quantity, ax=ax)
+            plot_growth(work_precision, quantity=quantity, size=size, ax=ax)
     else:
         shown = [name for name in ("error", "contact_error", "over_copy") if name in work_precision]
         errors = [name for name in shown if work_precision[name].notnull().any()]
@@ -149,31 +149,37 @@ def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
 
 
 def plot_growth(
-    work_precision: Dataset, *, quantity: str = "wall_time", ax: Axes | None = None
+    work_precision: Dataset,
+    *,
+    quantity: str = "wall_time",
+    size: str = "cables",
+    ax: Axes | None = None,
 ) -> Axes:
-    """Plot time or memory against the number of cables by method, with its growth in the legend."""
+    """Plot time or memory against cables or unknowns by method, with its growth in the legend."""
     ax = axes_or_current(ax)
     label, factor = QUANTITIES[quantity]
     runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))
     methods, scenes = (list(dict.fromkeys(runs[name].values)) for name in ("method", "scene"))
-    cables, cost = runs["cables"].values, runs[quantity].values
+    sizes, cost = runs[size].values, runs[quantity].values
     for i, method in enumerate(methods):
         for scene in scenes:
             chosen = (runs["method"].values == method) & (runs["scene"].values == scene)
+            if not chosen.any():
+                continue
             first = scene == scenes[0]
             ax.plot(
-                cables[chosen],
+                sizes[chosen],
                 factor * cost[chosen],
                 "o-" if first else "s--",
                 color=f"C{i}",
                 markersize=5 if first else 8,
                 markerfacecolor=f"C{i}" if first else "none",
-                label=f"{method}, {scene}{_growth(quantity, cables[chosen], cost[chosen])}",
+                label=f"{method}, {scene}{_growth(quantity, sizes[chosen], cost[chosen], size)}",
             )
-    ax.set(xscale="log", yscale="log", xlabel="number of cables", ylabel=label)
-    if cables.size:
-        along = np.array([cables.min(), cables.max()])
-        lowest = factor * cost[cables == along[1]].min()  # the line ends at half of it
+    ax.set(xscale="log", yscale="log", xlabel=f"number of {size}", ylabel=label)
+    if sizes.size:
+        along = np.array([sizes.min(), sizes.max()])
+        lowest = factor * cost[sizes == along[1]].min()  # the line ends at half of it
         view = ax.get_ylim()
         ax.plot(along, 0.5 * lowest * along / along[1], ":", color="0.5", label="slope 1")
         ax.set_ylim(min(view[0], 0.4 * lowest), LEGEND_ROOM * view[1])
@@ -182,13 +188,13 @@ def plot_growth(
     return ax
 
 
-def _growth(quantity: str, cables: np.ndarray, cost: np.ndarray) -> str:
-    """Slope of time, or memory per cable, between the two largest structures; empty for fewer."""
-    if cables.size < 2:
+def _growth(quantity: str, sizes: np.ndarray, cost: np.ndarray, size: str) -> str:
+    """Slope of time, or memory of a cable or unknown, between the two largest structures."""
+    if sizes.size < 2:
         return ""
-    last = np.argsort(cables)[-2:]
+    last = np.argsort(sizes)[-2:]
     if quantity == "wall_time":
-        rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, cables))
+        rise, run = (np.diff(np.log(values[last]))[0] for values in (cost, sizes))
         return f": slope {rise / run:.2f}"
-    rise, run = (np.diff(values[last])[0] for values in (cost, cables))
-    return f": {1e-3 * rise / run:.2g} kB per cable"
+    rise, run = (np.diff(values[last])[0] for values in (cost, sizes))
+    return f": {1e-3 * rise / run:.2g} kB per {size[:-1]}"

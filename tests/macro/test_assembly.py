@@ -18,6 +18,7 @@ from multiscale.macro import (
     FiniteAssembly,
     Interface,
     LatinMethod,
+    MultigridNewton,
     NewtonSchur,
     RoughJoint,
     pressed_blocks,
@@ -37,6 +38,7 @@ METHODS = [
     pytest.param(LatinMethod(parts=(2, 1)), id="LATIN"),
     pytest.param(NewtonSchur(parts=(2, 1)), id="Newton-Schur"),
     pytest.param(AssembledNewton(parts=(2, 1)), id="assembled, cut"),
+    pytest.param(MultigridNewton(), id="multigrid"),
 ]
 
 

@@ -36,5 +36,6 @@ from .stepping import PreparedStructure as PreparedStructure
 from .stepping import follow as follow
 from .whole import AssembledNewton as AssembledNewton
 from .whole import CondensedProblem as CondensedProblem
+from .whole import MultigridNewton as MultigridNewton
 from .whole import assemble as assemble
 from .whole import condense_assembly as condense_assembly

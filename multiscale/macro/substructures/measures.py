@@ -208,7 +208,8 @@ def _follow_path(
     rising: bool = False,
 ) -> FollowedJoint:
     """Follow a path, and measure tangents at the ends of its steps."""
-    factors, ends, tangents = path.factors(), path.ends(), Tangents(problem)
+    factors, ends = path.factors(), path.ends()
+    tangents = Tangents(problem, method.linear(problem))
     work, ended = np.full((2, 3, *factors.shape), np.nan), list[JointState]()
 
     def note(step: int, state: JointState) -> None:

@@ -5,7 +5,8 @@ and :math:`c n^{4/3}` bytes. Newton's method on the whole factorises in every st
 solve for every unknown on the joints if these are few; LATIN factorises every substructure once
 with a solve for every point of the joints, then solves once in each iteration. The constants were
 measured on lap joints and stacked blocks of 8,000 and 24,000 unknowns on one process, with errors
-of a factor of two; other machines have other times, but only their ratio matters.
+of a factor of two; other machines have other times, but only their ratio matters. Newton's method
+with multigrid needs time and memory in proportion to n, measured at 1e5 and 1e6 unknowns.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
 from multiscale.macro.substructures.stepping import Method
-from multiscale.macro.substructures.whole import DENSE, AssembledNewton
+from multiscale.macro.substructures.whole import DENSE, AssembledNewton, MultigridNewton
 from multiscale.needs import Needs, choose
 from multiscale.schema import Dataset
 
@@ -26,19 +27,30 @@ FACTORS, SOLVE, DENSE_FACTORS = 4e-9, 4e-8, 2.5e-11
 """Seconds for sparse factors over the square of the unknowns, for a solve over their power of 4/3,
 and for dense factors over their cube."""
 
+CYCLES = 6e-5
+"""Seconds of a Newton step with multigrid, over its unknowns."""
+
 PER_FILL = 650
 """Peak memory of the factors of a matrix, byte, over the power of 4/3 of its unknowns."""
 
-PER_LINK, PER_UNKNOWN, PER_LATIN_FILL = 5000, 2800, 1300
+PER_LINK, PER_UNKNOWN, PER_LATIN_FILL, PER_MULTIGRID = 5000, 2800, 1300, 8500
 """Peak memory, byte: for a link; for matrices and results of an unknown of a body; for the factors
-of three matrices of a substructure, over the power of 4/3 of its unknowns."""
+of three matrices of a substructure, over the power of 4/3 of its unknowns; for an unknown with
+multigrid."""
 
 NEWTON_STEPS, ITERATIONS, OVERHEAD = 5, 27, 6e-3
 """Newton steps and iterations of LATIN for a load step; seconds of an iteration for joint, coarse
 problem and acceleration of a substructure."""
 
 PAYS = 0.5
-"""Time relative to Newton's method below which LATIN is chosen: it is less accurate."""
+"""Time relative to a more accurate method below which a method is chosen."""
+
+FASTER: dict[type[Method], str] = {
+    MultigridNewton: "multigrid needs less than half the time of factors",
+    LatinMethod: "factors of single bodies that last for the whole path need less than half the "
+    "time",
+}
+"""Reasons for the choice of a method that is not the first."""
 
 CUTS = ((1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4), (8, 8))
 """Substructures of a body along x and y that are tried in turn until the factors fit."""
@@ -59,7 +71,9 @@ def solve_assembly(
         Factors of the load cases, a row for each step; the first step starts from rest, each other
         from the step before. With bolts, the first factor multiplies their preloads, and a step
         that changes it tightens them; :func:`follow` can also continue an earlier path.
-    method : Method, :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`
+    method : Method
+        :class:`AssembledNewton`, :class:`MultigridNewton`, :class:`LatinMethod` or
+        :class:`NewtonSchur`
 
     Returns
     -------
@@ -142,7 +156,7 @@ class MethodChoice:
 
 def choose_method(
     size: JointSize,
-    asked: LatinMethod | AssembledNewton | None = None,
+    asked: Method | None = None,
     *,
     memory: float | None = None,
 ) -> MethodChoice:
@@ -151,16 +165,17 @@ def choose_method(
     Parameters
     ----------
     size : JointSize
-    asked : LatinMethod or AssembledNewton, optional, choice of the user, which is followed
+    asked : Method, optional, choice of the user, which is followed
     memory : float, optional, byte available; four fifths of the memory of this machine if not given
 
     Returns
     -------
     MethodChoice
-        Newton's method on the whole if its factors fit into the memory; LATIN on uncut bodies if it
-        needs less than half of the time; else LATIN with the first cut that fits. On one process a
-        cut never saves time, and saves memory from 4 x 2 substructures a body on, because the
-        factors of all substructures are stored.
+        Newton's method on the whole, with factors if they fit into the memory, with multigrid if
+        they do not or if it needs less than half of their time; LATIN on uncut bodies if it needs
+        less than half of that; else LATIN with the first cut that fits. On one process a cut never
+        saves time, and saves memory from 4 x 2 substructures a body on, because the factors of all
+        substructures are stored.
 
     Examples
     --------
@@ -169,32 +184,35 @@ def choose_method(
     ['AssembledNewton', 'LatinMethod']
     """
     limit = usable_memory() if memory is None else memory
-    newton, bodies, *cuts = _costs(size)
-    if isinstance(asked, AssembledNewton):
-        return MethodChoice(newton, "the case asks for it", (bodies,))
+    newton, multigrid, bodies, *cuts = _costs(size)
     if asked is not None:
-        taken = _latin_cost(size, asked)
-        return MethodChoice(taken, "the case asks for it", (newton, bodies))
+        named = {type(cost.method): cost for cost in (newton, multigrid)}
+        taken = named.get(type(asked)) or _latin_cost(size, asked)
+        others = [cost for cost in (newton, bodies) if cost.method != taken.method]
+        return MethodChoice(taken, "the case asks for it", tuple(others))
     room = f"of {1e-9 * limit:.2g} GB"
-    if size.compliant and newton.memory <= limit:
-        if not (bodies.memory <= limit and bodies.seconds < PAYS * newton.seconds):
-            why = f"its factors fit into the memory {room}, and it is the most accurate"
-            return MethodChoice(newton, why, (bodies,))
-        why = "factors of single bodies that last for the whole path need less than half the time"
-        return MethodChoice(bodies, why, (newton,))
     reason = f"the factors of the whole do not fit into the memory {room}"
     if not size.compliant:
         reason = "Newton's method does not support rigid contact"
-    fits = [cost for cost in (bodies, *cuts) if cost.memory <= limit]
-    if fits:
-        return MethodChoice(fits[0], reason, (newton,))
-    last = cuts[-1]
-    reason += ", nor do the factors of its substructures on one process"
-    return MethodChoice(last, reason, (newton,))
+    elif newton.memory <= limit:
+        reason = f"its factors fit into the memory {room}, and it is the most accurate"
+
+    # the first that fits, unless a later method needs less than half of its time
+    whole = [newton, multigrid] if size.compliant else []
+    fits = [cost for cost in (*whole, bodies, *cuts) if cost.memory <= limit]
+    if not fits:
+        reason += ", nor do the factors of its substructures on one process"
+        return MethodChoice(cuts[-1], reason, (newton,))
+    taken = fits[0]
+    for cost in fits[1:]:
+        if cost in (multigrid, bodies) and cost.seconds < PAYS * taken.seconds:
+            taken, reason = cost, FASTER[type(cost.method)]
+    others = [cost for cost in (newton, multigrid, bodies) if cost in fits or cost is newton]
+    return MethodChoice(taken, reason, tuple(cost for cost in others if cost is not taken))
 
 
 def _costs(size: JointSize) -> Iterator[MethodCost]:
-    """Costs of Newton's method on the whole, then of LATIN on uncut and on cut bodies."""
+    """Costs of Newton's method by factors and multigrid, then of LATIN on uncut and cut bodies."""
     n, boundary = size.unknowns, 6 * size.joint_points
     seconds = NEWTON_STEPS * size.steps * FACTORS * n**2
     if boundary <= DENSE:
@@ -202,11 +220,13 @@ def _costs(size: JointSize) -> Iterator[MethodCost]:
         seconds = condensed + NEWTON_STEPS * size.steps * DENSE_FACTORS * boundary**3
     memory = int(PER_UNKNOWN * n + PER_FILL * n ** (4.0 / 3.0))
     yield MethodCost(AssembledNewton(), 1, memory, seconds)
+    cycles = NEWTON_STEPS * size.steps * CYCLES * n
+    yield MethodCost(MultigridNewton(), 1, PER_MULTIGRID * n, cycles)
     for parts in CUTS:
         yield _latin_cost(size, LatinMethod(parts))
 
 
-def _latin_cost(size: JointSize, method: LatinMethod) -> MethodCost:
+def _latin_cost(size: JointSize, method: Method) -> MethodCost:
     count = size.bodies * method.parts[0] * method.parts[1]
     m = size.unknowns / count  # of a substructure
     solve = SOLVE * m ** (4.0 / 3.0)

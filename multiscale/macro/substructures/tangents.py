@@ -1,20 +1,18 @@
 """Tangent stiffness of a structure under its loads at a state of its path."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_array, csr_array, diags_array
+from scipy.sparse import csr_array
 
 from multiscale.errors import MultiscaleError
+from multiscale.fe.multigrid import joint_matrix
 from multiscale.laws.interface_law import SideBySide
-from multiscale.macro.monolithic import FLOOR, Assembled
+from multiscale.macro.monolithic import FLOOR, NO_JOINT, Assembled, Linear, factorise_joined
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.stepping import JointState
 from multiscale.macro.substructures.whole import assemble
-from multiscale.numerics.factorisation import Solve, factorise
 
 SMALL = 1e-8
 """Probing change of the traction, relative to the largest pressure, which decides which points
@@ -30,15 +28,14 @@ DIRECT, ITERATIONS = 8, 60
 class Tangents:
     """Tangents of a structure, without and with the shanks of its bolts."""
 
-    def __init__(self, problem: CutProblem) -> None:
-        self.problem, self.whole = problem, assemble(problem)
+    def __init__(self, problem: CutProblem, linear: Linear = factorise_joined) -> None:
+        self.problem, self.whole = problem, assemble(problem, linear)
         cases = list(range(problem.n_cases))
         # bolts are locked under every load but the first, which tightens them
         self.structures = [(self.whole, cases)]
         if problem.bolts:
-            locked = assemble(problem.with_locked_bolts())
+            locked = assemble(problem.with_locked_bolts(), linear)
             self.structures = [(locked, cases[1:]), (self.whole, cases[:1])]
-        self.factors = Factors()
 
     def work(self, state: JointState, rise: np.ndarray | None = None) -> np.ndarray:
         r"""Work of each load at the factor 1 on its displacement, J, shape (2, 3, cases).
@@ -61,11 +58,11 @@ class Tangents:
         for structure, cases in self.structures:
             load = structure.load[:, cases]
             if not self.problem.joints:
-                u = self.factors(structure.stiffness)(load)
+                u = structure.linear(structure.stiffness, structure.jump, NO_JOINT)(load)
                 work[..., cases] = _works(structure, 0.0 * structure.stiffness, load, u)
                 continue
             at = _Place(structure, self.problem.law, state.jump, state.history)
-            u = at.solve(at.stuck, load, self.factors if at.sticks else factorise)
+            u = at.solve(at.stuck, load)
             work[0][:, cases] = at.works(at.stuck, load, u)
             if rise is None:
                 continue
@@ -88,30 +85,21 @@ class _Place:
         """Tangents of the laws without slip, shape (3, 3, points), Pa/m."""
         return self.law.respond(self.jump, self.law.unsheared(self.state)).tangent
 
-    @property
-    def sticks(self) -> bool:
-        """Whether all interfaces have friction."""
-        return bool(np.all(self.law.friction_limit(np.ones(self.structure.weight.size)) > 0.0))
-
     def stiffness(self, tangent: np.ndarray) -> csr_array:
         """Stiffness of all joints for given tangents, N/m."""
         B = self.structure.jump
-        blocks = [[diags_array(self.structure.weight * entry) for entry in row] for row in tangent]
-        return csr_array(B.T @ csr_array(block_array(blocks, format="csr")) @ B)
+        return csr_array(B.T @ joint_matrix(self.structure.weight * tangent) @ B)
 
-    def solve(
-        self, tangent: np.ndarray, load: np.ndarray, factorise: Callable[[csr_array], Solve]
-    ) -> np.ndarray:
+    def solve(self, tangent: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Displacement under loads, m; if the stiffness is singular, soft points get a little."""
-        K = self.structure.stiffness
-        whole = csr_array(K + self.stiffness(tangent))
+        whole = self.structure
         try:
-            return factorise(whole)(load)
+            return whole.linear(whole.stiffness, whole.jump, whole.weight * tangent)(load)
         except MultiscaleError:
-            lent = FLOOR * self.structure.resistance
+            lent = FLOOR * whole.resistance
             soft = np.abs(np.einsum("iip->ip", tangent)) < lent
-            support = self.stiffness(lent * np.eye(3)[:, :, None] * soft)
-            return factorise(csr_array(whole + support))(load)
+            tangent = whole.weight * (tangent + lent * np.eye(3)[:, :, None] * soft)
+            return whole.linear(whole.stiffness, whole.jump, tangent)(load)
 
     def works(self, tangent: np.ndarray, load: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Work of loads, joints and bodies, (1), J; infinite where lent stiffness carries loads."""
@@ -137,7 +125,7 @@ class _Place:
                 return self.works(tangent, load, u)
             # displacement with these tangents; averages stop cycling
             tangent, last = now, work
-            u = self.solve(tangent, load, factorise)
+            u = self.solve(tangent, load)
             ahead = u if iteration < DIRECT else 0.5 * (ahead + u)
         return np.full(3, np.nan)
 

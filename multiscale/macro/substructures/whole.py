@@ -19,8 +19,9 @@ from scipy.sparse import csr_array, vstack
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import CondensedStiffness, condense_body
+from multiscale.fe.multigrid import Multigrid
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.monolithic import Assembled
+from multiscale.macro.monolithic import Assembled, Linear, factorise_joined
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
@@ -239,12 +240,13 @@ def _extend(trace: csr_array, edge: np.ndarray, n: int) -> csr_array:
     return csr_array((few.data, few.indices, few.indptr), shape=(few.shape[0], n))
 
 
-def assemble(problem: CutProblem) -> Assembled:
+def assemble(problem: CutProblem, linear: Linear = factorise_joined) -> Assembled:
     """Assemble the substructures of a problem.
 
     Parameters
     ----------
     problem : CutProblem, without its links, if any
+    linear : callable, solver of its matrices
 
     Examples
     --------
@@ -261,7 +263,7 @@ def assemble(problem: CutProblem) -> Assembled:
     K = place.T @ on_diagonal(each.stiffness for each in substructures) @ place
     load = place.T @ np.concatenate([each.load for each in substructures])
     jump = stack_jumps(joint_jumps(problem), n)
-    return Assembled(csr_array(K), load, jump, problem.weight, problem.motions)
+    return Assembled(csr_array(K), load, jump, problem.weight, problem.motions, linear)
 
 
 def joint_jumps(problem: CutProblem) -> list[csr_array]:
@@ -299,9 +301,31 @@ class AssembledNewton(Method):
     name: ClassVar[str] = "Newton's method on the whole"
     condenses: ClassVar[bool] = True
 
+    @property
+    def coarse(self) -> bool:
+        """False: nothing is cut."""
+        return False
+
     def start(self, problem: CutProblem) -> "_WholeSolver":
         """Condense and assemble a structure."""
         return _WholeSolver(problem, self)
+
+
+@dataclass(frozen=True)
+class MultigridNewton(AssembledNewton):
+    """Newton's method on the whole with iterative directions, for bodies of 1e5 to 1e6 unknowns.
+
+    The tangent of bodies and joints is preconditioned by smoothed aggregation with the rigid
+    motions of the bodies; see :class:`~multiscale.fe.multigrid.Multigrid`. A direction whose
+    residual stays above 1e-10 is not used.
+    """
+
+    name: ClassVar[str] = "Newton's method with multigrid"
+    condenses: ClassVar[bool] = False
+
+    def linear(self, problem: CutProblem) -> Multigrid:
+        """Return the solver of the matrices of a structure."""
+        return Multigrid(*problem.places())
 
 
 class _WholeSolver:
@@ -316,8 +340,9 @@ class _WholeSolver:
                 "contact"
             )
         self.problem, self.method = problem, method
-        self.bodies = condense_problem(problem)
-        self.structure = assemble(self.bodies.small)
+        condenses = method.condenses
+        self.bodies = condense_problem(problem) if condenses else CondensedProblem(problem, problem)
+        self.structure = assemble(self.bodies.small, method.linear(self.bodies.small))
         self.attributes: dict[str, int] = {}
 
     def step(

@@ -19,7 +19,6 @@ References
    B421-B446, doi:10.1137/110848190: the basis of (1) and its dual.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -27,10 +26,11 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.errors import CaseError
+from multiscale.fe.multigrid import POLYNOMIAL, nodal_cycle
 from multiscale.laws.bulk.bulk_law import cofactor
 from multiscale.micro.elastic.active_set import Constrained
 from multiscale.micro.path import ContactState, ElasticCell
-from multiscale.numerics.krylov import conjugate_gradients
+from multiscale.numerics.krylov import Operator, conjugate_gradients
 
 if TYPE_CHECKING:
     from skfem import CellBasis, FacetBasis
@@ -222,8 +222,6 @@ def _periodic_images(points: np.ndarray) -> np.ndarray:
     return image
 
 
-Operator = Callable[[np.ndarray], np.ndarray]
-
 MOTION_TOLERANCE = 1e-3  # residual of the motion d, relative to its forces on the active set
 SLOW = 40  # iterations on an active set, above which the next set gets a new cycle
 FIRST = 0.1  # share of the nodes in the first active set under a load
@@ -328,39 +326,7 @@ class MultigridInverse:
 
 
 def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
-    """Set up a symmetric cycle of smoothed aggregation on blocks of three unknowns a node."""
-    from pyamg import smoothed_aggregation_solver
-
-    nodes, node = np.unique(body.place // 3, return_inverse=True)
-    at = 3 * node + body.place % 3
-    size = 3 * len(nodes)
+    """Set up a multigrid cycle for the free unknowns."""
     keep = sparse.diags_array(free.astype(float))
-    matrix = (keep @ body.stiffness @ keep).tocoo()
-    unit = np.full(size, float(body.stiffness.diagonal().mean()))  # fixed components
-    unit[at[free]] = 0.0
-    rows = np.concatenate([at[matrix.row], np.arange(size)])
-    columns = np.concatenate([at[matrix.col], np.arange(size)])
-    entries = np.concatenate([matrix.data, unit])
-    padded = sparse.csr_matrix((entries, (rows, columns)), shape=(size, size))
-    modes = np.zeros((size, body.modes.shape[1]))
-    modes[at[free]] = body.modes[free]
-    smoother = ("chebyshev", {"degree": 2})  # as many iterations as with Gauss-Seidel, and cheaper
-    levels = smoothed_aggregation_solver(
-        sparse.bsr_matrix(padded, blocksize=(3, 3)),
-        B=modes,
-        strength=("symmetric", {"theta": 0.02}),
-        presmoother=smoother,
-        postsmoother=smoother,
-        max_coarse=600,
-        coarse_solver="splu",
-        improve_candidates=None,
-    )
-    precondition = levels.aspreconditioner(cycle="V")
-
-    def apply(residual: np.ndarray) -> np.ndarray:
-        spread = np.zeros(size)
-        spread[at] = residual
-        moved: np.ndarray = precondition.matvec(spread)[at]
-        return moved
-
-    return apply
+    matrix = sparse.csr_array(keep @ body.stiffness @ keep)
+    return nodal_cycle(matrix, body.place, body.modes, POLYNOMIAL, free)

@@ -596,10 +596,10 @@ def check_bodies(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> N
                 f'method = "{method}" in [statics] is not for [{table}], which has a different '
                 f"solver; leave out method"
             )
-    if method == "newton" and case.substructures is not None:
+    if method != "latin" and case.substructures is not None:
         raise ValueError(
-            'method = "newton" in [statics] solves the whole structure, and [substructures] cut it '
-            "for LATIN; leave out one of them"
+            f'method = "{method}" in [statics] solves the whole structure, and [substructures] cut '
+            f"it for LATIN; leave out one of them"
         )
 
 

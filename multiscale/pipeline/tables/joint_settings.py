@@ -148,9 +148,10 @@ class Substructures(toml.Settings):
 class SolverChoice(toml.Settings):
     """The solver of the bodies of a case."""
 
-    method: Literal["newton", "latin"] | None = None
-    """Solver of the bodies: `"newton"` on the whole structure, or `"latin"` on
-    substructures, which `[substructures]` may cut; if not given, the cheaper method."""
+    method: Literal["newton", "multigrid", "latin"] | None = None
+    """Solver of the bodies: Newton's method on the whole structure with factors, `"newton"`, or for
+    large bodies with `"multigrid"`, or `"latin"` on substructures, which `[substructures]` may cut;
+    if not given, the cheaper method."""
 
 
 class LawSource(toml.Settings):

@@ -1,0 +1,67 @@
+"""Growth of the cost of substructures, grains and large bodies with their size."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from multiscale.bench.measure import BenchFamily, Row, Runner
+from multiscale.bench.structures import scene_grid
+from multiscale.bench.substructures import CUT_METHODS, EDGE, CutScene
+from multiscale.macro import AssembledNewton, MultigridNewton, solve_assembly
+
+BODIES = {"factors": AssembledNewton(), "multigrid": MultigridNewton()}
+
+SIZES: Mapping[tuple[str, str], tuple[int, ...]] = {
+    ("tensegrity grid in substructures", "Newton-Schur"): (8, 16, 32, 64, 128),
+    ("deposit of grains", "sweeps"): (20, 60, 200, 600),
+    ("two bodies with a joint", "factors"): (8, 16, 24),
+    ("two bodies with a joint", "multigrid"): (8, 16, 24, 32, 48),
+}
+"""Modules along an edge, grains, and elements along an edge."""
+
+
+class Growth(NamedTuple):
+    """Size of a solved structure, and whether it has an answer."""
+
+    unknowns: int
+    converged: bool
+    iterations: float
+
+
+def grow(method: str, size: int) -> Growth:
+    """Solve a structure of a size by a method of ``SIZES``."""
+    if method in BODIES:
+        from multiscale.bench.stability_cases import large_blocks
+
+        blocks, path = large_blocks(1.0, 0.2, size), np.array([[1.0, 0.0], [1.0, 1.0]])
+        result = solve_assembly(blocks, path, method=BODIES[method])
+        solved, steps = bool(result["converged"].all()), float(result["iterations"].sum())
+        return Growth(int(result.attrs["unknowns"]), solved, steps)
+    if method == "sweeps":
+        from multiscale.macro.granulate import ContactLaw, deposit, simulate_grains
+
+        heap = deposit(np.full(size, 0.01), (0.1, 0.1), ContactLaw(0.5, compliance=0.02))
+        motion = simulate_grains(heap, 0.2, 2e-3)
+        good = bool(np.isfinite(motion["position"].values).all())
+        return Growth(6 * size, good, float(motion["iterations"].sum()))
+    parts = size // min(EDGE, size // 2)
+    scene = CutScene("grid", scene_grid(size), np.ones((1, 1)), (parts, parts))
+    answer = scene.solve(CUT_METHODS[1])
+    return Growth(answer.unknowns, answer.converged, answer.iterations)
+
+
+@partial(
+    BenchFamily,
+    "growth of cost with size: substructures, grains, large bodies",
+    packages=("scipy", "pypardiso", "pyamg"),
+    threads=1,
+    attributes={"growth": "unknowns"},
+)
+def growth(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+    """Solve structures of all sizes, in the smallest form the first two of each."""
+    for (scene, method), sizes in SIZES.items():
+        for size in sizes[:2] if quick else sizes:
+            row = run(scene, method, *(grow, method, size), warm=(method, sizes[0]))
+            yield [row | (row["value"] or Growth(0, False, np.nan))._asdict()]

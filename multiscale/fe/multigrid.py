@@ -1,0 +1,164 @@
+r"""Smoothed aggregation of elastic bodies on nodal blocks, and minimal residuals with its cycle.
+
+A joint of the tangent D and the jump B u may be far stiffer than the bodies. Its stiffness is split
+into a share :math:`D_c` of at most the stiffness :math:`k` of the bodies at a point, and the rest
+:math:`D'`, of which the forces :math:`s = D' B u` are unknowns,
+
+.. math::
+    (K + B^T D_c B)\, u + B^T s = f, \qquad
+    (I + D'/\gamma k)^{-1} (s - D' B u) = 0.    \tag{1}
+
+The cycle of multigrid is an inverse of the first row. With it, the stiffness of the bodies under a
+traction of short to long wavelength is between k and 2 k, so that the second row, with
+:math:`\gamma` between, has a Schur complement near the identity for any D. Aggregates of the whole
+tangent need as few iterations where the nodes of a joint match, and hundreds where they do not.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.sparse import bsr_matrix, csr_array, csr_matrix, diags_array
+
+from multiscale.errors import MultiscaleError
+from multiscale.fe.elasticity import rigid_motions
+from multiscale.numerics.factorisation import Solve
+from multiscale.numerics.krylov import Operator, minimal_residual
+
+STRENGTH = 0.02  # coupling of two nodes, relative to their blocks, from which they are aggregated
+COARSEST = 600  # unknowns of the coarsest level, which is factorised
+
+BETWEEN = 1.4  # gamma of (1)
+
+GOAL, ROOM = 1e-10, 120
+"""Residual of a solve relative to its right-hand side, and limit of the iterations."""
+
+ROUNDING, UNSURE = 64.0 * np.finfo(float).eps, 1e-4
+"""Residual which is rounding: relative to the terms of the product with the matrix, and at most
+relative to the right-hand side, because the terms of a singular matrix are large."""
+
+BLOCKS = ("block_gauss_seidel", {"sweep": "symmetric"})
+POLYNOMIAL = ("chebyshev", {"degree": 2})
+"""Smoothers: of any contrast of stiffness, and the cheaper of even bodies."""
+
+
+def nodal_cycle(
+    matrix: csr_array,
+    place: np.ndarray,
+    modes: np.ndarray,
+    smoother: tuple[str, dict[str, Any]],
+    free: np.ndarray | None = None,
+) -> Operator:
+    """Set up a symmetric cycle on blocks of three components a node.
+
+    ``place`` is 3 a + i of every unknown, the component i of a node a; ``modes`` are the rigid
+    motions, shape (n, 6). Rows and columns of unknowns that are not free must be zero.
+    """
+    from pyamg import smoothed_aggregation_solver
+
+    nodes, node = np.unique(place // 3, return_inverse=True)
+    at, size, n = 3 * node + place % 3, 3 * len(nodes), len(place)
+    moving = np.arange(n) if free is None else np.flatnonzero(free)
+    unit = np.full(size, float(np.abs(matrix.diagonal()).sum()) / moving.size)  # fixed components
+    unit[at[moving]] = 0.0
+    spread = csr_array((np.ones(n), at.astype(np.int32), np.arange(n + 1)), shape=(n, size))
+    padded = csr_array(matrix) @ spread
+    padded = spread.T @ padded  # each copy of a large matrix is freed before the next
+    padded = padded + diags_array(unit)
+    padded = bsr_matrix(csr_matrix(padded), blocksize=(3, 3))
+    candidates = np.zeros((size, modes.shape[1]))
+    candidates[at[moving]] = modes[moving]
+    levels = smoothed_aggregation_solver(
+        padded,
+        B=candidates,
+        strength=("symmetric", {"theta": STRENGTH}),
+        presmoother=smoother,
+        postsmoother=smoother,
+        max_coarse=COARSEST,
+        coarse_solver="splu",
+        improve_candidates=None,
+    )
+    precondition = levels.aspreconditioner(cycle="V")
+
+    def apply(residual: np.ndarray) -> np.ndarray:
+        padded_residual = np.zeros(size)
+        padded_residual[at] = residual
+        moved: np.ndarray = precondition.matvec(padded_residual)[at]
+        return moved
+
+    return apply
+
+
+@dataclass(frozen=True, eq=False)
+class Multigrid:
+    """Iterative solver of the tangents of bodies with joints."""
+
+    position: np.ndarray  # of the unknowns, (n, 3), m
+    component: np.ndarray  # direction of every unknown, (n,)
+
+    def __call__(self, stiffness: csr_array, jump: csr_array, tangent: np.ndarray) -> Solve:
+        """Prepare (1) of bodies, (n, n), with the tangents (d, d, points) of joints, N/m.
+
+        The function that solves refuses a residual above its goal.
+        """
+        # shares of the stiffness of the joints that the cycle takes
+        n, points = stiffness.shape[0], tangent.shape[2]
+        flexible = jump.power(2) @ (1.0 / np.abs(stiffness.diagonal()))
+        k = 1.0 / np.maximum(flexible.reshape(-1, points).mean(axis=0), np.finfo(float).tiny)
+        share = np.minimum(1.0, k / np.maximum(np.abs(tangent).max(axis=(0, 1)), 1e-300 * k))
+        matrix = csr_array(stiffness + jump.T @ (joint_matrix(share * tangent) @ jump))
+        cycle = self._cycle(matrix)
+
+        # the second row of (1)
+        stiff = share < 1.0
+        rest = np.moveaxis((1.0 - share[stiff]) * tangent[..., stiff], -1, 0)
+        scale = np.linalg.inv(np.eye(len(tangent)) + rest / (BETWEEN * k[stiff, None, None]))
+        across = csr_array(jump[np.tile(stiff, len(tangent))])
+        unit, pull = (joint_matrix(np.moveaxis(each, 0, -1)) for each in (scale, scale @ rest))
+
+        def apply(x: np.ndarray) -> np.ndarray:
+            u, s = x[:n], x[n:]
+            return np.concatenate([matrix @ u + across.T @ s, unit @ s - pull @ (across @ u)])
+
+        def precondition(residual: np.ndarray) -> np.ndarray:
+            force, s = residual[:n], residual[n:]
+            return np.concatenate([cycle(force - across.T @ s), s])
+
+        def solve_column(right: np.ndarray) -> np.ndarray:
+            b, size = np.append(right, np.zeros(across.shape[0])), float(norm(right))
+            try:
+                with np.errstate(all="ignore"):  # of a singular matrix: the residual shows it
+                    x, count = minimal_residual(apply, b, precondition, goal=GOAL * size, room=ROOM)
+                    left = float(norm(b - apply(x)))
+                    rounding = ROUNDING * float(norm(abs(matrix) @ np.abs(x[:n])))
+            except RuntimeError as error:  # the coarsest matrix is singular
+                raise MultiscaleError(f"the tangent stiffness is singular: {error}") from error
+            if not left <= max(1.01 * GOAL * size, min(rounding, UNSURE * size)):
+                raise MultiscaleError(
+                    f"multigrid left a residual of {left / (size or 1.0):.1e} of the load in "
+                    f"{count} iterations; the tangent stiffness may be singular, check the supports"
+                )
+            return x[:n]
+
+        # not recursive: the cycle is freed with this function
+        return lambda right: np.apply_along_axis(solve_column, 0, right)
+
+    def _cycle(self, matrix: csr_array) -> Operator:
+        """Cycle on the nodes: their unknowns follow each other, with rising components."""
+        apart = np.any(np.diff(self.position, axis=0) != 0.0, axis=1)
+        node = np.append(0, np.cumsum(apart | (np.diff(self.component) <= 0)))
+        modes = rigid_motions(self.position, self.component)
+        modes /= np.maximum(np.abs(modes).max(axis=0), np.finfo(float).tiny)
+        try:
+            return nodal_cycle(matrix, 3 * node + self.component % 3, modes, BLOCKS)
+        except (RuntimeError, ValueError, np.linalg.LinAlgError) as error:
+            raise MultiscaleError(f"multigrid cannot coarsen the bodies: {error}") from error
+
+
+def joint_matrix(tangent: np.ndarray) -> csr_array:
+    """Matrix of tangents (d, d, points): all normal jumps, then each tangential jump."""
+    i, j, at = np.nonzero(tangent)
+    points = tangent.shape[2]
+    place = (points * i + at, points * j + at)
+    return csr_array((tangent[i, j, at], place), shape=(len(tangent) * points,) * 2)
