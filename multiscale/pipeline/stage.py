@@ -213,12 +213,7 @@ def format_table(
     title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, notes: bool = False
 ) -> list[str]:
     """Return a title, a head and rows as lines with aligned columns; notes are left."""
-    heads = []
-    for name, *cells in zip(head, *rows, strict=True):
-        words = name.split(" ")
-        halves = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(len(words))]
-        least = max(map(len, cells), default=len(name))
-        heads.append(min(halves, key=lambda pair: max(least, *map(len, pair))))
+    heads = [_two_lines(*column) for column in zip(head, *rows, strict=True)]
     lines = [line for line in (*zip(*heads, strict=True), *rows) if any(line)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     widths[-1] *= not notes
@@ -229,3 +224,27 @@ def format_table(
             for line in lines
         ),
     ]
+
+
+def _two_lines(name: str, *cells: str) -> tuple[str, str]:
+    """Break the head of a column where it is narrowest."""
+    words = name.split(" ")
+    halves = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(len(words))]
+    least = max(map(len, cells), default=len(name))
+    return min(halves, key=lambda pair: max(least, *map(len, pair)))
+
+
+WIDTH = 100  # columns of a terminal
+
+
+def fit_columns(
+    head: tuple[str, ...], rows: Sequence[tuple[str, ...]]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the leading columns of a table that fit into the width of a terminal."""
+    count, room = 0, WIDTH + 2
+    for name, *cells in zip(head, *rows, strict=True):
+        room -= 2 + max(map(len, (*_two_lines(name, *cells), *cells)))
+        if room < 0 and count:
+            break
+        count += 1
+    return head[:count], [row[:count] for row in rows]

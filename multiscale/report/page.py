@@ -25,11 +25,13 @@ from multiscale.io.files import read_bytes
 from multiscale.pipeline.case import load_case
 from multiscale.pipeline.costs import run_costs
 from multiscale.pipeline.inspection import INSPECTION
+from multiscale.pipeline.showing import LOWER_BOUND
 from multiscale.pipeline.stage import (
     Section,
     Shown,
     ShowProgress,
     Summary,
+    fit_columns,
     format_table,
     unseen,
 )
@@ -39,6 +41,8 @@ from multiscale.schema import ACCURACY, SURFACE_STATISTICS, Dataset
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
+
+SENTENCES = 2  # of the answer on the command line
 
 Figures: TypeAlias = Sequence[tuple[Path, Callable[[Path], Path]]]
 
@@ -64,17 +68,31 @@ class FinishedRun:
         return [*of_stages, *self.costs()]
 
     def lines(self, *, details: bool = False) -> Iterator[str]:
-        """Yield the lines of the stages on the command line, the last stage first.
+        """Yield the lines of the command line.
 
-        The stage of the summary prints its answer if it has no other lines. With details all
-        tables of the page are printed.
+        These are question, answer in two sentences and one table. With details the answers,
+        tables and remarks of all stages are printed, the last stage first.
         """
+        if not details:
+            yield from self._brief()
+            return
         for stage in self.stages[::-1]:
             sections = stage.sections(self.found, self.out)
-            lines = stage.lines(self.found[stage.name], sections, details=details)
+            lines = stage.lines(self.found[stage.name], sections, details=True)
             yield from lines or (self.summary.answer if stage is self.answering else ())
-        for section in self.costs() if details else ():
+        for section in self.costs():
             yield from format_table(section.heading, section.head, section.rows)
+
+    def _brief(self) -> Iterator[str]:
+        yield from (self.title, self.summary.question, *self.summary.answer[:SENTENCES])
+        sections = self.answering.sections(self.found, self.out)
+        tables = [section for section in sections if section.head and section.printed]
+        for table in tables[:1]:
+            narrow = fit_columns(table.head, table.rows)
+            yield from format_table(table.heading, *narrow, notes=table.notes)
+            if any(LOWER_BOUND in cell for row in narrow[1] for cell in row):
+                yield f"{LOWER_BOUND.strip()} marks errors with terms that are not known."
+        yield "Other tables, terms of the error and remarks: --details, or report.html"
 
     def costs(self) -> list[Section]:
         """Return the section on time and error of a run of a case; a plan has its own."""

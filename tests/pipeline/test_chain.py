@@ -98,7 +98,7 @@ def test_cells_alone_are_a_case_and_tell_the_interface(command, tmp_path):
     path = write_scene(tmp_path, CELLS + "[law]\nsamples = 0\n")
     status, said, _ = command("run", path, "-o", "out", "--jobs", "1")
     assert status == 0
-    line = said.splitlines()[0]
+    line = said.splitlines()[2]
     law = open_law(tmp_path / "out" / "interface_law.nc")
     middle = law.isel(step=law.sizes["step"] // 2)
     assert line.startswith(f"At {1e-6 * float(middle['fit_pressure']):.4g} MPa the mean gap of ")

@@ -14,8 +14,9 @@ import pytest
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.pipeline import load_case, requirements, run
 from multiscale.pipeline.showing import Table, answer_columns
-from multiscale.pipeline.stage import Stage
+from multiscale.pipeline.stage import WIDTH, Stage
 from multiscale.report import FinishedRun, open_finished, show_run
+from multiscale.report.page import SENTENCES
 from multiscale.schema import MACRO_RESULT, SHOWN, unit_in
 from tests.pipeline import test_body_cases as bodies
 from tests.pipeline.test_fatigue_cases import TEXT as CYCLED
@@ -120,7 +121,7 @@ def test_every_figure_and_every_table_stands_on_the_page(finished):
 
 
 def test_print_and_download_have_the_table_of_the_page(finished):
-    printed = [line.split() for line in finished.run.lines()]
+    printed = [line.split() for line in finished.run.lines(details=True)]
     downloads = re.findall(r'csv" href="data:text/plain;base64,([^"]+)"', finished.page)
     files = [
         [tuple(row) for row in csv.reader(StringIO(base64.b64decode(one).decode("utf-8-sig")))]
@@ -140,7 +141,13 @@ def test_the_question_has_an_answer_and_the_print_has_it(finished):
     summary = finished.run.summary
     assert summary.question.endswith("?")
     assert summary.answer
-    assert set(summary.answer) <= set(finished.run.lines())
+    brief, whole = list(finished.run.lines()), set(finished.run.lines(details=True))
+    head = [summary.question, *summary.answer[:SENTENCES]]
+    assert brief[1 : 1 + len(head)] == head
+    assert set(summary.answer) <= whole
+    tables = [line for line in brief[1 + len(head) :] if "  " in line]
+    assert all(len(line) <= WIDTH for line in tables)
+    assert len(brief) < 30
 
 
 def test_answers_are_shown_in_units_of_their_variables(finished):

@@ -117,7 +117,7 @@ def test_a_size_study_says_which_of_its_volumes_hold_no_pore(tmp_path):
     assert (
         "volumes of 0.6 of the size and less in the size study contain fewer than one" in cautions
     )
-    lines = open_finished(tmp_path / "out").lines()
+    lines = list(open_finished(tmp_path / "out").lines(details=True))
     assert any("3.6 pores" in line for line in lines)
     assert any("0.77 pores" in line for line in lines)
 

@@ -71,7 +71,7 @@ def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monke
         response["nominal_pressure"],
         rtol=1e-12,
     )
-    assert next(finished.lines()).startswith("At most ")
+    assert next(finished.lines(details=True)).startswith("At most ")
     page = write_report(out).read_text(encoding="utf-8")
     assert ">Mean real pressure</h2>" in page
     assert "How stiff is the joint of the two bodies" in page
