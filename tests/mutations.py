@@ -26,10 +26,8 @@ COPIED = ("multiscale", "tests", "microcases", "workflows")
 TESTS = {
     "convergence": "tests/test_convergence.py",
     "units": "tests/test_units.py",
-    "executors": "tests/test_executors.py",
     "io.csv_tables": "tests/upscaling/test_bad_input.py tests/upscaling/test_tables.py",
     "io.images": "tests/io/test_images.py",
-    "io.mended_topographies": "tests/io/test_mended_topographies.py",
     "surfaces.fourier": "tests/surfaces",
     "surfaces.statistics": "tests/surfaces",
     "laws.normal": "tests/laws",

@@ -92,6 +92,15 @@ def test_every_scene_runs(scene, tmp_path):
     assert not any("steps have an answer" in sentence for sentence in answer)
 
 
+def test_published_and_exact_values_are_met(tmp_path):
+    script = runpy.run_path(str(FOLDER / "manual" / "published.py"))
+    families = ("line_wave", "egg_box", "cubic_spheres", "grid_of_the_source")
+    rows = [row for family in families for row in script[family]()]
+    assert [row for row in rows if not abs(row[2] / row[1] - 1.0) < 0.015] == []
+    page = (FOLDER / "published.md").read_text(encoding="utf-8")
+    assert [what for what, *_ in rows if f"| {what} |" not in page] == []
+
+
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):
     main = runpy.run_path(str(FOLDER / "tensegrity_grid.py"))["main"]
     assert not main(["--quick", "-o", str(tmp_path)])
