@@ -72,6 +72,66 @@ def test_a_cut_grid_moves_like_the_whole_one(tmp_path):
     assert (tmp_path / "fields" / "cut.pvd").is_file()
 
 
+def test_homogenised_substructures_of_a_case_at_rest_and_in_motion(tmp_path):
+    cut = ("[4, 4]", '[2, 2]\nmodel = "adaptive"')
+    scene = write_scene(tmp_path, GRID, cut, ("n = 16", 'n = 8\nprestress = "640 N"'))
+    result = run_macro(load_case(scene), tmp_path / "grid.nc")
+    expected = solve_static(tensegrity_grid(8, prestress=640.0), [0.25, 0.5, 1.0])
+    assert result.attrs["resolved"] == 4
+    assert result["slack_links"][-1] > 0
+    scale = np.abs(expected.tension.values).max()
+    np.testing.assert_allclose(result.tension, expected.tension, rtol=0.0, atol=1e-6 * scale)
+    pairs = [
+        ("n = 16", "n = 8"),
+        ('"0.5 s"', '"0.05 s"'),
+        ("theta = 0.5", "theta = 1"),
+        ("[dynamics]", '[substructures]\nparts = [2, 2]\nmodel = "adaptive"\n[dynamics]'),
+    ]
+    moved = run_macro(load_case(write_scene(tmp_path, MOVING, *pairs)), tmp_path / "moved.nc")
+    pairs[-1] = ("[dynamics]", "[substructures]\nparts = [2, 2]\n[dynamics]")
+    whole = run_macro(load_case(write_scene(tmp_path, MOVING, *pairs)), tmp_path / "whole.nc")
+    assert moved["converged"].values.all()
+    for name, error in (("displacement", 5e-3), ("tension", 3e-2)):  # near corners
+        scale = np.abs(whole[name].values).max()
+        np.testing.assert_allclose(moved[name], whole[name], rtol=0.0, atol=error * scale)
+
+
+def test_homogenised_substructures_of_links_from_tables(tmp_path):
+    grid = tensegrity_grid(8)
+    nodes = [f"{axis}" for axis in "xyz"] + [f"fix_{axis}" for axis in "xyz"] + ["load_z"]
+    values = np.column_stack([grid.position, grid.fixed, grid.load[:, 2]])
+    rows = [",".join(f"{value!r}" for value in row) for row in values.tolist()]
+    (tmp_path / "nodes.csv").write_text("\n".join([",".join(nodes), *rows]), encoding="utf-8")
+    names = np.array(["rope", "tube"])[grid.kind]
+    columns = zip(*grid.ends.T, names, grid.prestress.tolist(), grid.group, strict=True)
+    links = ["first,second,law,prestress,group"]
+    links += [f"{a},{b},{name},{force!r},{group}" for a, b, name, force, group in columns]
+    (tmp_path / "links.csv").write_text("\n".join(links), encoding="utf-8")
+    table = """kind = "table"
+nodes = "nodes.csv"
+links = "links.csv"
+laws.rope = {kind = "cable", rigidity = "4e6 N"}
+laws.tube = {kind = "bar", rigidity = "8e7 N"}"""
+    cut = ("[4, 4]", '[2, 2]\nmodel = "adaptive"')
+    scene = write_scene(tmp_path, GRID, cut, ('kind = "tensegrity_grid"\nn = 16', table))
+    result = run_macro(load_case(scene), tmp_path / "grid.nc")
+    expected = solve_static(grid, [0.25, 0.5, 1.0])
+    size = np.abs(expected.displacement.values).max()
+    np.testing.assert_allclose(
+        result["displacement"], expected["displacement"], rtol=0.0, atol=1e-3 * size
+    )
+    assert result.attrs["unknowns"] <= np.count_nonzero(~grid.fixed)
+
+
+def test_homogenised_plates_are_refused(tmp_path):
+    plate = (SCENES / "plate.toml").read_text(encoding="utf-8")
+    scene = write_scene(
+        tmp_path, plate, ("[substructures]", '[substructures]\nmodel = "homogenised"')
+    )
+    with pytest.raises(CaseError, match="consist of links, unlike a structure of kind 'plate'"):
+        load_case(scene)
+
+
 def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks):
     grid = ("n = 16", 'n = 4\nprestress = "160 N"')
     scene = write_scene(tmp_path, GRID, grid, ("[4, 4]", "[2, 2]\nhomogenise = true"))

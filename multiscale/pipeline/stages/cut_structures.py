@@ -1,6 +1,6 @@
 """Stages: bars and cables, plates, whole or cut, and condensed substructures."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from math import ceil
 from typing import Any
 
@@ -45,11 +45,14 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         moved = _measured(_move(links, case, case.dynamics, datasets, job))
         return with_too_far(moved.assign_attrs(question=OF_MOTION))
     if case.substructures is not None:
-        problem, factors = links.cut(case, datasets, job), np.array(statics.load_factors)
-        solved = macro.solve_latin(
-            problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team)
+        factors = np.array(statics.load_factors)
+        result = _solve_cut(
+            links.cut(case, datasets, job),
+            case,
+            job,
+            lambda method, problem: method.solve(problem, factors),
+            system,
         )
-        result = _with_links(solved, system)
     else:
         result = macro.solve_static(
             system, statics.load_factors, exact=statics.exact, stability=statics.stability
@@ -96,12 +99,31 @@ def _move(
         return macro.simulate(
             system, times, settings.mass, load_factor=load_factor, start=start, **options
         )
-    problem, stop = links.cut(case, datasets, job), case.cut.stop(job.team)
-    start = _at_rest(
-        macro.solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0)
-    )
-    result = substructures.simulate_latin(
-        problem, times, settings.mass, load_factor=load_factor, start=start, **stop
+    stop = case.cut.stop(job.team)
+
+    def move(method: "substructures.Method", problem: "substructures.CutProblem") -> Dataset:
+        start = _at_rest(method.solve(problem, factor).isel(step=0))
+        return substructures.simulate_latin(
+            problem, times, settings.mass, load_factor=load_factor, start=start, **stop
+        )
+
+    return _solve_cut(links.cut(case, datasets, job), case, job, move, system)
+
+
+def _solve_cut(
+    problem: "substructures.CutProblem",
+    case: Case,
+    job: Job,
+    solve: Callable[["substructures.Method", "substructures.CutProblem"], Dataset],
+    system: "macro.LinkSystem",
+) -> Dataset:
+    """Solve substructures by a path or a motion: resolved, or by their homogenised stiffness."""
+    cut = case.cut
+    if cut.model == "resolved":
+        return _with_links(solve(cut.method(job.team), problem), system)
+    newton = macro.NewtonSchur(tolerance=cut.tolerance, max_iterations=cut.max_iterations)
+    result = substructures.solve_homogenised(
+        problem, lambda coarse: solve(newton, coarse), adaptive=cut.model == "adaptive"
     )
     return _with_links(result, system)
 
@@ -126,6 +148,12 @@ def _answer(result: Dataset) -> Iterator[str]:
     if not known.size or "largest_tension" not in result:
         return
     yield from (_of_motion if "time" in result.coords else _of_loads)(result.isel(step=known))
+    if "resolved" in result.attrs:
+        yield (
+            f"{result.attrs['resolved']} of {result.attrs['substructures']} substructures are "
+            f"resolved, as links slacken in them; the others are homogenised, with "
+            f"{result.attrs['unknowns']} unknowns in all."
+        )
 
 
 def _of_loads(result: Dataset) -> Iterator[str]:

@@ -123,6 +123,10 @@ class Substructures(toml.Settings):
     """Substructures along x and y, of every body."""
     coarse: bool = True
     """Whether a coarse problem balances interface resultants."""
+    model: Literal["resolved", "homogenised", "adaptive"] = "resolved"
+    """Substructures of links: `"resolved"` with all their nodes, `"homogenised"` by their stiffness
+    against motions of corners and edges, as long as no link slackens, or `"adaptive"`, which
+    resolves the substructures with links that slacken."""
     tolerance: toml.Tolerance = Field(1e-8, description="Relative residual of a solved step.")
     max_iterations: toml.Positive = Field(
         400, description="Largest number of iterations of a step."

@@ -164,6 +164,8 @@ Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
 class GivenLinks(LinkStructure):
     """Links from a file, with their laws and maybe a self-stress."""
 
+    may_be_cut: ClassVar[bool] = True
+
     laws: Laws
     self_stress: bool = False
     """Whether the structure gets a state of self-stress that its links can carry, not a column

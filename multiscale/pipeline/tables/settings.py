@@ -208,8 +208,13 @@ class Case(Settings):
             )
         if self.substructures is not None and not kind.may_be_cut:
             raise ValueError(
-                f"[substructures] cut tensegrity grids, plates and bodies with joints, not a "
-                f"structure of kind {kind.kind!r}"
+                f"[substructures] cut grids, tables and meshes of links, plates and bodies with "
+                f"joints, not a structure of kind {kind.kind!r}"
+            )
+        if self.cut.model != "resolved" and kind.stage != "links":
+            raise ValueError(
+                f"homogenised substructures consist of links, unlike a structure of kind "
+                f"{kind.kind!r}; leave out model in [substructures]"
             )
         if kind.of_bodies and not (self._has("body_1") and self._has("body_2")):
             raise ValueError(
