@@ -130,3 +130,10 @@ def test_slices_of_two_formats_are_refused(void, tmp_path):
         tifffile.imwrite(tmp_path / f"{k}.tif", page.astype(np.uint16) if k == 1 else page)
     with pytest.raises(CaseError, match=r"two formats, .* uint8 in 0.tif and .* uint16 in 1.tif"):
         read_images(tmp_path, voxel_size=1e-6)
+
+
+def test_a_window_is_cut_out_of_the_corner_that_is_named():
+    void = np.arange(4 * 6 * 8).reshape(4, 6, 8) % 5 == 0
+    cut = VoxelImage(void, (4.0, 6.0, 8.0)).window(0.5, (1, 0, 1))
+    np.testing.assert_array_equal(cut.void, void[2:, :3, 4:])
+    assert cut.size == (2.0, 3.0, 4.0)
