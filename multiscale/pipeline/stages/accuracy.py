@@ -82,6 +82,9 @@ class Asked:
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Return relative half-widths and biases of the mean law at places, by terms."""
         dataset, (value, ends) = datasets[self.stage.name], self.values(datasets)
+        compared = self.stage.compared(dataset)
+        if "step" in compared[self.name].dims and has_budget(compared):
+            dataset = compared  # of the steps of the answer, such as those of the first mode
         half_widths, biases = dict[str, np.ndarray](), dict[str, np.ndarray]()
         names = self.quantities(dataset)
         if not names and ends is not None:
