@@ -48,6 +48,26 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
     return verify(grid, load_factor, solve_grid(grid, load_factor, method))
 
 
+def limit_load(rise: float, bars: int) -> float:
+    """Press the apex of a dome past its limit: error of the critical load, (L0 / b)^(1/3) long."""
+    from multiscale.laws.link import Bar
+    from multiscale.macro import LinkSystem, solve_past_limit
+
+    angle = 2.0 * np.pi * np.arange(bars) / bars
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(bars)])
+    start = np.hypot(1.0, rise)
+    length = start ** (1.0 / 3.0)
+    limit = bars / start * (start - length) * np.sqrt(length**2 - 1.0) / length
+    fixed, load = np.ones((bars + 1, 3), dtype=bool), np.zeros((bars + 1, 3))
+    fixed[-1, 2], load[-1, 2] = False, -limit
+    ends = np.column_stack([np.arange(bars), np.full(bars, bars)])
+    nodes = np.vstack([ring, [0.0, 0.0, rise]])
+    dome = LinkSystem(nodes, ends, (Bar(1.0),), np.zeros(bars, int), fixed, load)
+    path = solve_past_limit(dome, 1.2)
+    _refuse_failure(path)
+    return abs(float(path["critical_factor"]) - 1.0)
+
+
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:
     """Release a grid from its load: worst of momentum, motion, link laws and energy."""
     from multiscale.macro import simulate, solve_static

@@ -29,6 +29,7 @@ from .links import cable_net as cable_net
 from .links import prestress_by_itself as prestress_by_itself
 from .links import self_stress as self_stress
 from .links import simulate as simulate
+from .links import solve_past_limit as solve_past_limit
 from .links import solve_static as solve_static
 from .links import system_from_mesh as system_from_mesh
 from .links import system_from_table as system_from_table

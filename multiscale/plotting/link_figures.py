@@ -25,8 +25,11 @@ ENERGIES = (
 """Terms of the energy balance of a motion."""
 
 
+MOST_LINES = 12  # in a figure of the tensions
+
+
 def plot_sorted_tensions(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the tensions of cables in falling order, one line for each converged step."""
+    """Plot the tensions of cables in falling order at up to 12 converged steps, a line each."""
     from matplotlib import colormaps
 
     ax = axes_or_current(ax)
@@ -34,7 +37,9 @@ def plot_sorted_tensions(result: Dataset, *, ax: Axes | None = None) -> Axes:
     name, symbol, unit = _step_coordinate(result)
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(tension)))
     rank = np.arange(1, tension.shape[1] + 1)
-    for k in np.flatnonzero(result["converged"].values):
+    steps = np.flatnonzero(result["converged"].values)
+    few = np.linspace(0, max(steps.size - 1, 0), min(steps.size, MOST_LINES)).round().astype(int)
+    for k in steps[few]:
         at = float(result[name][k])
         ax.plot(
             rank, np.sort(tension[k])[::-1], color=colours[k], label=f"{symbol} = {at:.3g}{unit}"

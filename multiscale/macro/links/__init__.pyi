@@ -1,4 +1,5 @@
 from .dynamics import simulate as simulate
+from .limit_load import solve_past_limit as solve_past_limit
 from .link_structures import cable_net as cable_net
 from .link_structures import system_from_mesh as system_from_mesh
 from .link_structures import system_from_table as system_from_table

@@ -127,7 +127,7 @@ def solve_static(
         else:
             state = _find_state(model, factor, start, method, limits, taut)
             taut = None  # the factors last until the next factorisation
-        column = _step_values(system, model, state)
+        column = step_values(system, model, state)
         if not state.solution.converged:
             failures.append(f"load factor {factor:g}: {_reason(model, state, method)}")
         else:
@@ -136,7 +136,7 @@ def solve_static(
                 names = ("tangent_eigenvalue", "stability_eigenvalue")
                 column |= zip(names, stability_eigenvalues(system, model, state), strict=True)
         columns.append(column | {"wall_time": perf_counter() - clock})
-    result = _join_steps(system, factors, columns)
+    result = join_steps(system, factors, columns)
     if failures:
         result = result.assign_attrs(failure="\n".join(failures))
     return result if np.ndim(load_factor) else result.isel(step=0)
@@ -236,7 +236,7 @@ def _reason(model: LinkEquations, state: LinkState, method: str) -> str:
     return reason + (f"; {solution.detail}" if solution.detail else "")
 
 
-def _step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> dict[str, Any]:
+def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> dict[str, Any]:
     """Return the variables of a step, NaN unless it converged."""
     solution, links = state.solution, system.n_links
     valid = 1.0 if solution.converged else np.nan
@@ -260,7 +260,7 @@ def _step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> 
     return column
 
 
-def _join_steps(system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]) -> Dataset:
+def join_steps(system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]) -> Dataset:
     """Join the variables of each step, at its load factor."""
     names = [name for column in columns for name in column]
     values = {
@@ -303,7 +303,7 @@ def find_finite_state(
     the largest lateral stiffness the tangent is an upper bound at strains below 1, and every
     step lowers the energy. A load step that fails is halved.
     """
-    problem = _Problem(system, model)
+    problem = FiniteLinks(system, model)
 
     def attempt(u: np.ndarray, load_factor: float) -> tuple[Solution, np.ndarray]:
         solution = _newton(problem, load_factor, u, limits)
@@ -316,7 +316,7 @@ def find_finite_state(
     return LinkState(solution, shape.tension, slack)
 
 
-class _DeformedLinks(NamedTuple):
+class DeformedLinks(NamedTuple):
     """Links at displaced nodes."""
 
     length: np.ndarray  # (links,), m
@@ -326,13 +326,13 @@ class _DeformedLinks(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class FiniteLinks:
     """Residual, energy and tangent of (1)."""
 
     system: LinkSystem
     model: LinkEquations
 
-    def shape(self, u: np.ndarray) -> _DeformedLinks:
+    def shape(self, u: np.ndarray) -> DeformedLinks:
         """Return the links at a displacement."""
         system, model = self.system, self.model
         moved = model.at_nodes(u)[:, :3]
@@ -344,21 +344,21 @@ class _Problem:
         elongation /= length + system.length
         elastic = model.prestress + model.stiffness * elongation
         tension = np.clip(elastic, model.lower, model.upper)
-        return _DeformedLinks(length, span / length[:, None], elastic, tension)
+        return DeformedLinks(length, span / length[:, None], elastic, tension)
 
-    def residual(self, shape: _DeformedLinks, load_factor: float) -> np.ndarray:
+    def residual(self, shape: DeformedLinks, load_factor: float) -> np.ndarray:
         """Return the residual force, shape (n,), N."""
         force = nodal_pull(self.system, shape.tension[:, None] * shape.direction)
         return np.asarray(load_factor * self.model.load - force[self.model.number >= 0])
 
-    def energy(self, shape: _DeformedLinks, u: np.ndarray, load_factor: float) -> float:
+    def energy(self, shape: DeformedLinks, u: np.ndarray, load_factor: float) -> float:
         """Return the potential energy up to a constant, J."""
         model = self.model
         stored = shape.tension * (shape.elastic - 0.5 * shape.tension) / model.stiffness
         return float(stored.sum() - load_factor * model.load @ u)
 
     def direction(
-        self, shape: _DeformedLinks, residual: np.ndarray, lateral: float
+        self, shape: DeformedLinks, residual: np.ndarray, lateral: float
     ) -> np.ndarray | None:
         """Return the Newton direction with a lateral stiffness; None if it does not descend."""
         carries = shape.tension == shape.elastic
@@ -375,7 +375,9 @@ class _Problem:
 
 
 @np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
-def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Limits) -> Solution:
+def _newton(
+    problem: FiniteLinks, load_factor: float, start: np.ndarray, limits: Limits
+) -> Solution:
     model, u = problem.model, start
     scale = force_scale(model, load_factor * model.load)
     shape = problem.shape(u)
@@ -395,12 +397,12 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
 
 
 def _step(
-    problem: _Problem,
+    problem: FiniteLinks,
     load_factor: float,
     u: np.ndarray,
-    shape: _DeformedLinks,
+    shape: DeformedLinks,
     residual: np.ndarray,
-) -> tuple[np.ndarray, _DeformedLinks, np.ndarray] | None:
+) -> tuple[np.ndarray, DeformedLinks, np.ndarray] | None:
     """Return a Newton step that lowers energy or residual; None if all trials fail."""
     energy, before = problem.energy(shape, u, load_factor), float(np.abs(residual).max())
     for lateral in LATERAL_STIFFNESS:

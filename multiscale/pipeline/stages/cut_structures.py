@@ -33,6 +33,9 @@ FURTHEST = 0.05  # displacement of the ends of a link, over its length, up to wh
 OF_MOTION = "How do the links move, which tensions do they carry, and where does the energy go?"
 """Question of a motion."""
 
+OF_PATH = "At which load do the links snap through or buckle, and where do they come to rest?"
+"""Question of a path past limit points."""
+
 LEAST_SHARE = 1e-3  # share of the energy below which a kind of energy is not reported
 STRAINED = 0.1  # strain of a taut link above which its linear elastic law does not hold
 
@@ -52,6 +55,13 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
             job,
             lambda method, problem: method.solve(problem, factors),
             system,
+        )
+    elif statics.past_limit:
+        path = macro.solve_past_limit(system, statics.load_factors[0])
+        return with_too_far(
+            _measured(path.assign_attrs(question=OF_PATH)),
+            *_strained(path, statics),
+            *_indefinite(path),
         )
     else:
         result = macro.solve_static(
@@ -79,6 +89,17 @@ def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
             f"the ends of a link move against each other by up to {turned.max():.2g} of its "
             f"length, and the error of small displacements is about as large: set exact to true in "
             f"[statics]"
+        )
+
+
+def _indefinite(path: Dataset) -> Iterator[str]:
+    """Caution on the part of a path that no slow load can follow."""
+    if "critical_factor" in path:
+        factor, kind = float(path["critical_factor"]), path.attrs["critical"]
+        yield (
+            f"the tangent is indefinite beyond the {kind} at the load factor {factor:.6g}: states "
+            f"with a negative eigenvalue are in equilibrium but not stable, and under a dead load "
+            f"the links jump there"
         )
 
 
@@ -158,6 +179,13 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 def _of_loads(result: Dataset) -> Iterator[str]:
     """Report the answers at the last load factor, and where links begin to go slack."""
+    if "critical_factor" in result:
+        node = int(np.argmax(np.linalg.norm(result["critical_mode"].to_numpy(), axis=1)))
+        snaps = "snap through" if result.attrs["critical"] == "limit point" else "buckle"
+        yield (
+            f"The links {snaps} at the load factor {float(result['critical_factor']):.4g}, where "
+            f"node {node} moves most."
+        )
     slack, factor = result["slack_links"].to_numpy(), result["load_factor"].to_numpy()
     yield from _fill_in(
         result,
@@ -255,7 +283,7 @@ def _needs(links: LinkStructure, case: Case) -> Needs:
 
 
 TABLE = Table(
-    ("time", "load_factor", "slack_links", "largest_tension", "residual"),
+    ("time", "load_factor", "stability_eigenvalue", "slack_links", "largest_tension", "residual"),
     answer="largest_tension",
     most=11,
 )

@@ -65,9 +65,29 @@ class Statics(toml.Settings):
     """Whether elongations and directions follow the moved nodes exactly."""
     stability: bool = False
     """Whether to add smallest eigenvalues of the tangent."""
+    past_limit: bool = False
+    """Whether to follow the equilibrium of bars and cables from rest to a single load factor, also
+    where the load must fall, as after snap-through, with the critical load factor; with `exact`.
+    See `multiscale.macro.solve_past_limit`."""
+
+    @model_validator(mode="after")
+    def _check_path(self) -> Self:
+        if not self.past_limit:
+            return self
+        if not self.exact or self.stability:
+            raise ValueError(
+                "past_limit follows exact positions and has the smallest eigenvalue: set exact to "
+                "true, and leave out stability"
+            )
+        if len(self.load_factors) != 1 or self.load_factors[0] == 0.0:
+            raise ValueError(
+                f"past_limit goes from rest to a single load factor that is not zero, got "
+                f"{list(self.load_factors)}"
+            )
+        return self
 
     def refuse_large(self) -> None:
-        """Refuse options that substructures do not have."""
+        """Refuse options of bars and cables that are not cut."""
         if self.exact or self.stability:
             raise ValueError("substructures move little: leave out exact and stability")
 
