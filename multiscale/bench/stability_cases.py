@@ -121,6 +121,20 @@ def cut_structure(bar_over_cable: float, load_factor: float, parts: int, method:
     return distance(grid, cut["tension"].values.reshape(-1), whole.reshape(-1))
 
 
+def homogenised(bar_over_cable: float, load_factor: float, parts: int) -> float:
+    """Solve a grid by homogenised substructures, resolved with slack: distance of its tensions."""
+    from multiscale.bench.structures import distance
+    from multiscale.macro import NewtonSchur, cut_links, solve_static
+    from multiscale.macro.substructures import solve_homogenised, split_grid
+
+    grid, newton = _grid(bar_over_cable, 1.0), NewtonSchur(tolerance=1e-8)
+    problem = cut_links(grid, split_grid(grid, (parts, parts)))
+    coarse = solve_homogenised(problem, lambda problem: newton.solve(problem, load_factor))
+    _refuse_failure(coarse)
+    whole = solve_static(grid, load_factor)["tension"].values
+    return distance(grid, coarse["tension"].values.reshape(-1), whole.reshape(-1))
+
+
 def joint(law_over_block: float, friction: float, parts: int, method: str = "LATIN") -> float:
     """Cycle two blocks with a rough joint: distance of all steps from bodies and law."""
     from multiscale.laws.bulk import Elastic

@@ -177,7 +177,8 @@ class _Cell(NamedTuple):
     """A substructure in its coarse motions, by (1)."""
 
     motion: csr_array  # V, (n, q)
-    stiffness: csr_array  # K^H, or of the linear elements if resolved, (q, q), N/m
+    stiffness: csr_array  # of the linear elements, V^T K V, (q, q), N/m
+    stretch: csr_array  # R, R^T R = V^T B^T k B V of taut links, (rows, q), (N/m)^1/2
     load: np.ndarray  # V^T f, (q, cases), N
 
 
@@ -223,7 +224,8 @@ class _Cells:
         ]
         first = np.cumsum([0, *(motion.shape[1] for motion in motions)])
         count, new = int(first[-1]), np.ones(problem.n, dtype=bool)
-        expand, stiffness, load = list[Any](), list[Any](), list[Any]()
+        expand, stiffness, stretch, load = list[Any](), list[Any](), list[Any](), list[Any]()
+        rows = 0  # of links
         for owner, each in enumerate(problem.substructures):
             cell = self._resolve(owner, motions) if resolved[owner] else self._cell(owner, motions)
             shared = [np.arange(first[face], first[face + 1]) for face, _ in self.faces[owner]]
@@ -231,9 +233,12 @@ class _Cells:
             number = np.concatenate([*shared, np.arange(count, count + more)]).astype(int)
             count += more
             # u = T w, where shared unknowns count once, and stiffness and load of w
-            rows = np.flatnonzero(new[each.unknown])
+            first_met = np.flatnonzero(new[each.unknown])
             new[each.unknown] = False
-            expand.append(_entries(cell.motion[rows], each.unknown[rows], number))
+            expand.append(_entries(cell.motion[first_met], each.unknown[first_met], number))
+            taut = np.arange(rows, rows + cell.stretch.shape[0])
+            stretch.append(_entries(cell.stretch, taut, number))
+            rows += taut.size
             stiffness.append(_entries(cell.stiffness, number, number))
             load.append(_entries(csr_array(cell.load), number, np.arange(problem.n_cases)))
         T = _sum(expand, (problem.n, count))
@@ -245,22 +250,27 @@ class _Cells:
             np.arange(count),
             position[most],
             component[most],
-            self._links(resolved, T),
+            self._links(resolved, T, _sum(stretch, (rows, count))),
         )
         return CutProblem((coarse,), problem.position, csr_array(problem.expansion @ T))
 
-    def _links(self, resolved: np.ndarray, expansion: csr_array) -> Links | None:
-        """Links of resolved substructures by their change of tension, as prestress balances."""
+    def _links(self, resolved: np.ndarray, expansion: csr_array, taut: csr_array) -> Links:
+        """Links by their change of tension, as prestress balances: taut, then resolved ones.
+
+        Links sum their stretches step by step, so that far motions are not rounded as K^H would.
+        """
         chosen = [self.problem.substructures[owner] for owner in np.flatnonzero(resolved)]
         rows = [each.links.operator @ expansion[each.unknown] for each in chosen if each.links]
-        if not rows:
-            return None
-        part = every_link(chosen)
-        lower, upper = part.lower - part.prestress, part.upper - part.prestress
-        number = np.arange(part.number.size)
-        return Links(
-            csr_array(vstack(rows)), part.stiffness, 0.0 * part.prestress, lower, upper, number
-        )
+        zero = np.zeros(taut.shape[0])
+        stiffness, lower, upper = zero + 1.0, zero - np.inf, zero + np.inf
+        if rows:
+            part = every_link(chosen)
+            stiffness = np.append(stiffness, part.stiffness)
+            lower = np.append(lower, part.lower - part.prestress)
+            upper = np.append(upper, part.upper - part.prestress)
+        count = stiffness.size
+        operator = csr_array(vstack([taut, *rows]))
+        return Links(operator, stiffness, np.zeros(count), lower, upper, np.arange(count))
 
     def _place(self, owner: int, motions: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Motions of all interfaces of a substructure, (n, motions), and its unknowns inside."""
@@ -276,18 +286,22 @@ class _Cells:
         each, (placed, inside) = self.problem.substructures[owner], self._place(owner, motions)
         inner = csr_array(eye_array(each.n, format="csr")[:, inside])
         V = csr_array(hstack([csr_array(placed), inner]))
-        return _Cell(V, csr_array(V.T @ each.stiffness @ V), V.T @ each.load)
+        none = csr_array((0, V.shape[1]))
+        return _Cell(V, csr_array(V.T @ each.stiffness @ V), none, V.T @ each.load)
 
     def _cell(self, owner: int, motions: list[np.ndarray]) -> _Cell:
         """Evaluate (1)."""
         each = self.problem.substructures[owner]
         placed, inside = self._place(owner, motions)
-        K = each.stiffness
+        rows = csr_array((0, each.n))
         if each.links is not None:
-            B = each.links.operator
-            K = csr_array(K + B.T @ diags_array(each.links.stiffness) @ B)
-        key = (K.data, K.indices, K.indptr, each.load, placed)
-        return self._remember(key, lambda: _condense(K.toarray(), each.load, placed, inside, owner))
+            rows = csr_array(diags_array(np.sqrt(each.links.stiffness)) @ each.links.operator)
+        K = each.stiffness
+        matrices = [part for each in (K, rows) for part in (each.data, each.indices, each.indptr)]
+        return self._remember(
+            (*matrices, each.load, placed),
+            lambda: _condense(K, rows, each.load, placed, inside, owner),
+        )
 
 
 def polynomial_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
@@ -301,9 +315,15 @@ def polynomial_motions(position: np.ndarray, component: np.ndarray) -> np.ndarra
 
 
 def _condense(
-    K: np.ndarray, load: np.ndarray, placed: np.ndarray, inside: np.ndarray, owner: int
+    stiffness: csr_array,
+    rows: csr_array,
+    load: np.ndarray,
+    placed: np.ndarray,
+    inside: np.ndarray,
+    owner: int,
 ) -> _Cell:
     """Evaluate (1) from motions of the interfaces, (n, motions), and the unknowns inside."""
+    K = (stiffness + rows.T @ rows).toarray()
     V, loads = placed.copy(), np.zeros(load.shape)
     if inside.size:
         try:
@@ -316,8 +336,8 @@ def _condense(
         V[inside], loads[inside] = -solve((K @ placed)[inside]), solve(load[inside])
     size = np.abs(loads).max(axis=0, initial=0.0)
     V = np.column_stack([V, loads[:, size > 0.0] / size[size > 0.0]])
-    H = V.T @ K @ V
-    return _Cell(csr_array(V), csr_array(0.5 * (H + H.T)), V.T @ load)
+    R = np.linalg.qr(rows @ V, mode="r")
+    return _Cell(csr_array(V), csr_array(V.T @ stiffness @ V), csr_array(R), V.T @ load)
 
 
 def _entries(
