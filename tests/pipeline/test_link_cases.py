@@ -70,3 +70,66 @@ def test_a_path_that_does_not_fit_is_refused(run, old, new, sentence):
     status, _, refused, _ = run(old, new)
     assert status == 1
     assert sentence in " ".join(refused.split())
+
+
+BEAMS = {
+    "nodes.csv": "x,y,z,fix_x,fix_y,fix_z,fix_rx,fix_ry,fix_rz,load_z\n"
+    "0,0,0,1,1,1,1,1,1,0\n1,0,0,0,0,0,0,0,0,0\n2,0,0,0,0,0,0,0,0,-100\n2,0,3,1,1,1,1,1,1,0\n",
+    "links.csv": "first,second,law\n0,1,beam\n1,2,beam\n2,3,rope\n",
+    "frame.toml": """title = "Bracket on a rope"
+[structure]
+kind = "table"
+nodes = "nodes.csv"
+links = "links.csv"
+laws.rope = { kind = "cable", rigidity = "3 kN" }
+[structure.laws.beam]
+kind = "beam"
+rigidity = "1 MN"
+torsion = "1 kN*m^2"
+bending_y = "2 kN*m^2"
+bending_z = "1 kN*m^2"
+[statics]
+load_factors = [1.0]
+""",
+}
+
+
+@pytest.fixture
+def frame(command, tmp_path):
+    """Run the frame with a text replaced."""
+
+    def frame(old="", new=""):
+        for name, text in BEAMS.items():
+            (tmp_path / name).write_text(text.replace(old, new) if old else text)
+        return *command("run", tmp_path / "frame.toml", "-o", tmp_path / "out"), tmp_path / "out"
+
+    return frame
+
+
+def test_a_cantilever_and_a_rope_share_a_load_by_their_stiffness(frame):
+    status, _, warned, out = frame()
+    assert status == 0, warned
+    solved = open_dataset(out / "macro_result.nc", MACRO_RESULT).isel(step=0)
+    bending, rope = 3.0 * 2000.0 / 2.0**3, 3000.0 / 3.0  # 3 EI / L^3 and EA / L, N/m
+    assert float(-solved.displacement[2, 2]) == pytest.approx(100.0 / (bending + rope), rel=1e-9)
+    assert float(solved.tension[2]) == pytest.approx(100.0 * rope / (bending + rope), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('bending_y = "2 kN*m^2"', "", "a beam needs its section: give bending_y in N m^2"),
+        ('"3 kN" }', '"3 kN", torsion = "1 N*m^2" }', "a cable does not bend"),
+        (
+            "[statics]\nload_factors = [1.0]",
+            '[dynamics]\nstep = "1 ms"\nduration = "1 s"\nmass = "1 kg"\n'
+            'load_history = [["0 s", 1.0]]',
+            "no rotational inertias",
+        ),
+    ],
+    ids=["no section", "bent cable", "motion"],
+)
+def test_a_beam_that_does_not_fit_is_refused(frame, old, new, sentence):
+    status, _, refused, _ = frame(old, new)
+    assert status == 1
+    assert sentence in " ".join(refused.split())

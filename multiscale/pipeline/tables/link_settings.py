@@ -14,7 +14,7 @@ from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.io.csv_tables import finite, read_table
 from multiscale.io.meshes import open_mesh
-from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
+from multiscale.laws.link import Bar, Beam, Cable, LinkLaw, Strut
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.structure_kind import StructureKind
@@ -40,6 +40,7 @@ def _read_rigidity(value: object, *, unit: str) -> float:
 
 Force = Annotated[float, toml.quantity("N"), toml.with_unit("N")]
 Prestress = Annotated[Force, Field(ge=0.0)]
+Bending = Annotated[float, toml.quantity("N m^2"), Field(gt=0.0), toml.with_unit("N m^2")]
 Size = Annotated[Force, Field(gt=0.0)]
 Modules = Annotated[toml.Count, Field(ge=1, le=2048)]  # 2048 x 2048 take some 50 GB
 Several = Annotated[toml.Count, Field(ge=2, le=4096)]
@@ -169,13 +170,38 @@ class CableNet(LinkStructure):
 class LinkLawSettings(toml.Settings):
     """The law of some links."""
 
-    kind: Literal["bar", "cable", "strut"]
-    """Kind of link: bars pull and push, cables only pull, struts only push."""
+    kind: Literal["bar", "cable", "strut", "beam"]
+    """Kind of link: bars pull and push, cables only pull, struts only push, beams also bend and
+    twist, and their nodes turn."""
     rigidity: Rigidity = Field(description='EA, N, or `"inextensible"`.')
+    torsion: Bending | None = None
+    """GJ of a beam, N m²."""
+    bending_y: Bending | None = None
+    """EI of a beam about its second local axis, N m²."""
+    bending_z: Bending | None = None
+    """EI of a beam about its third local axis, N m²."""
+    up: tuple[toml.Number, toml.Number, toml.Number] | None = None
+    """Vector that spans, with the axis of a beam, the plane of its third local axis; z if not
+    given."""
+
+    @model_validator(mode="after")
+    def _check_section(self) -> Self:
+        section = {name: getattr(self, name) for name in ("torsion", "bending_y", "bending_z")}
+        if self.kind == "beam":
+            if missing := [name for name, value in section.items() if value is None]:
+                raise ValueError(
+                    f"a beam needs its section: give {', '.join(missing)} in N m^2, or take a bar"
+                )
+        elif self.up is not None or any(value is not None for value in section.values()):
+            raise ValueError(f"a {self.kind} does not bend: leave out the section, or take a beam")
+        return self
 
     def build(self) -> LinkLaw:
         """Return the law."""
-        return LAWS[self.kind](self.rigidity)
+        if self.torsion is None or self.bending_y is None or self.bending_z is None:
+            return LAWS[self.kind](self.rigidity)
+        up = self.up or (0.0, 0.0, 1.0)
+        return Beam(self.rigidity, self.torsion, self.bending_y, self.bending_z, up=up)
 
 
 Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
@@ -198,6 +224,15 @@ class GivenLinks(LinkStructure):
         if self.self_stress != (self.prestress is not None):
             raise ValueError("give both self_stress = true and prestress, or neither")
         return self
+
+    def check(self, case: "Case") -> None:
+        """Refuse the motion of beams."""
+        super().check(case)
+        if case.dynamics and any(law.kind == "beam" for law in self.laws.values()):
+            raise ValueError(
+                "[dynamics] has masses but no rotational inertias, which the nodes of beams need: "
+                "solve beams by [statics], or take bars"
+            )
 
     @abstractmethod
     def read(self, laws: dict[str, LinkLaw]) -> "macro.LinkSystem":
