@@ -11,7 +11,8 @@ from multiscale.upscaling import (
     require_law,
     tangential_values,
 )
-from multiscale.upscaling.calibration import DISCREPANCY, EXPONENT, ROUGHNESS
+from multiscale.upscaling.calibration import ROUGHNESS
+from multiscale.upscaling.law_budget import DISCREPANCY, EXPONENT
 
 PARAMETERS = ("parameter", "cells", "±", "calibrated", "±", "learned", "pull")
 ROWS = ("table", "pressure", "measured", "calibrated law", "±", "deviations", "weight")

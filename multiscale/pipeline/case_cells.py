@@ -356,6 +356,7 @@ def case_budget(
         apart=bool(pressed),
         tangential=None if case.micro.shear is None else sheared,
         control=control,
+        discrepancy=case.law.discrepancy,
     )
     reasons = {
         "sampling": f"a single realisation has no scatter; give realisations = "

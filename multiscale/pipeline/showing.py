@@ -15,6 +15,8 @@ from multiscale.plotting.budget_figures import estimated_steps, step_labels
 from multiscale.schema import SHOWN, Dataset, unit_in
 from multiscale.units import Unit
 from multiscale.upscaling.budget import (
+    MODEL,
+    NO_PART,
     has_budget,
     how_attribute,
     is_absent,
@@ -354,12 +356,15 @@ def list_facts(result: Dataset) -> list[str]:
 
 
 def list_missing(dataset: Dataset) -> list[str]:
-    """List the unknown terms of the error budget of a law or a result, if it has a budget."""
-    missing = ", ".join(unknown_terms(dataset)) if has_budget(dataset) else ""
-    mark = LOWER_BOUND.strip()
-    return (
-        [f"Error terms that are unknown and not included ({mark}): {missing}."] if missing else []
-    )
+    """List the unknown terms of the budget of a law or a result, if any, and its discrepancy."""
+    if not has_budget(dataset):
+        return []
+    lines, mark = list[str](), LOWER_BOUND.strip()
+    if missing := ", ".join(unknown_terms(dataset)):
+        lines.append(f"Error terms that are unknown and not included ({mark}): {missing}.")
+    if not is_absent(how := str(dataset.attrs.get(how_attribute(MODEL), NO_PART.how))):
+        lines.append(f"Intervals of one part contain a discrepancy of {how}.")
+    return lines
 
 
 def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:

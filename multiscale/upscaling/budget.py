@@ -9,8 +9,10 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 
-FEW_CELLS = "few cells"
-"""Term of a single specimen with few cells in its interface; the mean law does not have it."""
+FEW_CELLS, MODEL = "few cells", "model discrepancy"
+OF_ONE_PART = (FEW_CELLS, MODEL)
+"""Terms of a single specimen, with few cells in its interface, which was not measured; the mean law
+does not have them."""
 
 STATED = "stated values"  # term of values that a case states with a half-width
 
@@ -29,6 +31,7 @@ ERROR_TERMS = (
     "friction bed",
     "scale separation",
     FEW_CELLS,
+    MODEL,
     STATED,
     "macro discretisation",
 )
@@ -113,6 +116,14 @@ def known_terms(law: Dataset) -> tuple[str, ...]:
     return tuple(term for term in ERROR_TERMS[:-1] if estimated.sel(error_term=term))
 
 
+def of_this_version(law: Dataset) -> Dataset:
+    """Return a law with its budget; one of an earlier version is without the discrepancy."""
+    if MODEL in law["error_term"].values:
+        return law
+    law = law.reindex(error_term=list(ERROR_TERMS)).fillna({"error_bias": 0.0})
+    return law.assign_attrs({how_attribute(MODEL): "not in a law of an earlier version"})
+
+
 def how_attribute(term: str) -> str:
     """Return the name of the attribute with the text of a term."""
     return "how_" + term.replace(" ", "_")
@@ -158,8 +169,11 @@ def known_error(budget: Dataset, *without: str) -> np.ndarray:
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Add the known terms without the scatter of few cells, (quantities, steps)."""
-    return known_error(budget, FEW_CELLS)
+    """Add the known terms without those of a single specimen: the error of the mean specimen.
+
+    Shape (quantities, steps), see :func:`known_error`.
+    """
+    return known_error(budget, *OF_ONE_PART)
 
 
 def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
@@ -244,11 +258,12 @@ def with_intervals(
     """Return a result of a structure with the 95 % intervals of all answers of its budget.
 
     ``..._mean_law`` is the interval of the answer by the mean law, ``..._one_part`` the interval of
-    the next specimen, with the scatter of the cells in its interface; where a term of the budget
-    is unknown they contain the others, and are lower bounds. Answers for each cycle have intervals
-    at the last cycle, by the budget of the last step. No answer lies below zero, and no joint is
-    stiffer than its bodies: its ``uncertain_part``, in series with them, has the error. ``along``
-    names variable and place of an answer for one of several loads or interfaces.
+    the next specimen, with the scatter of the cells in its interface and the discrepancy of joints
+    from their cells; where a term is unknown they contain the others, and are lower bounds.
+    Answers for each cycle have intervals at the last cycle, by the budget of the last step. No
+    answer lies below zero, and no joint is stiffer than its bodies: its ``uncertain_part``, in
+    series with them, has the error. ``along`` names variable and place of an answer for one of
+    several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():

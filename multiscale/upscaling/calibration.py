@@ -23,6 +23,7 @@ from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling.branches import tangential_values
 from multiscale.upscaling.budget import NORMAL
+from multiscale.upscaling.law_budget import DISCREPANCY, EXPONENT
 from multiscale.upscaling.measured_data import BedCurve, Curve, MeasuredJoint
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, Residual, draw, find_mode
@@ -39,9 +40,7 @@ FRICTION, RATIO = 0.5, 0.12
 """Half-widths of the 95 % intervals of the prior, of the logarithms of friction and stiffness
 ratio: the friction of points of contact is an input of the cells."""
 
-ROUGHNESS, DISCREPANCY, EXPONENT = 0.2, 0.1, 0.05
-"""Default half-widths of the factor of all heights, and of level and exponent of the stiffness of
-joints about the law of their cells."""
+ROUGHNESS = 0.2  # default half-width of the factor of all heights
 
 GRID, BELOW, ABOVE = 400, 7.0, 0.8  # points of the grid over x; beyond the data on both sides
 

@@ -15,6 +15,7 @@ from multiscale.upscaling.budget import (
     ERROR_TERMS,
     FEW_CELLS,
     LOWEST_ORDER,
+    MODEL,
     NO_PART,
     NO_STATED,
     NORMAL,
@@ -25,6 +26,7 @@ from multiscale.upscaling.budget import (
     assemble_budget,
     estimate_grid_error,
     how_attribute,
+    of_this_version,
 )
 from multiscale.upscaling.cell_size import (
     compared,
@@ -49,6 +51,10 @@ FEWEST_UNSEEN = 3  # errors at left out points: five pressures have so many
 
 GROWTH = 10.0  # largest of differences from interval to interval that can be continued
 
+DISCREPANCY, EXPONENT = 0.1, 0.05
+"""Default half-widths of level and exponent of the stiffness of joints about the law of their
+cells."""
+
 LAW_QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
 
@@ -62,6 +68,7 @@ def error_budget(
     apart: bool = False,
     tangential: Mapping[float, Dataset] | None = None,
     control: Dataset | None = None,
+    discrepancy: float | None = None,
     known: Mapping[str, Term] = {},
 ) -> Dataset:
     r"""Estimate the errors of the gap, the contact fraction and the stiffness of a law.
@@ -87,6 +94,9 @@ def error_budget(
         same realisations, pressed and sheared on a coarser grid, and under 1 of these realisations
         on the grid of the law; may be empty.
     control : Dataset, optional, as of :func:`fit_law`
+    discrepancy : float, optional
+        Half-width of the 95 % interval of the stiffness of joints about the law of their cells, and
+        of its exponent half as much; :data:`DISCREPANCY` if not given, 0 for none.
     known : mapping of str to Term, optional
         Terms that are known otherwise, such as terms with a bias taken out of the response.
 
@@ -113,7 +123,8 @@ def error_budget(
     :func:`~.law_budget.grid_term` (micro discretisation),
     :func:`~.law_budget.increment_term`, :func:`~.law_budget.slope_term`,
     :func:`~.cell_size.surface_term`, :func:`~.law_budget.separation_term` and, for few cells,
-    :func:`~.law_budget.scatter_term`; see :func:`mean_law_error`.
+    :func:`~.law_budget.scatter_term`; :func:`~.law_budget.discrepancy_term`; see
+    :func:`mean_law_error`.
 
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
     deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
@@ -160,6 +171,7 @@ def error_budget(
         "friction bed": NORMAL_ALONE,
         "scale separation": Term("not known: pass scales from compare_scales"),
         FEW_CELLS: NO_PART,
+        MODEL: discrepancy_term(law, p, DISCREPANCY if discrepancy is None else discrepancy),
         STATED: NO_STATED,
         "macro discretisation": Term("not in a law: see propagate"),
     }
@@ -386,6 +398,30 @@ def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
     return Term(how, term)
 
 
+def discrepancy_term(law: Dataset, p: np.ndarray, level: float) -> Term:
+    r"""Return the discrepancy of the stiffness of joints from the law of their cells.
+
+    With the half-width w of the level, the logarithm of the stiffness has the independent errors
+    :math:`w` and :math:`w\, (x - \bar x) / 2`, :math:`x = \ln p`, and the gap their integrals from
+    the largest pressure, :math:`\int e\, \mathrm{d}p / K`.
+    """
+    if not level:
+        return Term("not in a law with a discrepancy of 0")
+    fine = np.geomspace(p.min(), p.max(), 200)
+    normal, x = law_from_dataset(law), np.log(fine)
+    errors = level * np.array([np.ones(fine.size), EXPONENT / DISCREPANCY * (x - x.mean())])
+    closing = -np.diff(normal.gap_at(fine)) * 0.5 * (errors[:, 1:] + errors[:, :-1])
+    total = np.cumsum(np.pad(closing, ((0, 0), (0, 1)))[:, ::-1], axis=1)[:, ::-1]
+    rows = np.array([np.linalg.norm(total, axis=0), 0.0 * x, np.linalg.norm(errors, axis=0)])
+    half = np.array([np.interp(np.log(p), x, row) for row in rows])
+    half[0] /= np.abs(normal.gap_at(p))
+    how = (
+        f"joints about the law of their cells, unverified by measurement: {100.0 * level:.3g} % of "
+        f"the stiffness, {EXPONENT / DISCREPANCY * level:.3g} of its exponent"
+    )
+    return Term(how, half)
+
+
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
     r"""Estimate the half-widths from the few cells of edge L in an interface of :math:`\ell`.
 
@@ -422,6 +458,7 @@ def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
 
     A budget that lacks a term, as a budget of an earlier version may, is refused.
     """
+    law = of_this_version(law)
     require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
     p = law["fit_pressure"].to_numpy()

@@ -9,6 +9,8 @@ from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
     FEW_CELLS,
+    MODEL,
+    OF_ONE_PART,
     Term,
     assemble_budget,
     has_budget,
@@ -104,7 +106,7 @@ def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndar
     for term in ERROR_TERMS:
         half, bias = np.zeros((2, 3, p.size))
         how = "nothing besides the posterior"
-        if has_budget(before):
+        if has_budget(before) and term not in OF_ONE_PART:
             of_term = before.sel(error_term=term, quantity=list(LAW_QUANTITIES[:2]))
             if term in ALWAYS or of_term["error_half_width"].notnull().any():
                 half[:2], bias[:2] = (of_term[f"error_{kind}"] for kind in ("half_width", "bias"))
@@ -119,4 +121,5 @@ def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndar
             how = f"{len(gap) - 1} samples of the posterior of measured joints"
         terms[term] = Term(how, half, bias)
     terms[FEW_CELLS] = Term("not in a law of a measured joint: it has no scatter of further parts")
+    terms[MODEL] = Term("not in a law of a measured joint: its samples contain the discrepancy")
     return assemble_budget(terms, LAW_QUANTITIES, p)

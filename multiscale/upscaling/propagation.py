@@ -27,6 +27,7 @@ from multiscale.upscaling.budget import (
     ERROR_TERMS,
     FEW_CELLS,
     MACRO,
+    MODEL,
     NO_PART,
     NO_STATED,
     NORMAL,
@@ -38,6 +39,7 @@ from multiscale.upscaling.budget import (
     how_attribute,
     is_absent,
     known_terms,
+    of_this_version,
 )
 from multiscale.upscaling.free_form import FEWEST_PRESSURES, fit_each
 from multiscale.upscaling.observations import observe
@@ -58,6 +60,7 @@ MODE_STEP = 0.5  # change along a mode over its standard deviation
 
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
     STATED: NO_STATED.how,
+    MODEL: "not in a law: no law of cells contributes",
     MACRO: "not known: nothing was solved on a coarser mesh",
 }
 """Texts of terms without a source."""
@@ -375,6 +378,7 @@ def law_sources(
         raise CaseError(
             "the law carries no error budget; add it by with_budget(law, error_budget(...))"
         )
+    law = of_this_version(law)
     require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
     mean_law, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()
     data, known = law["fit_pressure"].to_numpy(), known_terms(law)

@@ -99,6 +99,7 @@ def test_the_datasets_open_as_one_tree_and_agree(finished):
         "surface",
         "scale separation",
         "few cells",
+        "model discrepancy",
         "macro discretisation",
     ]
     # even pressure: a closed form, without a mesh

@@ -62,7 +62,7 @@ def half(budget, term, quantity="mean_gap"):
 
 def test_the_budget_follows_its_schema_and_lists_what_is_not_known():
     response = ensemble()
-    budget = error_budget(response, fit_law(response))
+    budget = error_budget(response, fit_law(response), discrepancy=0.0)
     ERROR_BUDGET.check(budget)
     assert list(budget["quantity"].values) == ["mean_gap", "contact_fraction", "stiffness"]
     assert (
@@ -419,12 +419,44 @@ def test_the_scale_term_vanishes_with_the_wavelength():
     assert found[1] / found[2] == pytest.approx(4.0, rel=0.05)
 
 
+def test_a_part_has_the_discrepancy_of_joints_from_cells_and_the_mean_law_has_not():
+    """Of an exponential law: level and exponent of the stiffness, and the gap below its top."""
+    response = ensemble(10)
+    law, w = fit_law(response), 0.2
+    budget, without = (error_budget(response, law, discrepancy=share) for share in (w, 0.0))
+    x = np.log(PRESSURE / np.sqrt(PRESSURE[0] * PRESSURE[-1]))
+    part = half(budget, "model discrepancy", "stiffness")
+    np.testing.assert_allclose(part, w * np.hypot(1.0, 0.5 * x), rtol=1e-3)
+    gap, level = law["fit_mean_gap"].values, x[-1] - x
+    exponent = 0.25 * (x[-1] ** 2 - x**2)
+    expected = w * np.hypot(level, exponent) * (gap[0] - gap[-1]) / level[0] / gap
+    np.testing.assert_allclose(half(budget, "model discrepancy"), expected, rtol=1e-2, atol=1e-6)
+    np.testing.assert_allclose(mean_law_error(budget), mean_law_error(without))
+    total = budget["error_total"].sel(quantity="stiffness")
+    np.testing.assert_allclose(
+        total, np.hypot(without["error_total"].sel(quantity="stiffness"), part)
+    )
+    assert np.all(np.isnan(half(without, "model discrepancy", "stiffness")))
+    usual = error_budget(response, law)
+    np.testing.assert_allclose(half(usual, "model discrepancy", "stiffness"), part / 2.0)
+    old = with_budget(law, without).drop_sel(error_term="model discrepancy")
+    del old.attrs["how_model_discrepancy"]
+    read = with_scales(old, compare_scales(0.1, 0.5, 1.0))
+    np.testing.assert_allclose(
+        mean_law_error(read)[:, 1:-1],
+        mean_law_error(with_scales(with_budget(law, without), compare_scales(0.1, 0.5, 1.0)))[
+            :, 1:-1
+        ],
+    )
+
+
 def test_the_mean_part_is_surer_than_one_part_by_its_few_cells():
     response = ensemble(10)
     law = fit_law(response)
-    alone = error_budget(response, law)
+    alone = error_budget(response, law, discrepancy=0.0)
     np.testing.assert_allclose(mean_law_error(alone), alone["error_total"], rtol=1e-12)
-    budget = error_budget(response, law, scales=compare_scales(1e-6, 0.5, 1.0))
+    scales = compare_scales(1e-6, 0.5, 1.0)
+    budget = error_budget(response, law, scales=scales, discrepancy=0.0)
     np.testing.assert_allclose(mean_law_error(budget), alone["error_total"], rtol=1e-6)
     few = budget["error_half_width"].sel(error_term="few cells")
     both = np.hypot(alone["error_total"], few)

@@ -23,7 +23,7 @@ from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import ACCURACY, INTERFACE_LAW, SHOWN, Dataset
 from multiscale.units import readable
-from multiscale.upscaling.budget import FEW_CELLS, has_budget, unknown_terms
+from multiscale.upscaling.budget import OF_ONE_PART, has_budget, unknown_terms
 
 INPUTS = ("fit_pressure", "nominal_pressure", "preload", "sliding_speed", "porosity")
 """Variables beside the answers of stages that have no error."""
@@ -95,7 +95,7 @@ class Asked:
                 for name in ("error_half_width", "error_bias")
             )
             known = np.flatnonzero(np.isfinite(half.to_numpy()).all(axis=0))
-            if term == FEW_CELLS or not known.size:
+            if term in OF_ONE_PART or not known.size:
                 continue
             for rows, of_term in ((half_widths, half.to_numpy()), (biases, bias.to_numpy())):
                 if len(names) == 1 and of_term.shape[1] == value.size:  # of every step

@@ -29,7 +29,7 @@ from multiscale.plotting import law_figures
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.surface_figures import plot_flow_channels
 from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, Dataset
-from multiscale.upscaling.budget import known_error
+from multiscale.upscaling.budget import MODEL, known_error
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
@@ -242,7 +242,7 @@ def _compared(law: Dataset) -> Dataset:
     }
     values: dict[str, Any] = {}
     for name, (value, unit) in answers.items():
-        half = value * known_error(law.sel(quantity=[name]))[0]
+        half = value * known_error(law.sel(quantity=[name]), MODEL)[0]
         values[name] = ("step", value, {"units": unit})
         values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
     for name, value in upscaling.conductances(law, pressure).items():

@@ -329,8 +329,9 @@ class LawSettings(toml.Settings):
     """Half-width of the 95 % interval of all heights of the surfaces, over them, for the
     calibration by `[[measured]]`; `"20 %"` if not given."""
     discrepancy: Annotated[toml.Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Half-width of the 95 % interval of the stiffness of joints about the law of their cells, for
-    the calibration by `[[measured]]`; of its exponent half as much; `"10 %"` if not given."""
+    """Half-width of the 95 % interval of the stiffness of joints about the law of their cells, and
+    of its exponent half as much: in the interval of one part, and in the calibration by
+    `[[measured]]`; `"10 %"` if not given, 0 for none."""
     friction: Annotated[toml.Number, Field(gt=0.0)] | None = None
     """Friction coefficient of the interface before its calibration by `[[measured]]`, with 50 % of
     it as half-width, where the cells are not sheared."""
@@ -341,7 +342,7 @@ class LawSettings(toml.Settings):
     @property
     def of_calibration(self) -> list[str]:
         """Keys that are given for the calibration by measured joints."""
-        names = ("roughness", "discrepancy", "friction", "stiffness_ratio")
+        names = ("roughness", "friction", "stiffness_ratio")
         return [name for name in names if getattr(self, name) is not None]
 
 
