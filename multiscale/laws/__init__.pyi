@@ -17,7 +17,6 @@ from .normal import Exponential as Exponential
 from .normal import ModifiedLaw as ModifiedLaw
 from .normal import PowerLaw as PowerLaw
 from .normal import Tabulated as Tabulated
-from .normal import VariedLaw as VariedLaw
 from .pressure_functions import AreaLaw as AreaLaw
 from .pressure_functions import ErrorFunctionArea as ErrorFunctionArea
 from .pressure_functions import PowerStiffness as PowerStiffness

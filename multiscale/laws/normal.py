@@ -2,17 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import NormalLaw, check_parameters, forwarded
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-
-INVERSIONS = 8  # Newton steps to the gap of a law
 
 CONCAVE = 1e-9
 """Decrease of the stiffness from chord to chord that counts as round-off, relative to it."""
@@ -415,71 +409,3 @@ class ModifiedLaw(NormalLaw):
     def _gap_before(self, gap: np.ndarray) -> np.ndarray:
         """Return the gap of the other law at the same pressure, m."""
         return np.asarray(self.centre + (np.asarray(gap) - self.centre - self.shift) / self.factor)
-
-
-@dataclass(frozen=True, eq=False)
-class VariedLaw(NormalLaw):
-    r"""Another law with gaps that are larger by a length that depends on the pressure.
-
-    Parameters
-    ----------
-    law : NormalLaw, law of the pressure :math:`p_0`, with its gap
-    level : ndarray, shape (points,), rising logarithms of pressures, Pa
-    shift : ndarray, shape (points,)
-        Increase :math:`d` of the gaps there, m: smooth between, and constant beyond.
-
-    Notes
-    -----
-    .. math:: p(g) = p_0(g - d(\ln p_0(g))).    \tag{1}
-
-    Examples
-    --------
-    >>> law = Exponential(pressure_scale=1.0e9, decay_length=1.0e-6)
-    >>> level = np.log([1.0e6, 1.0e7, 1.0e8])
-    >>> further = VariedLaw(law, level, 1.0e-8 * (level - level[1]))
-    >>> gap = law.gap_at(np.array(1.0e7))
-    >>> float((further.stiffness(gap) / law.stiffness(gap)).round(6))
-    1.01
-    """
-
-    law: NormalLaw
-    level: np.ndarray
-    shift: np.ndarray
-
-    gap = forwarded("law", "gap")
-    pressure_range = forwarded("law", "pressure_range")
-    pressure_limit = forwarded("law", "pressure_limit")
-
-    def pressure(self, gap: np.ndarray) -> np.ndarray:
-        """Evaluate (1), Pa."""
-        return self.law.pressure(np.asarray(gap) - self._shift(gap)[0])
-
-    def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Return minus the derivative of (1), Pa/m."""
-        shift, slope = self._shift(gap)
-        return np.asarray(self.law.stiffness(np.asarray(gap) - shift) * (1.0 - slope))
-
-    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Return the local gap, m, at a pressure, Pa, by Newton's method."""
-        wanted = self.law.gap_at(pressure)
-        gap = wanted
-        for _ in range(INVERSIONS):
-            shift, slope = self._shift(gap)
-            gap = gap - (gap - shift - wanted) / (1.0 - slope)
-        return np.asarray(gap)
-
-    def _shift(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the increase of the gap, m, and its derivative by the gap."""
-        pressure = self.law.pressure(np.asarray(gap))
-        with np.errstate(divide="ignore"):
-            level = np.log(pressure)
-        inside = (level > self.level[0]) & (level < self.level[-1])
-        at = np.clip(level, self.level[0], self.level[-1])
-        rate = np.where(inside, self.law.stiffness(gap) / np.where(inside, pressure, 1.0), 0.0)
-        return self._curve(at), -rate * self._curve(at, 1)
-
-    @cached_property
-    def _curve(self) -> "CubicSpline":
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(self.level, self.shift, bc_type="clamped")

@@ -198,19 +198,14 @@ class JointsOfLaw:
         return f"interface {', '.join(map(str, self.joints))}"
 
     def sources(
-        self,
-        pressure: np.ndarray | None,
-        without: Mapping[str, np.ndarray] = {},
-        linear: np.ndarray | bool = True,
+        self, pressure: np.ndarray | None, without: Mapping[str, np.ndarray] = {}
     ) -> list[upscaling.Source]:
         """Return the errors of normal law and friction at a pressure of the joints, Pa, if any."""
 
         def change(normal: NormalLaw) -> Change:
             return Change(self.joints, normal)
 
-        listed = upscaling.law_sources(
-            self.law, pressure, of=self.name, change=change, linear=linear
-        )
+        listed = upscaling.law_sources(self.law, pressure, of=self.name, change=change)
         friction = {} if pressure is None else shear_errors(self.law, pressure)
         known = known_terms(self.law)
         for parameter, widths in friction.items():
@@ -447,9 +442,7 @@ def _measured(
     if any(real):
         listed.append(contact_source(law, mean, real, group.name))
     # the error of the loss by the bed is measured by the cycles of the cells
-    # the share of a load that slips counts points, and is not smooth enough for modes
-    smooth = names[:, None] != ("" if cycles is None else cycles.slip)
-    listed += replace(group, law=law).sources(mean, dict.fromkeys(bounds, lost), smooth)
+    listed += replace(group, law=law).sources(mean, dict.fromkeys(bounds, lost))
     shared = np.where(lost, cells[0], cells[1])
     return [source.averaged(shared) for source in listed], cautions
 

@@ -5,9 +5,6 @@ the half-width :math:`w_{kt}` of the parameter by the term :math:`t`, the half-w
 by that term is
 
 .. math:: w_t^2 = \sum_k (s_k\, w_{kt})^2.    \tag{1}
-
-Samples of a law are replaced by the leading modes of their covariance, which are such parameters:
-a structure is then solved again for a few modes, not for every sample.
 """
 
 from abc import ABC, abstractmethod
@@ -20,7 +17,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
-from multiscale.laws import ModifiedLaw, NormalLaw, VariedLaw
+from multiscale.laws import ModifiedLaw, NormalLaw
 from multiscale.schema import ERROR_BUDGET, Dataset
 from multiscale.upscaling.budget import (
     ALWAYS,
@@ -30,7 +27,6 @@ from multiscale.upscaling.budget import (
     MODEL,
     NO_PART,
     NO_STATED,
-    NORMAL,
     STATED,
     Term,
     assemble_budget,
@@ -41,7 +37,7 @@ from multiscale.upscaling.budget import (
     known_terms,
     of_this_version,
 )
-from multiscale.upscaling.free_form import FEWEST_PRESSURES, fit_each
+from multiscale.upscaling.free_form import fit_each
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.sampling import half_range
@@ -49,14 +45,7 @@ from multiscale.upscaling.sampling import half_range
 STRETCH = 0.02
 """Relative change of a parameter with which the answers are solved again."""
 
-FEWEST_SAMPLES = 40  # for a percentile interval, and for modes
-
-MODES, SHARE = 5, 0.98  # limit of the number of modes of a law, and variance that they contain
-
-BELOW, ABOVE = np.linspace(0.5, 5.0, 10), np.array([0.5, 1.0])
-"""Logarithms of the pressures beyond the data to which samples extrapolate."""
-
-MODE_STEP = 0.5  # change along a mode over its standard deviation
+FEWEST_SAMPLES = 40  # for a percentile interval
 
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
     STATED: NO_STATED.how,
@@ -152,23 +141,6 @@ class Samples(Source):
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
         """Return half the distance of the percentiles."""
         return {"sampling": Term(self.how, half_range(np.array(changed)) / np.abs(value))}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Modes(Source):
-    """Independent parameters with normal distributions, in which answers are linearised."""
-
-    how: str
-    steps: Sequence[float]  # change of each parameter over its standard deviation
-    linear: np.ndarray | bool = True  # answers that they count for, shape (answers, steps)
-
-    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
-        """Return (1)."""
-        rates = [
-            (answer / value - 1.0) / step for answer, step in zip(changed, self.steps, strict=True)
-        ]
-        half = np.where(self.linear, NORMAL * np.sqrt(np.sum(np.square(rates), axis=0)), 0.0)
-        return {"sampling": Term(self.how, half)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -342,7 +314,6 @@ def law_sources(
     change: Callable[[NormalLaw], Any] = lambda law: law,
     samples: int = 0,
     drawn: Sequence[np.ndarray] | None = None,
-    linear: np.ndarray | bool = True,
 ) -> list[Source]:
     """Return the sources of error of an interface law, from its budget.
 
@@ -355,12 +326,9 @@ def law_sources(
     of : str, optional, name of the interface
     change : callable, optional, from a changed normal law to the change of a :class:`Source`
     samples : int
-        Number of bootstrap samples of the law to solve. With fewer than 40, sampling enters by the
-        modes of the samples; see :func:`law_modes`. If the law has fewer, it enters as the other
-        terms do.
+        Number of bootstrap samples of the law to solve; with fewer than 40, sampling enters as the
+        other terms do.
     drawn : sequence of ndarray, shape (answers, steps), optional, known answers of samples
-    linear : ndarray, shape (answers, steps), or bool
-        Answers that are smooth enough for modes; sampling enters others as the other terms do.
 
     Returns
     -------
@@ -384,22 +352,13 @@ def law_sources(
     data, known = law["fit_pressure"].to_numpy(), known_terms(law)
     count = min(samples, int(law.sizes.get("sample", 0)))
     draws = fitted_laws(law, range(count if count >= FEWEST_SAMPLES else 0))
-    # sampling, by bootstrap samples of the law, by their modes, or as the other terms
-    of_samples = {"error_term": "sampling", "quantity": ["mean_gap", "stiffness"]}
-    stated = law["error_half_width"].sel(of_samples).to_numpy()
+    # sampling, by bootstrap samples of the law or as the other terms
     sampled: list[Source] = []
     if draws or (drawn is not None and len(drawn)):
         count = len(draws) if drawn is None else len(drawn)
         how = f"{count} bootstrap samples of the law"
         changes = [change(sample) for sample in draws] if drawn is None else ()
         sampled.append(Samples(name="samples", of=of, changes=changes, answers=drawn, how=how))
-    elif np.isfinite(stated).all() and (modes := law_modes(law)):
-        how = f"{len(modes)} modes of {law.sizes['sample']} bootstrap samples of the law"
-        varied, steps = zip(*modes, strict=True)
-        changes = list(map(change, varied))
-        sampled.append(
-            Modes(name="modes", of=of, changes=changes, how=how, steps=steps, linear=linear)
-        )
 
     def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
         """Return half-widths of a quantity of the law at the pressures, by known terms."""
@@ -409,10 +368,8 @@ def law_sources(
             widths[term] = float(np.sqrt(np.mean(half**2)))
             if pressure is not None:
                 widths[term] = np.interp(np.log(pressure), np.log(data), half)
-        if sampled and (draws or drawn):
+        if sampled:
             widths.pop("sampling", None)
-        elif sampled and quantity == "stiffness":
-            widths["sampling"] = np.where(linear, 0.0, widths["sampling"])
         return widths
 
     # unknown terms, larger gaps, a softer law, and gaps without the biases
@@ -447,48 +404,3 @@ def law_sources(
         *corrections,
         *sampled,
     ]
-
-
-def law_modes(law: Dataset) -> list[tuple[NormalLaw, float]]:
-    r"""Return laws along the leading modes of the samples of a law.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-
-    Returns
-    -------
-    list of (NormalLaw, float)
-        The mean law with the change of its gaps along every mode, about the gap at the mean
-        pressure, and this change over the standard deviation: half, or less where the stiffness
-        would change by more than half. It is empty if the law has fewer than 40 samples.
-
-    Notes
-    -----
-    The modes are those of :math:`\ln K` at the pressures of the data over its deviations there,
-    since stiffnesses at different pressures scatter by different amounts, and answers that depend
-    on the difference of two do not follow from one factor of all.
-    """
-    count, p = int(law.sizes.get("sample", 0)), law["fit_pressure"].to_numpy()
-    if count < FEWEST_SAMPLES or p.size < FEWEST_PRESSURES:
-        return []
-    mean, *drawn = fitted_laws(law, [None, *range(count)])
-    gap = np.array([sample.gap_at(p) for sample in drawn])
-    level = np.log([sample.stiffness(at) for sample, at in zip(drawn, gap, strict=True)])
-    away, spread = level - level.mean(axis=0), level.std(axis=0)
-    if not np.all(spread > 0.0):
-        return []
-    # scores of the samples on the leading modes, with the variance 1 / count
-    score, size, _ = np.linalg.svd(away / spread, full_matrices=False)
-    share = np.cumsum(size**2) / np.sum(size**2)
-    score = score[:, : min(int(np.searchsorted(share, SHARE)) + 1, MODES)]
-    # changes of the gaps that follow the scores, also beyond the data
-    middle = np.log(p).mean()
-    x = np.concatenate([np.log(p[0]) - BELOW[::-1], np.log(p), np.log(p[-1]) + ABOVE])
-    gap = np.array([sample.gap_at(np.exp(x)) for sample in drawn])
-    shift = score.T @ (gap - gap.mean(axis=0)) / np.sqrt(count)
-    shift -= np.array([np.interp(middle, x, row) for row in shift])[:, None]
-    rate = mean.stiffness(mean.gap_at(np.exp(x))) / np.exp(x)
-    change = np.abs(rate * np.gradient(shift, x, axis=1)).max(axis=1)  # of the stiffness
-    steps = MODE_STEP / np.maximum(1.0, change)
-    return [(VariedLaw(mean, x, h * row), float(h)) for h, row in zip(steps, shift, strict=True)]

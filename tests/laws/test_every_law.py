@@ -17,7 +17,6 @@ from multiscale.laws import (
     Response,
     SteadySliding,
     Tabulated,
-    VariedLaw,
 )
 from multiscale.laws.interface_law import lay_side_by_side
 from tests.laws.test_asperities import FRICTION, ROUGH, random_path
@@ -32,9 +31,6 @@ NORMAL_LAWS = {
     "convex-signed": SIGNED,
     "damaged": ModifiedLaw(SIGNED, damage=0.3),
     "stretched": ModifiedLaw(Exponential(2.0, 0.4, gap=-0.1), factor=1.3),
-    "varied": VariedLaw(
-        Exponential(2.0, 0.4), np.linspace(-2.5, 1.5, 5), np.array([0.02, 0.0, 0.01, 0.0, -0.01])
-    ),
     "power": PowerLaw(pressure_scale=2.0, support=0.9, exponent=2.5, gap=0.1),
     "table": Tabulated(np.array([0.0, 0.5, 2.5]), np.array([0.0, -0.5, -0.9])),
 }

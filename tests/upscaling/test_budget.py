@@ -574,48 +574,6 @@ def test_several_answers_have_the_budget_that_each_has_alone():
     assert np.all(total[1] > total[0])
 
 
-@pytest.mark.parametrize("power", [0.0, -1.0])
-def test_modes_have_the_errors_of_all_samples(power):
-    """Also where the errors at two pressures cancel, which one factor of the law does not show."""
-    random = np.random.default_rng(3)
-    tilt = 0.1 * random.standard_normal((12, 1)) * np.linspace(-1.0, 1.0, PRESSURE.size)
-    response = response_of(TRUTH * (1.0 + 0.05 * random.standard_normal((12, 1))) * np.exp(tilt))
-    law = fit_law(response, family="convex_decreasing", n_samples=200)
-    law, p = with_budget(law, error_budget(response, law)), PRESSURE[[2, -3]]
-
-    def solve(one):
-        low, high = one.stiffness(one.gap_at(p))
-        return np.array([low * high**power])
-
-    widths = [half(carried("k", law, solve, samples=count), "sampling", "k") for count in (0, 200)]
-    np.testing.assert_allclose(*widths, rtol=0.2)
-
-
-def test_answers_without_a_gradient_have_no_modes():
-    response = ensemble(20)
-    law = fit_law(response, n_samples=50)
-    law = with_budget(law, error_budget(response, law))
-    smooth = np.array([[True], [False]])
-
-    def solve(one):
-        return np.full((2, 1), one.stiffness(one.gap_at(np.array([3e7])))[0])
-
-    budget = propagate(
-        ("a", "b"), law_sources(law, linear=smooth), solve, base=law_from_dataset(law)
-    )
-    alone = fit_law(response, n_samples=0)
-    alone = with_budget(alone, error_budget(response, alone))
-    as_others = propagate(
-        "b", law_sources(alone), lambda one: solve(one)[:1], base=law_from_dataset(alone)
-    )
-    np.testing.assert_allclose(
-        half(budget, "sampling", "b"), half(as_others, "sampling", "b"), rtol=1e-6
-    )
-    np.testing.assert_allclose(
-        half(budget, "sampling", "a"), half(budget, "sampling", "b"), rtol=0.2
-    )
-
-
 def test_every_kind_of_source_adds_what_it_is_known_to():
     """An answer a b, with half-widths of 10 % and 5 %; signs of biases stay, unknown terms too."""
     value = np.array([[6.0, 12.0]])

@@ -124,9 +124,9 @@ def _needs_of_joints(bodies: RoughBodies, case: Case) -> Needs:
         )
     solves = Choice(
         "intervals",
-        f"{'9 to 12' if case.cycles else '7 to 11'} more solves, of the preloads {path}, if the "
-        "law carries a budget: one for each of its terms and modes, friction and stiffness ratio "
-        "of cells, beds of half the slabs, and the mesh",
+        f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the preloads {path}, if the law "
+        f"carries a budget: one for each of its terms, measured friction and stiffness ratio, beds "
+        f"of half the slabs, and the mesh",
     )
     loading = Choice("loading", pressed)
     libraries = (*needs.libraries, *bodies.mesher)
@@ -355,8 +355,8 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
     )
     solves = Choice(
         "intervals",
-        f"{'9 to 12' if case.cycles else '7 to 11'} more solves, of the steps {path}, for each law "
-        f"with a budget: one for each of its terms and modes, and one with coarser beds and meshes",
+        f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the steps {path}, for each law "
+        f"with a budget: one for each of its terms, and one with coarser beds and meshes",
     )
     libraries = tuple(sorted({*needs.libraries, "meshio"}))
     return replace(needs, libraries=libraries, choices=(*needs.choices, *([solves] * bool(points))))
