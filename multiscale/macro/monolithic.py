@@ -168,7 +168,7 @@ def solve_interface(
     )
 
 
-Linear = Callable[[csr_array | np.ndarray, csr_array, np.ndarray], Solve]
+LinearSolver = Callable[[csr_array | np.ndarray, csr_array, np.ndarray], Solve]
 """Solver of K + B^T D B from K, B and the tangents D, (d, d, points), N/m."""
 
 
@@ -192,7 +192,7 @@ class Assembled:
     jump: csr_array  # normal jumps of all points, then each tangential jump, (d * points, n)
     weight: np.ndarray  # area of these points, (points,), m²
     motions: np.ndarray  # rigid motions of the bodies, (n, motions), m
-    linear: Linear = factorise_joined  # solver of bodies with the tangents of joints
+    linear: LinearSolver = factorise_joined  # solver of bodies with the tangents of joints
 
     def solve(
         self,

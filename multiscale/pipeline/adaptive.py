@@ -18,7 +18,7 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling import law_from_dataset
-from multiscale.upscaling.response_observations import join_steps
+from multiscale.upscaling.response_observations import join_pressures
 
 ROUNDS = 6
 """Largest number of solves of a structure, between which the data of its laws are extended."""
@@ -67,7 +67,8 @@ class PressedCells:
         if (control := joined.get(CONTROL_CELLS.name)) is not None:
             more[CONTROL_CELLS.name] = press_control(solved, control.sizes["realisation"], inner)
         joined |= {
-            name: new if remembers else join_steps(joined[name], new) for name, new in more.items()
+            name: new if remembers else join_pressures(joined[name], new)
+            for name, new in more.items()
         }
         law = FITTED_LAW.run(whole, joined, inner)
         write_dataset(law, make_folder(inner.out) / FITTED_LAW.file, FITTED_LAW.schema)

@@ -10,7 +10,7 @@ from multiscale.schema import Dataset
 from multiscale.units import length_unit
 from multiscale.upscaling.budget import ALWAYS, known_error, total_error, unknown_terms
 
-COLOURS = (*(f"C{k}" for k in range(10)), "0.3", "0.7")  # colours of the terms
+COLOURS = (*(f"C{k}" for k in range(10)), "0.2", "0.5", "0.8")  # colours of the terms
 
 UNKNOWN = 0.15
 """Height of the bar of unknown terms, over the largest total; it has no meaning."""

@@ -152,7 +152,7 @@ def up_to_limit(response: Dataset, law: Dataset) -> Dataset:
     return response.isel(step=np.flatnonzero(usable_steps(response)[1] <= limit))
 
 
-def join_steps(first: Dataset, second: Dataset) -> Dataset:
+def join_pressures(first: Dataset, second: Dataset) -> Dataset:
     """Return the steps of two loading branches of the same cells, by rising pressure.
 
     Variables that only one of them has are left out, but for those without steps.

@@ -198,7 +198,7 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
     write_map(tmp_path / "map.txt", heights, spacing=1)
     surface = 'surface = { file = "map.txt", fill_undefined = true }'
     (tmp_path / "case.toml").write_text(MEASURED.replace("SURFACE", surface), encoding="utf-8")
-    run_command(str(tmp_path / "case.toml"), tmp_path / "out", jobs=1)
+    run_command(str(tmp_path / "case.toml"), tmp_path / "out", jobs=1, details=True)
     printed = capsys.readouterr()
     response = open_response(tmp_path / "out" / "micro_response.nc")
     known = heights[np.isfinite(heights)]

@@ -35,14 +35,14 @@ def test_bars_stack_up_to_the_total(axes, carried):
             top[k] = max(top[k], bar.get_y() + bar.get_height())
     total = budget["error_total"].sel(quantity="stiffness").values
     np.testing.assert_allclose(top, 100.0 * total)
-    assert len(known) == 2
+    assert len(known) == 3
     np.testing.assert_allclose([bar.get_y() for bar in unknown], top)  # hatched, above the total
     assert all(bar.get_hatch() and bar.get_height() > 0.0 for bar in unknown)
     assert [text.get_text() for text in ax.texts] == [f"{value:.2g} + ?" for value in top]
     names = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert names[:2] == ["sampling", "fit"]
-    assert names[2].startswith("not known: ")
-    assert "scale separation" in names[2]
+    assert names[:3] == ["sampling", "fit", "model discrepancy"]
+    assert names[3].startswith("not known: ")
+    assert "scale separation" in names[3]
     assert ax.get_ylabel() == "95 % half-width of stiffness (%)"
     assert ax.get_xticklabels()[0].get_text() == "5"
 
@@ -52,7 +52,8 @@ def test_a_total_that_lacks_a_term_is_as_high_as_the_known_terms(axes):
     response = response_of(exponential_gaps(1))
     budget = error_budget(response, fit_law(response))
     ax = plot_error_budget(budget, ax=axes)
-    known = 100.0 * budget["error_half_width"].sel(quantity="mean_gap", error_term="fit").values
+    terms = budget["error_half_width"].sel(quantity="mean_gap")
+    known = 100.0 * np.hypot(*(terms.sel(error_term=t) for t in ("fit", "model discrepancy")))
     assert budget["error_total"].isnull().all()
     assert [text.get_text() for text in ax.texts] == [f"{value:.2g} + ?" for value in known]
     assert ax.get_legend().get_texts()[-1].get_text().startswith("not known: sampling, ")

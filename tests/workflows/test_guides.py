@@ -86,6 +86,14 @@ def sliding_tyres(names):
     assert np.all(np.diff(warm) > 0.0)
 
 
+def discrete_to_continuum(names):
+    response = names["response"]
+    assert response["converged"].values.all()
+    normal, shear = response["traction"].values.reshape(-1, response["traction"].shape[-1])[0][:2]
+    assert normal > 0.0
+    assert abs(shear) < normal
+
+
 CHECKS = {
     f"{number:02d}_{check.__name__}": check
     for number, check in enumerate(
@@ -102,6 +110,7 @@ CHECKS = {
             damage,
             three_ways,
             sliding_tyres,
+            discrete_to_continuum,
         ),
         start=1,
     )

@@ -19,7 +19,7 @@ import numpy as np
 from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
-from multiscale.macro.monolithic import Linear, factorise_joined
+from multiscale.macro.monolithic import LinearSolver, factorise_joined
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import COMPONENTS, MACRO_RESULT, Dataset
@@ -179,7 +179,7 @@ class Method:
         """Whether a coarse problem balances the resultants of interfaces."""
         return True
 
-    def linear(self, problem: CutProblem) -> Linear:
+    def linear(self, problem: CutProblem) -> LinearSolver:
         """Return the solver of the matrices of a whole structure."""
         return factorise_joined
 

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import MultiscaleError
 from multiscale.fe.multigrid import joint_matrix
 from multiscale.laws.interface_law import SideBySide
-from multiscale.macro.monolithic import FLOOR, NO_JOINT, Assembled, Linear, factorise_joined
+from multiscale.macro.monolithic import FLOOR, NO_JOINT, Assembled, LinearSolver, factorise_joined
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stepping import JointState
 from multiscale.macro.substructures.whole import assemble
@@ -28,7 +28,7 @@ DIRECT, ITERATIONS = 8, 60
 class Tangents:
     """Tangents of a structure, without and with the shanks of its bolts."""
 
-    def __init__(self, problem: CutProblem, linear: Linear = factorise_joined) -> None:
+    def __init__(self, problem: CutProblem, linear: LinearSolver = factorise_joined) -> None:
         self.problem, self.whole = problem, assemble(problem, linear)
         cases = list(range(problem.n_cases))
         # bolts are locked under every load but the first, which tightens them

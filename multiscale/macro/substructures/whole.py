@@ -21,7 +21,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.elasticity import CondensedStiffness, condense_body
 from multiscale.fe.multigrid import Multigrid
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.monolithic import Assembled, Linear, factorise_joined
+from multiscale.macro.monolithic import Assembled, LinearSolver, factorise_joined
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
@@ -240,7 +240,7 @@ def _extend(trace: csr_array, edge: np.ndarray, n: int) -> csr_array:
     return csr_array((few.data, few.indices, few.indptr), shape=(few.shape[0], n))
 
 
-def assemble(problem: CutProblem, linear: Linear = factorise_joined) -> Assembled:
+def assemble(problem: CutProblem, linear: LinearSolver = factorise_joined) -> Assembled:
     """Assemble the substructures of a problem.
 
     Parameters
