@@ -60,7 +60,7 @@ from multiscale.numerics.factorisation import on_diagonal
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION, Dataset
 from multiscale.upscaling import area_from_dataset, estimate_grid_error, fit_law, law_from_dataset
-from multiscale.upscaling.response_observations import join_steps
+from multiscale.upscaling.response_observations import join_pressures
 
 BAND = 4.0  # longest over shortest wavelength of the roughness
 CELL_WAVES = 4  # longest wavelengths of the roughness along an edge of a cell
@@ -327,7 +327,7 @@ def solve_sequential(
         further = further_pressures(data_ends(law), shares_of(answer, law)) if adaptive else ()
         if not further:
             break
-        response = join_steps(response, run_ensemble(cells, LoadPath(pressure=further)))
+        response = join_pressures(response, run_ensemble(cells, LoadPath(pressure=further)))
     solved = int(response["converged"].sum())
     shared = answer.pressure.size * len(cells) if adaptive else 0
     return Way((checked(answer, law),), end - begin, end - fitted, solved, shared, response)

@@ -105,7 +105,9 @@ class Multigrid:
         # shares of the stiffness of the joints that the cycle takes
         n, points = stiffness.shape[0], tangent.shape[2]
         flexible = jump.power(2) @ (1.0 / np.abs(stiffness.diagonal()))
-        k = 1.0 / np.maximum(flexible.reshape(-1, points).mean(axis=0), np.finfo(float).tiny)
+        k = 1.0 / np.maximum(
+            flexible.reshape(len(tangent), points).mean(axis=0), np.finfo(float).tiny
+        )
         share = np.minimum(1.0, k / np.maximum(np.abs(tangent).max(axis=(0, 1)), 1e-300 * k))
         matrix = csr_array(stiffness + jump.T @ (joint_matrix(share * tangent) @ jump))
         cycle = self._cycle(matrix)

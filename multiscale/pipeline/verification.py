@@ -22,6 +22,11 @@ def verify_run(out: Path) -> str:
     if "sweep" in content:
         raise CaseError(f"{out}: holds a sweep; verify the folder of one of its points")
     case = load_case(out / "case.toml")
+    if case.accuracy is not None:
+        raise CaseError(
+            f"{out}: its case has [accuracy], which plans other cells than the case has; run the "
+            f"case in another folder and compare"
+        )
     if not case.has_cells:
         raise CaseError(
             f"{out}: its case has no cells, of which a realisation could be computed again; run "

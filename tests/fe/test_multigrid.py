@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import diags_array
 from skfem import ElementHex2
 
 from multiscale.errors import MultiscaleError
@@ -89,6 +90,16 @@ def test_a_body_that_may_move_is_refused(structure):
     solve = whole.linear(whole.stiffness, whole.jump, tangent(structure, 0.0, 1.0, False))
     with pytest.raises(MultiscaleError, match="singular"):
         solve(whole.load @ np.ones(whole.load.shape[1]))
+
+
+def test_bodies_without_joints_are_solved(structure):
+    whole, _ = structure
+    nothing, none = np.zeros((3, 3, 0)), whole.jump[:0]
+    on_springs = whole.stiffness + diags_array(0.1 * whole.stiffness.diagonal())
+    load = whole.load @ np.ones(whole.load.shape[1])
+    exact = factorise_joined(on_springs, none, nothing)(load)
+    answer = whole.linear(on_springs, none, nothing)(load)
+    np.testing.assert_allclose(answer, exact, atol=1e-8 * np.abs(exact).max())
 
 
 def test_iterations_do_not_grow_with_the_size(monkeypatch):

@@ -147,6 +147,6 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     assert link.startswith("points/points-64-64-")
     steps = page.split("All steps</h2>")[1]
     assert steps.count("<td>[64, 64]</td>") == 6  # preloads
-    assert re.search(r"<td>40</td><td>18\.\d+ ± 1\.\d+ % or more</td>", steps)
+    assert re.search(r"<td>40</td><td>18\.\d+ ± 2\.\d+ % or more</td>", steps)
     assert 'alt="sweep joint stiffness"' in page
     assert "multiscale 0" in page.split("Work and provenance</h2>")[1]

@@ -90,8 +90,8 @@ def discrete_to_continuum(names):
     response = names["response"]
     assert response["converged"].values.all()
     normal, shear = response["traction"].values.reshape(-1, response["traction"].shape[-1])[0][:2]
-    assert normal > 0.0
-    assert abs(shear) < normal
+    assert normal < 0.0  # pressure
+    assert abs(shear) < -normal
 
 
 CHECKS = {
