@@ -1,14 +1,11 @@
 """The command line: the Python interface with arguments and files added."""
 
-import logging
-import sys
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -17,7 +14,7 @@ from multiscale import __version__
 from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
-from multiscale.needs import readable_time
+from multiscale.printing import print_lines, print_table, report_line, shown_progress, warn_of
 from multiscale.units import to_lengths, to_si
 
 if TYPE_CHECKING:
@@ -172,9 +169,9 @@ def _carry_out(
 
     if quick:
         if any(point.accuracy for point in sweep.points):
-            _report("--quick leaves out the target of [accuracy]")
+            report_line("--quick leaves out the target of [accuracy]")
         unchanged = dict.fromkeys(stage.quick_note for stage in stages_of(sweep.points[0].tables))
-        _warn([*filter(None, unchanged)])
+        warn_of([*filter(None, unchanged)])
         sweep = sweep.quick()
     if explain:
         prepare(sweep.points[0])
@@ -228,7 +225,7 @@ def micro_command(
         refuse_excess([settings.without_structure()], [out.parent], jobs=jobs)
     with _working(out.parent / "micro", jobs, dask, verbose, quiet) as (pool, progress):
         response = run_micro(settings, out, executor=pool, progress=progress)
-    _warn(response.attrs["cautions"].splitlines())
+    warn_of(response.attrs["cautions"].splitlines())
     typer.echo(response.attrs["behaviour"])
 
 
@@ -293,13 +290,13 @@ def fit_command(
     if case is not None:
         law = calibrate_case(case, law).law
     save_law(law, out)
-    _warn(law.attrs["cautions"].splitlines())
+    warn_of(law.attrs["cautions"].splitlines())
     for table in calibration_tables(law):
-        _print_table(*table)
+        print_table(*table)
     if case is not None:
         typer.echo(f"{law.attrs['effective_draws']:.3g} independent draws")
     typer.echo(law.attrs["branches"])
-    _print_lines(describe_shear(law))
+    print_lines(describe_shear(law))
 
 
 def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> None:
@@ -320,7 +317,7 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
     predictions = predict(law, observations, p_shown)
     outside = [f"{1e-6 * p:.4g}" for p in p_shown if not 0.999 * low <= p <= 1.001 * high]
     beyond = f"pressures of {', '.join(outside)} MPa lie outside the data; the law extrapolates"
-    _warn(
+    warn_of(
         [*law.attrs["cautions"].splitlines(), *predictions.unknown, *([beyond] if outside else [])]
     )
     n, points = observations.n_realisations, observations.pressure.size
@@ -329,7 +326,7 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
         f"{points} pressures, error at unseen pressures "
         f"{100.0 * float(law.attrs['cross_validated_rms_error']):.2g} %"
     )
-    _print_table(title, *tabulate_prediction(observations.quantity, p_shown, predictions))
+    print_table(title, *tabulate_prediction(observations.quantity, p_shown, predictions))
     typer.echo(f"law: {out}")
 
 
@@ -380,7 +377,7 @@ def export_command(
             dataset, out, length_unit=length_unit, pressure_unit=pressure_unit, leakage=leakage
         )
         refusal = refuse_band(dataset)
-        _warn([f"the table has no band: {refusal}"] if refusal else [])
+        warn_of([f"the table has no band: {refusal}"] if refusal else [])
     elif leakage:
         raise CaseError(f"--leakage is written to a .csv table, got {out}")
     elif out.suffix == ".inp":
@@ -437,10 +434,10 @@ def macro_command(
     result = run_macro(settings, out, team=team)
     if team.rank:  # the first process speaks for all
         return
-    _warn(result.attrs.get("cautions", "").splitlines())
+    warn_of(result.attrs.get("cautions", "").splitlines())
     stage, *more = stages_of(settings.tables)
-    _print_lines(stage.lines(result))
-    _print_lines(f"{other.name}: {out.with_name(f'{out.stem}-{other.file}')}" for other in more)
+    print_lines(stage.lines(result))
+    print_lines(f"{other.name}: {out.with_name(f'{out.stem}-{other.file}')}" for other in more)
     fields = out.parent / "fields" / f"{out.stem}.pvd"
     typer.echo(f"dataset: {out}" + (f"; for ParaView: {fields}" if stage.write_fields else ""))
     if failure := stage.failure(result):
@@ -537,8 +534,8 @@ def inspect_command(
     if case is not None and proposal:  # before a pipe may close
         write_bytes(case, proposal.encode())
     for inspection, page in zip(inspections, pages, strict=True):
-        _warn(INSPECTION.cautions(inspection))
-        _print_lines(inspection_lines(inspection))
+        warn_of(INSPECTION.cautions(inspection))
+        print_lines(inspection_lines(inspection))
         typer.echo(f"page, figures and dataset: {page}")
     if case is not None:
         if not proposal:
@@ -610,14 +607,14 @@ def bench_command(
             failed.append(name)
             if not isinstance(error, MultiscaleError):
                 traceback.print_exc()
-            _report(f"multiscale: the family {name} failed: {error}")
+            report_line(f"multiscale: the family {name} failed: {error}")
             continue
         joined = join_families(measured)  # finished families stay if the next is killed
         write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
     if measured:
         head, rows = tabulate_cheapest(joined)
         if rows:
-            _print_table("cheapest way to an error of at most", head, rows)
+            print_table("cheapest way to an error of at most", head, rows)
         typer.echo(f"all runs: {out / 'work_precision.nc'}")
     if failed:
         failures = f"{len(failed)} of {len(chosen)} families failed: {', '.join(failed)}"
@@ -633,11 +630,11 @@ def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
     from multiscale.schema import WORK_PRECISION
 
     keep = partial(write_dataset, path=file, schema=WORK_PRECISION)  # if it is killed
-    runs = bench(name, quick=quick, report=_report, keep=keep)
+    runs = bench(name, quick=quick, report=report_line, keep=keep)
     keep(runs)
     figure = draw_work_precision(runs, file.with_suffix(".png"))
-    _warn(runs.attrs["cautions"].splitlines())
-    _print_table(runs.attrs["title"], *tabulate_runs(runs))
+    warn_of(runs.attrs["cautions"].splitlines())
+    print_table(runs.attrs["title"], *tabulate_runs(runs))
     typer.echo(f"load of the machine: {describe_load(runs)}")
     typer.echo(f"dataset and figure: {file}, {figure}")
     return runs
@@ -665,10 +662,10 @@ def stability_command(
     outcomes = check_stability(
         [case for case in cases if case.family in chosen],
         jobs=jobs or cores(),
-        report=_report,
+        report=report_line,
         keep=partial(write_dataset, path=out, schema=STABILITY),
     )
-    _print_table(outcomes.attrs["title"], *tabulate_stability(outcomes))
+    print_table(outcomes.attrs["title"], *tabulate_stability(outcomes))
     typer.echo(f"dataset: {out}")
     failed = int((outcomes["outcome"] == 0).sum())
     if failed:
@@ -680,8 +677,8 @@ def _show_finished(out: Path, title: str, more: str = "", details: bool = False)
     from multiscale.report import show_run
 
     finished = show_run(out)
-    _warn(finished.cautions)
-    _print_lines(finished.lines(details=details))
+    warn_of(finished.cautions)
+    print_lines(finished.lines(details=details))
     typer.echo(f"report, figures and datasets: {out}{more}")
     if finished.failure:
         raise ConvergenceError(f"{title}: {finished.failure}")
@@ -693,10 +690,10 @@ def _working(
 ) -> Iterator[tuple["Executor | None", "ShowProgress"]]:
     """Yield workers and a display of progress; after Ctrl-C print how to continue."""
     try:
-        with workers(jobs, dask) as executor, _shown(verbose, quiet) as progress:
+        with workers(jobs, dask) as executor, shown_progress(verbose, quiet) as progress:
             yield executor, progress
     except KeyboardInterrupt:
-        _report(
+        report_line(
             f"multiscale: interrupted; finished jobs are kept in {out}, and the same command "
             f"goes on with the others"
         )
@@ -709,61 +706,6 @@ def _refuse_both(verbose: bool, quiet: bool) -> None:
         raise typer.BadParameter("--quiet and --verbose exclude each other")
 
 
-LINES = 20  # of progress, for each kind of job
-
-
-@contextmanager
-def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
-    """Show progress on standard error: a bar on a terminal, lines elsewhere; or the log instead."""
-    if verbose:
-        logging.basicConfig(format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
-        logging.getLogger("multiscale").setLevel(logging.INFO)
-    if quiet or verbose:
-        yield lambda finished, total, jobs: None
-    elif sys.stderr.isatty():
-        with _bars() as progress:
-            yield progress
-    else:
-        yield _lines()
-
-
-def _lines() -> "ShowProgress":
-    """Print a line for each job, or for each twentieth of many, with the time left."""
-    begin: dict[str, tuple[int, float]] = {}
-    shown: dict[str, int] = {}
-
-    def show(finished: int, total: int, jobs: str) -> None:
-        first, since = begin.setdefault(jobs, (finished, perf_counter()))
-        if finished < total and shown.get(jobs) == LINES * finished // total:
-            return
-        shown[jobs] = LINES * finished // max(total, 1)
-        left = ""
-        if first < finished < total:
-            each = (perf_counter() - since) / (finished - first)
-            left = f", about {readable_time(each * (total - finished))} left"
-        _report(f"{finished} of {total} {jobs}{left}")
-
-    return show
-
-
-@contextmanager
-def _bars() -> Iterator["ShowProgress"]:
-    """Show a bar for each kind of job, with the time left."""
-    from rich.console import Console
-    from rich.progress import Progress as Bars
-    from rich.progress import TaskID
-
-    tasks: dict[str, TaskID] = {}
-    with Bars(console=Console(stderr=True)) as bars:
-
-        def show(finished: int, total: int, jobs: str) -> None:
-            if jobs not in tasks:
-                tasks[jobs] = bars.add_task(jobs, total=total)
-            bars.update(tasks[jobs], completed=finished, total=total)
-
-        yield show
-
-
 def _load_with(table: str, case: str) -> "Case":
     """Read a case with the table at which a command begins."""
     from multiscale.pipeline import load_case
@@ -772,20 +714,6 @@ def _load_with(table: str, case: str) -> "Case":
     if table in settings.tables:
         return settings
     raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")
-
-
-def _report(line: str) -> None:
-    typer.echo(line, err=True)
-
-
-def _warn(cautions: Iterable[str]) -> None:
-    for caution in cautions:
-        _report(f"caution: {caution}")
-
-
-def _print_lines(lines: Iterable[str]) -> None:
-    for line in lines:
-        typer.echo(line)
 
 
 def _check_dataset(out: Path) -> None:
@@ -808,12 +736,6 @@ def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
     return families or known
 
 
-def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    from multiscale.pipeline.stage import format_table
-
-    _print_lines(format_table(title, head, rows))
-
-
 def main() -> None:
     """Run the command line; a refused input ends with its message and exit status 1."""
     warnings.formatwarning = lambda warning, *_: f"caution: {warning}\n"
@@ -826,5 +748,5 @@ def main() -> None:
         message = f"not enough memory ({error}); use fewer points or jobs"
     except OSError as error:  # of standard output, for instance
         message = f"{error}; free some space or look at the permissions"
-    _report(f"multiscale: {message}")
+    report_line(f"multiscale: {message}")
     raise SystemExit(1)

@@ -11,15 +11,17 @@ import pytest
 import typer
 
 import multiscale
-from multiscale import cli
+from multiscale import cli, printing
 from multiscale.needs import readable_time
 from tests.support import PORES, run_python, write_scene
 
 
 def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeypatch, capsys):
     clock = [0.0]
-    monkeypatch.setattr(cli, "perf_counter", lambda: clock[0])
-    with cli._shown(verbose=False, quiet=False) as tell:  # two were kept from another run
+    monkeypatch.setattr(printing, "perf_counter", lambda: clock[0])
+    with printing.shown_progress(
+        verbose=False, quiet=False
+    ) as tell:  # two were kept from another run
         for clock[0], finished in ((100.0, 2), (110.0, 3), (130.0, 5), (140.0, 6)):
             tell(finished, 6, "points")
         tell(0, 3, "steps")

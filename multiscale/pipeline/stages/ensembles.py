@@ -18,8 +18,8 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells, smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.tables.rough_bodies import RoughBody
-from multiscale.pipeline.tables.settings import CONDUCTIVITIES, Case
+from multiscale.pipeline.tables.rough_bodies import CONDUCTIVITIES, RoughBody
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.lines import plot_lines
 from multiscale.schema import SLIDING_RESPONSE, Dataset

@@ -24,7 +24,8 @@ from multiscale.pipeline.stages.ensembles import (
     SHEARED_CELLS,
     SLIDING,
 )
-from multiscale.pipeline.tables.settings import CONDUCTIVITIES, Case
+from multiscale.pipeline.tables.rough_bodies import CONDUCTIVITIES
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import law_figures
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.surface_figures import plot_flow_channels

@@ -23,6 +23,8 @@ UnitOfLength = Annotated[
     toml.Length, BeforeValidator(lambda value: f"1 {value}" if str(value)[:1].isalpha() else value)
 ]
 
+CONDUCTIVITIES = ("thermal_conductivity", "electrical_conductivity")  # keys of a body
+
 
 class AnisotropySettings(toml.Settings):
     """Lay of a synthetic surface, along which its wavelengths are longer."""

@@ -1,7 +1,6 @@
 """The case, with all tables and the checks of tables against each other."""
 
 from collections.abc import Iterable
-from operator import truediv
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
@@ -9,10 +8,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.micro.layer import depth_caution
-from multiscale.micro.slide import LONGEST_SLIDE
 from multiscale.pipeline.tables import case_tables, grain_settings, link_settings, tyre_settings
 from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.tables.case_tables import ABSENT, MeasuredTable
+from multiscale.pipeline.tables.cell_checks import check_cells
 from multiscale.pipeline.tables.cycled_settings import (
     FatigueSettings,
     GrowthSettings,
@@ -30,7 +29,7 @@ from multiscale.pipeline.tables.joint_settings import (
 )
 from multiscale.pipeline.tables.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.tables.rough_bodies import (
-    CoatingSettings,
+    CONDUCTIVITIES,
     InstrumentSurface,
     RoughBody,
     SyntheticSurface,
@@ -45,7 +44,6 @@ from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
 
-HARDEST = 0.1  # largest hardness over Young's modulus; the hardness of diamond is about as large
 FEWEST_LAYERS = 4  # of cells on half of their points
 
 Structure = (
@@ -68,8 +66,6 @@ Structure = (
 
 KINDS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(Structure)}
 """Every kind by its name in files."""
-
-CONDUCTIVITIES = ("thermal_conductivity", "electrical_conductivity")
 
 OTHER_MICRO_KEYS = {"realisations", "coarser", "shear", "control", "control_realisations"}
 """Keys of [micro] that do not change pressed cells."""
@@ -178,7 +174,7 @@ class Case(Settings):
                 f"{list_tables(CELLS)}"
             )
         if self.has_cells:
-            self._check_cells()
+            check_cells(self)
         if self.structure is not None:
             self._check_structure(self.structure)
         if self.growth is not None and self.structure and not self.structure.may_tire:
@@ -232,216 +228,6 @@ class Case(Settings):
                 "budget; leave out law_error"
             )
         kind.check(self)
-
-    def _check_cells(self) -> None:
-        """Refuse tables and keys that cells cannot have."""
-        rough = [k for k, body in enumerate(self.bodies, 1) if body.surface is not None]
-        if self.cell.mesh is not None and rough:
-            raise ValueError(
-                f"mesh in [cell] is a body with its roughness, and body_{rough[0]} has a [surface] "
-                f"beside it; leave out one of them"
-            )
-        if self.cell.mesh is None and not rough:
-            raise ValueError("both bodies are smooth; give one of them a [surface] table")
-        if self.cell.geometry == "mesh":
-            self._check_mesh()
-        self._check_metal()
-        self._check_coating()
-        self._check_conductivities()
-        self._check_shear()
-        self._check_coarser()
-        self._check_control()
-        self._check_leakage()
-        if self.slide is not None:
-            self._check_slide()
-
-    def _check_mesh(self) -> None:
-        """Refuse tables and keys that cells on meshes cannot have."""
-        if self.cell.mesh is not None and self.micro.realisations != 1:
-            raise ValueError(
-                f"mesh in [cell] is one cell, and [micro] asks for {self.micro.realisations} "
-                f"realisations; set realisations = 1"
-            )
-        if self.cell.mesh is not None and self.micro.shear is not None:
-            raise ValueError(
-                "[micro.shear] shears cells on surfaces of two bodies, and mesh in [cell] has no "
-                "surfaces; leave out one of them"
-            )
-        if self.hardness is not None and self.cell.volumes:
-            raise ValueError(
-                "named volumes in [cell] are elastic, and a body has a hardness, by which all of a "
-                "mesh flows; leave out one of them"
-            )
-        if self.slide is not None:
-            raise ValueError(
-                'cells on meshes do not slide; set geometry = "conforming" in [cell], or leave '
-                "[slide] out"
-            )
-
-    def _check_slide(self) -> None:
-        """Refuse slides that cells cannot have, or that are too long."""
-        if self.cell.geometry == "flat":
-            raise ValueError(
-                'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] '
-                "out"
-            )
-        periods = self.slide.distance / self.cell.size[0]
-        if periods > LONGEST_SLIDE:
-            raise ValueError(
-                f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
-                "after one and is run in after a few where it flows: slide at most "
-                f"{LONGEST_SLIDE:g}"
-            )
-
-    def _check_shear(self) -> None:
-        """Refuse cells that cannot be sheared, and options of sheared cells without shear."""
-        shear = self.micro.shear
-        if shear is None:
-            if self.law.apart is not None:
-                raise ValueError(
-                    "apart in [law] is an option of the fit to sheared cells, and no cells are "
-                    "sheared; give [micro.shear], or leave it out"
-                )
-            return
-        if self.hardness is not None:
-            raise ValueError(
-                "[micro.shear] shears elastic bodies, which forget one shear before the next, and "
-                "a body has a hardness; leave out one of them"
-            )
-        points = shear.points or self.cell.points
-        if any(
-            n_sheared > all_cells
-            for n_sheared, all_cells in zip(points, self.cell.points, strict=True)
-        ):
-            raise ValueError(
-                f"points in [micro.shear] are {points[0]} x {points[1]}, more than the "
-                f"{self.cell.scope} in [cell]; cells that are sheared may be coarser"
-            )
-
-    def _check_control(self) -> None:
-        """Refuse control cells that cannot be built, or are flat already."""
-        if not (self.micro.control or self.micro.control_realisations):
-            return
-        if self.cell.geometry == "flat" or self.cell.mesh is not None:
-            here = "flat already" if self.cell.mesh is None else "on a mesh without a surface"
-            raise ValueError(
-                f"control in [micro] has flat cells on the surfaces of dearer cells, and the cells "
-                f"are {here}; leave it out"
-            )
-
-    def _check_leakage(self) -> None:
-        """Refuse a ring without leakage, and leakage of cells that have no gap."""
-        if not self.micro.leakage:
-            if self.seal is not None:
-                raise ValueError(
-                    "[seal] leaks through the gap of the cells, and leakage = false in [micro] "
-                    "leaves that out; leave out one of them"
-                )
-            return
-        if self.cell.mesh is not None:
-            raise ValueError(
-                "leakage in [micro] is of the gap above a surface, and mesh in [cell] may overhang "
-                "or have pores; leave out one of them"
-            )
-
-    def _check_coarser(self) -> None:
-        """Refuse cells that half of the points cannot resolve."""
-        if not self.micro.coarser:
-            return
-        shear = self.micro.shear
-        grids = {self.cell.points, (shear and shear.points) or self.cell.points}
-        for points in sorted(grids):
-            if any(n % 4 for n in points):
-                raise ValueError(
-                    f"coarser in [micro] halves the points, and half of them should be even, got "
-                    f"{points[0]} x {points[1]}; give multiples of 4"
-                )
-            spacing = 2.0 * max(map(truediv, self.cell.size, points))
-            for number, body in enumerate(self.bodies, start=1):
-                if body.surface is None:
-                    continue
-                cutoff = body.surface.short_cutoff
-                if cutoff is None or cutoff <= 2.0 * spacing * (1.0 + 1e-9):
-                    raise ValueError(
-                        f"coarser in [micro] leaves {1e6 * spacing:.4g} um between points, and the "
-                        f"same surface needs a short_cutoff of body_{number} of more than twice "
-                        f"that; give a longer one, or more points"
-                    )
-
-    def _check_metal(self) -> None:
-        """Refuse metals and unloading that the cells do not support."""
-        flat = self.cell.geometry == "flat"
-        for number, body in enumerate(self.bodies, start=1):
-            if flat and body.hardening_modulus is not None:
-                raise ValueError(
-                    f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
-                    f'the pressure; set geometry = "conforming" in [cell], or leave it out'
-                )
-            parts: tuple[RoughBody | CoatingSettings, ...] = (body, *body.coating)
-            for material in parts:
-                ratio = (material.hardness or 0.0) / material.youngs_modulus
-                where = f"body_{number}" if material is body else f"a coating of body_{number}"
-                if ratio > HARDEST:
-                    raise ValueError(
-                        f"hardness of {where} is {1e-9 * (material.hardness or 0.0):g} GPa, "
-                        f"{ratio:.2g} of its youngs_modulus, and nothing is harder than "
-                        f"{HARDEST:g}; the hardness of a metal is about a hundredth, and a body "
-                        f"that does not flow has no hardness"
-                    )
-        if self.elastic and self.hardness is not None:
-            raise ValueError("elastic = true and a hardness exclude each other; leave one out")
-        if self.micro.unload is not False and (flat or self.hardness is None):
-            raise ValueError(
-                "unload in [micro] needs conforming cells and the hardness of a body: without "
-                "flow an interface unloads as it was loaded"
-            )
-
-    def _check_coating(self) -> None:
-        """Refuse coatings where the theory is not derived for them."""
-        if not self.coated:
-            return
-        if self.cell.geometry == "mesh":
-            raise ValueError(
-                "cells on meshes take their layers from named volumes, and a body has coatings; "
-                'leave them out, or set geometry = "flat" or "conforming" in [cell]'
-            )
-        hard = any(body.hardness or body.surface_hardness for body in self.bodies)
-        if self.cell.geometry != "flat" and hard:
-            raise ValueError(
-                "conforming cells that flow are of one material, and there are coatings and a "
-                'hardness; set geometry = "flat" in [cell], or leave out one of them'
-            )
-        if self.cell.slope_order != 1:
-            raise ValueError(
-                "slope_order = 2 is derived for bodies of one material, and a body has coatings; "
-                "leave out one of them"
-            )
-        if self.slide is not None:
-            raise ValueError(
-                "[slide] moves bodies of one material, and a body has coatings; leave out one"
-            )
-        joint = self.interface
-        by_theory = isinstance(joint, RoughInterface) and joint.stiffness_ratio is None
-        if by_theory and self.micro.shear is None:
-            raise ValueError(
-                "the stiffness_ratio of theory is derived for bodies of one material, and a body "
-                "has coatings; shear the cells by [micro.shear], or give stiffness_ratio in "
-                "[interface]"
-            )
-
-    def _check_conductivities(self) -> None:
-        """Refuse a conductivity of a single body, and of bodies with coatings."""
-        for name in CONDUCTIVITIES:
-            given = [k for k, body in enumerate(self.bodies, 1) if getattr(body, name) is not None]
-            if len(given) == 1:
-                raise ValueError(
-                    f"body_{given[0]} has the {name} that body_{3 - given[0]} lacks; give both"
-                )
-            if given and self.coated:
-                raise ValueError(
-                    f"the conductance of an interface is derived for bodies of one material, and a "
-                    f"body has coatings; leave out the coatings or {name}"
-                )
 
     @property
     def conductivities(self) -> dict[str, tuple[float, float]]:
