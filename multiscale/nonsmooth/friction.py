@@ -79,6 +79,49 @@ FRICTION_METHODS: dict[str, Callable[..., np.ndarray | None]] = {
 """Methods by name; ``"auto"`` uses all of them."""
 
 
+def _run_single(
+    method: str, problem: ScaledFriction, reaction: np.ndarray, progress: Progress, **limit: int
+) -> None:
+    """Run a method of ``FRICTION_METHODS``, with a limit of its iterations if it is given."""
+    progress.trail.append(method)
+    FRICTION_METHODS[method](problem, reaction, progress, **limit)
+
+
+def _run_schedule(
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 5000
+) -> None:
+    """Run cheap methods first, then robust methods, each limited by ``max_iterations``."""
+    # bursts of sweeps while each reduces the error by GAIN
+    progress.trail.append("gauss_seidel")
+    for burst in range(max(1, max_iterations // BURST)):
+        before = progress.residuals[-1]
+        reaction = gauss_seidel(problem, reaction, progress, min(BURST, max_iterations))
+        if progress.smallest <= progress.target:
+            return
+        if progress.residuals[-1] > before / GAIN and burst > 0:
+            break
+
+    def newton(regularisation: float) -> bool:
+        progress.trail.append("newton")
+        best = np.zeros_like(problem.velocity) if progress.best is None else progress.best
+        semismooth_newton(problem, best, progress, min(15, max_iterations), regularisation)
+        return progress.smallest <= progress.target
+
+    # Newton steps, unless W is so full that a factorisation costs as much as many solves
+    large = problem.friction.size > LARGE
+    heavy = large and problem.columns.size > FULL * problem.friction.size
+    if heavy and problem.friction.size > LARGEST_FACTORISED:
+        return
+    if not heavy and newton(1e-4):
+        return
+    # interior points from the centre of the cones; other centres where W is small
+    for centre in CENTRES[:1] if large else CENTRES:
+        progress.trail.append("interior_point")
+        friction_interior_point(problem, progress, min(60, max_iterations), centre)
+        if progress.smallest <= progress.target or newton(1e-10):
+            return
+
+
 def solve_friction(
     delassus: csr_array | np.ndarray,
     velocity: np.ndarray,
@@ -140,15 +183,11 @@ def solve_friction(
         raise ValueError(f"start must have shape {velocity.shape}, got {np.shape(start)}")
     if method != "auto" and method not in FRICTION_METHODS:
         raise CaseError(f"method {method!r} does not exist; known: {['auto', *FRICTION_METHODS]}")
+    run = _run_schedule if method == "auto" else partial(_run_single, method)
+    if max_iterations is not None:
+        run = partial(run, max_iterations=max_iterations)
     solution, problem = approximate_friction(
-        delassus,
-        velocity,
-        friction,
-        method=method,
-        tolerance=tolerance,
-        start=start,
-        max_iterations=max_iterations,
-        callback=callback,
+        delassus, velocity, friction, tolerance=tolerance, start=start, run=run, callback=callback
     )
     if solution.converged or problem is None:
         return solution
@@ -167,15 +206,15 @@ def approximate_friction(
     velocity: np.ndarray,
     friction: np.ndarray,
     *,
-    method: str = "auto",
-    tolerance: float = 1e-8,
-    start: np.ndarray | None = None,
-    max_iterations: int | None = None,
+    tolerance: float,
+    start: np.ndarray | None,
+    run: Callable[[ScaledFriction, np.ndarray, Progress], None] = _run_schedule,
     callback: Callable[[int, float], None] | None = None,
 ) -> tuple[Solution, ScaledFriction | None]:
     """Return the best answer without the reason of a failure, and the scaled problem if it is open.
 
-    Parameters are those of :func:`solve_friction`, and their numbers are finite.
+    Arrays are those of :func:`solve_friction`, with the right shapes and finite numbers, and are
+    not checked; ``run`` solves the scaled problem from some first impulses.
     """
     started = perf_counter()
     if friction.size == 0:
@@ -205,14 +244,9 @@ def approximate_friction(
     if start is not None:
         first[:, :dim] = np.reshape(start, (contacts, dim))
         first = first / impulse / problem.reaction_unit
-    options = {} if max_iterations is None else {"max_iterations": max_iterations}
     with np.errstate(all="ignore"):  # overflow is never the best answer
-        solved = progress.note(first)
-        if not solved and method == "auto":
-            _run_schedule(problem, first, progress, **options)
-        elif not solved:
-            progress.trail.append(method)
-            FRICTION_METHODS[method](problem, first, progress, **options)
+        if not progress.note(first):
+            run(problem, first, progress)
 
     best = progress.best if progress.best is not None else np.zeros_like(first)
     reaction = (best * problem.reaction_unit)[:, :dim].T
@@ -267,41 +301,6 @@ def _softened(problem: ScaledFriction) -> str:
         f"friction makes the rigid problem non-monotone: with {SOFTENING:.0%} more mobility across "
         f"the normals sweeps solve it; give the contacts this compliance"
     )
-
-
-def _run_schedule(
-    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 5000
-) -> None:
-    """Run cheap methods first, then robust methods, each limited by ``max_iterations``."""
-    # bursts of sweeps while each reduces the error by GAIN
-    progress.trail.append("gauss_seidel")
-    for burst in range(max(1, max_iterations // BURST)):
-        before = progress.residuals[-1]
-        reaction = gauss_seidel(problem, reaction, progress, min(BURST, max_iterations))
-        if progress.smallest <= progress.target:
-            return
-        if progress.residuals[-1] > before / GAIN and burst > 0:
-            break
-
-    def newton(regularisation: float) -> bool:
-        progress.trail.append("newton")
-        best = np.zeros_like(problem.velocity) if progress.best is None else progress.best
-        semismooth_newton(problem, best, progress, min(15, max_iterations), regularisation)
-        return progress.smallest <= progress.target
-
-    # Newton steps, unless W is so full that a factorisation costs as much as many solves
-    large = problem.friction.size > LARGE
-    heavy = large and problem.columns.size > FULL * problem.friction.size
-    if heavy and problem.friction.size > LARGEST_FACTORISED:
-        return
-    if not heavy and newton(1e-4):
-        return
-    # interior points from the centre of the cones; other centres where W is small
-    for centre in CENTRES[:1] if large else CENTRES:
-        progress.trail.append("interior_point")
-        friction_interior_point(problem, progress, min(60, max_iterations), centre)
-        if progress.smallest <= progress.target or newton(1e-10):
-            return
 
 
 def _checked(
