@@ -63,7 +63,7 @@ def check_limits(tolerance: float, max_iterations: int | None = None) -> None:
     """Refuse limits with which no iteration can converge or stop."""
     require("tolerance is relative and", tolerance, "(0, 1)")
     if max_iterations is not None:
-        require("max_iterations", max_iterations, "[1, inf)")
+        require("max_iterations", max_iterations, "[1, inf)", integer=True)
 
 
 def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 from math import inf
+from numbers import Integral
 
 RANGES = {  # by the ends of an interval
     "[]": "from {:g} to {:g}",
@@ -43,11 +44,15 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(sorted(names)) or "none"
 
 
-def require(name: str, value: float, interval: str, unit: str = "") -> None:
+def require(
+    name: str, value: float, interval: str, unit: str = "", *, integer: bool = False
+) -> None:
     """Refuse a number outside an interval such as "(0, 1]", and NaN; ( and ) exclude an end."""
     low, high = (float(end) for end in interval[1:-1].split(","))
     above = low < value or (value == low and interval[0] == "[")
     if above and (value < high or (value == high and interval[-1] == "]")):
+        if integer and not isinstance(value, Integral):
+            raise CaseError(f"{name} must be an integer, got {value}")
         return
     if high < inf:
         words = "lie " + RANGES[interval[0] + interval[-1]].format(low, high)

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, require
@@ -27,6 +28,14 @@ def test_numbers_outside_their_interval_are_refused(interval, inside, outside, w
     for value in (*outside, math.nan):
         with pytest.raises(CaseError, match=rf"^share must {words} \(Pa\), got {value:g}$"):
             require("share", value, interval, "Pa")
+
+
+def test_a_number_that_counts_is_an_integer():
+    for count in (3, np.int64(3)):
+        require("count", count, "[1, inf)", integer=True)
+    for count in (1.5, 3.0):
+        with pytest.raises(CaseError, match=f"^count must be an integer, got {count}$"):
+            require("count", count, "[1, inf)", integer=True)
 
 
 @pytest.mark.parametrize("interval", ["(0, inf)", "[0, inf)", "[1, inf)"])

@@ -97,7 +97,7 @@ class Path:
             )
         object.__setattr__(self, name, steps)
         for name in ("increments", "refinement"):
-            require(f"{name} of a path", getattr(self, name), "[1, inf)")
+            require(f"{name} of a path", getattr(self, name), "[1, inf)", integer=True)
         if self.slide is not None:
             slide = np.asarray(self.slide, dtype=float)
             if slide.shape != (len(steps), 2) or not np.all(np.isfinite(slide)):

@@ -358,8 +358,8 @@ class Solver:
 
     def __post_init__(self) -> None:
         require("tolerance", self.tolerance, "(0, 1)")
-        require("max_iterations", self.max_iterations, "[1, inf)")
-        require("most_assembled", self.most_assembled, "[0, inf)")
+        require("max_iterations", self.max_iterations, "[1, inf)", integer=True)
+        require("most_assembled", self.most_assembled, "[0, inf)", integer=True)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
     Raises
     ------
     CaseError
-        If the bounds are not positive and in order, or n is below 1.
+        If the bounds are not positive and in order, or n is no integer from 1 on.
 
     Notes
     -----
@@ -36,7 +36,7 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
             f"radii must be positive and rise from the smallest to the largest (m), got "
             f"{smallest:g} and {largest:g}"
         )
-    require("the number of grains", n, "[1, inf)")
+    require("the number of grains", n, "[1, inf)", integer=True)
     share = np.random.default_rng(seed).uniform(size=n)
     inverse = smallest**-2 - share * (smallest**-2 - largest**-2)
     return np.asarray(np.clip(inverse**-0.5, smallest, largest))

@@ -57,7 +57,7 @@ def simulate_grains(
         raise CaseError(
             f"step must be positive and at most the duration {duration:g} s, got {step:g} s"
         )
-    require("n_frames, with the start and the end,", n_frames, "[2, inf)")
+    require("n_frames, with the start and the end,", n_frames, "[2, inf)", integer=True)
     if accuracy is not None:
         require("accuracy", accuracy, "(0, 1)", "relative to the radius")
     solver = solver or Solver()
@@ -161,10 +161,15 @@ class Record:
         ).assign_attrs(failure=self.failure, cautions="")
         cautions = list[str]()
         if self.missed:
-            cautions.append(
-                f"{len(self.missed)} of {len(rows)} steps missed the tolerance of their contacts; "
-                f"the largest error is {np.max(self.missed):.1e} of the closing velocities"
+            finite = [error for error in self.missed if np.isfinite(error)]
+            caution = (
+                f"{len(self.missed)} of {len(rows)} steps missed the tolerance of their contacts"
             )
+            if finite:
+                caution += f"; the largest error is {max(finite):.1e} of the closing velocities"
+            if infinite := len(self.missed) - len(finite):
+                caution += f"; the errors of {infinite} of them are not finite"
+            cautions.append(caution)
         if self.hasty:
             cautions.append(
                 f"impacts are left after {MOST_IMPACTS} visits of the pairs in {self.hasty} of "

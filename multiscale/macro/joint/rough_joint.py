@@ -102,7 +102,7 @@ class RoughJoint:
             raise CaseError(f"section must have positive lengths (m), got {self.section}")
         if min(self.elements) < 1:
             raise CaseError(f"elements must be at least 1 along x and y, got {self.elements}")
-        require("quadrature_order", self.quadrature_order, "[1, inf)")
+        require("quadrature_order", self.quadrature_order, "[1, inf)", integer=True)
         for arm, length in zip(self.eccentricity or (0.0, 0.0), self.section, strict=True):
             if not abs(arm) < 0.5 * length:
                 raise CaseError(

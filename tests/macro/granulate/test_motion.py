@@ -13,6 +13,8 @@ from multiscale.macro.granulate import (
     box,
     simulate_grains,
 )
+from multiscale.macro.granulate.grain_motion import initial_state, step_grains
+from multiscale.macro.granulate.simulation import Record
 from tests.support import slow
 
 FLOOR = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
@@ -290,6 +292,27 @@ def test_a_step_that_misses_its_tolerance_is_told():
     assert missed > 0
     assert result.attrs["cautions"].startswith(f"{missed} of 50 steps missed the tolerance")
     assert np.all(result["residual"].values[result["converged"].values == 0] > 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ((0.25, np.nan, 0.125), "; the largest error is 2.5e-01 of the closing velocities"),
+        ((np.nan,), ""),
+    ],
+)
+def test_errors_that_are_not_finite_are_counted_apart(errors, words):
+    model = Model(Grains([[0.0, 0.0, 0.01]], 0.01), FLOOR)
+    record = Record(model)
+    state, done = step_grains(model, initial_state(model), 1e-3, Solver())
+    for error in errors:
+        record.add(state, done | {"residual": error, "converged": 0})
+    record.show(state)
+    n = len(errors)
+    assert record.dataset().attrs["cautions"] == (
+        f"{n} of {n} steps missed the tolerance of their contacts{words}; "
+        f"the errors of 1 of them are not finite"
+    )
 
 
 def test_impacts_that_a_step_leaves_are_counted():
