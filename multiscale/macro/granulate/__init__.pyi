@@ -1,3 +1,7 @@
+from .bodies import CylinderWall as CylinderWall
+from .bodies import Grains as Grains
+from .bodies import PlaneWall as PlaneWall
+from .bodies import box as box
 from .grain_cells import biaxial_cell as biaxial_cell
 from .grain_cells import biaxial_curve as biaxial_curve
 from .grain_cells import compact as compact
@@ -6,12 +10,8 @@ from .grain_cells import shear_layer as shear_layer
 from .grain_cells import shear_response as shear_response
 from .grain_cells import shear_steps as shear_steps
 from .model import ContactLaw as ContactLaw
-from .model import CylinderWall as CylinderWall
-from .model import Grains as Grains
 from .model import Model as Model
-from .model import PlaneWall as PlaneWall
 from .model import Solver as Solver
-from .model import box as box
 from .packings import column as column
 from .packings import deposit as deposit
 from .packings import draw_radii as draw_radii

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from multiscale.macro.granulate.model import CYLINDER
+from multiscale.macro.granulate.bodies import CYLINDER
 
 CONTACT_DISTANCE = 0.02
 """Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""

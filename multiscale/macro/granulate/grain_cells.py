@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError, require
+from multiscale.macro.granulate.bodies import Grains, PlaneWall
 from multiscale.macro.granulate.grain_motion import initial_state, step_grains
-from multiscale.macro.granulate.model import ContactLaw, Grains, Model, PlaneWall, Solver
+from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 from multiscale.macro.granulate.packings import place_loosely
 from multiscale.macro.granulate.simulation import Record, final_grains, network, simulate_grains
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset

@@ -3,7 +3,8 @@
 import numpy as np
 
 from multiscale.errors import CaseError, require
-from multiscale.macro.granulate.model import ContactLaw, CylinderWall, Grains, Model, PlaneWall, box
+from multiscale.macro.granulate.bodies import CylinderWall, Grains, PlaneWall, box
+from multiscale.macro.granulate.model import ContactLaw, Model
 
 
 def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.ndarray:
