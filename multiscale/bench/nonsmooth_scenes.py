@@ -11,8 +11,6 @@ from scipy.spatial import cKDTree
 
 GRAVITY = 9.81  # m/s²
 UP = (0.0, 0.0, 1.0)
-
-
 TIME_STEP = 1e-2  # time step, s
 
 Touch = tuple[ArrayLike, ArrayLike, int, int]

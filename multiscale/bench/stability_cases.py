@@ -4,18 +4,19 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from multiscale.bench.stability_faults import joint_faults, largest_overlap, unbalanced_share
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable
     from functools import partial
 
     from multiscale.laws import Sliders
     from multiscale.macro import Assembly, LinkSystem
-    from multiscale.macro.monolithic import Assembled
     from multiscale.macro.substructures import Method
+    from multiscale.macro.substructures.problem import CutProblem
     from multiscale.micro.path import ContactState
     from multiscale.surfaces.surface import Surface
 
@@ -109,30 +110,23 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
 
 def cut_structure(bar_over_cable: float, load_factor: float, parts: int, method: str) -> float:
     """Solve a cut grid: distance of its tensions from the uncut grid."""
-    from multiscale.bench.structures import distance
-    from multiscale.macro import cut_links, solve_static
-    from multiscale.macro.substructures import split_grid
-
-    grid = _grid(bar_over_cable, 1.0)
-    problem = cut_links(grid, split_grid(grid, (parts, parts)))
-    cut = _method(method, parts).solve(problem, load_factor)
-    _refuse_failure(cut)
-    whole = solve_static(grid, load_factor)["tension"].values
-    return distance(grid, cut["tension"].values.reshape(-1), whole.reshape(-1))
+    solver = _method(method, parts)
+    return _distance_of_cut(
+        bar_over_cable, load_factor, parts, lambda problem: solver.solve(problem, load_factor)
+    )
 
 
 def homogenised(bar_over_cable: float, load_factor: float, parts: int) -> float:
     """Solve a grid by homogenised substructures, resolved with slack: distance of its tensions."""
-    from multiscale.bench.structures import distance
-    from multiscale.macro import NewtonSchur, cut_links, solve_static
-    from multiscale.macro.substructures import solve_homogenised, split_grid
+    from multiscale.macro import NewtonSchur
+    from multiscale.macro.substructures import solve_homogenised
 
-    grid, newton = _grid(bar_over_cable, 1.0), NewtonSchur(tolerance=1e-8)
-    problem = cut_links(grid, split_grid(grid, (parts, parts)))
-    coarse = solve_homogenised(problem, lambda problem: newton.solve(problem, load_factor))
-    _refuse_failure(coarse)
-    whole = solve_static(grid, load_factor)["tension"].values
-    return distance(grid, coarse["tension"].values.reshape(-1), whole.reshape(-1))
+    newton = NewtonSchur(tolerance=1e-8)
+
+    def solve(problem: "CutProblem") -> Dataset:
+        return solve_homogenised(problem, lambda problem: newton.solve(problem, load_factor))
+
+    return _distance_of_cut(bar_over_cable, load_factor, parts, solve)
 
 
 def joint(law_over_block: float, friction: float, parts: int, method: str = "LATIN") -> float:
@@ -248,6 +242,24 @@ def bolts(pull: float, law_over_block: float, method: str) -> float:
     clamp = -result["traction"].values[..., 0] @ result["point_area"].values / preload
     faults = [carried - clamp - pulls, carried - carried[::-1]]
     return float(np.abs(faults).max())
+
+
+def _distance_of_cut(
+    bar_over_cable: float,
+    load_factor: float,
+    parts: int,
+    solve: "Callable[[CutProblem], Dataset]",
+) -> float:
+    """Return the distance of the tensions of a cut grid from the uncut grid."""
+    from multiscale.bench.structures import distance
+    from multiscale.macro import cut_links, solve_static
+    from multiscale.macro.substructures import split_grid
+
+    grid = _grid(bar_over_cable, 1.0)
+    cut = solve(cut_links(grid, split_grid(grid, (parts, parts))))
+    _refuse_failure(cut)
+    whole = solve_static(grid, load_factor)["tension"].values
+    return distance(grid, cut["tension"].values.reshape(-1), whole.reshape(-1))
 
 
 def _bed(law_over_block: float, friction: float) -> "Sliders":
@@ -501,84 +513,3 @@ def _refuse_failure(result: Dataset) -> None:
     """Raise the failure of a result if its path ended early."""
     if not result["converged"].values.all():
         raise ConvergenceError(result.attrs.get("failure") or "a step did not converge")
-
-
-# ---------------------------------------------------------------------------------------------
-# distances from what joints and grains obey, in the answers alone
-
-
-def joint_faults(
-    whole: "Assembled",
-    law: "Sliders",
-    steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
-    stiffness: float,
-) -> float:
-    r"""Measure the distance of tractions and jumps from bodies and law.
-
-    Notes
-    -----
-    Errors are backward errors, as the jumps of a law that is much stiffer than the bodies do not
-    determine its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
-    :math:`t + k (B u - y)` for
-
-    .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
-
-    so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
-    tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
-    the jumps before, with the error :math:`|\hat t - t|`. They are evaluated by ``respond`` only;
-    the resolvent just gives the nearest jumps within the rounding.
-    """
-    from scipy.sparse import csr_array, diags_array
-
-    from multiscale.numerics.factorisation import factorise
-
-    B, weight = whole.jump, np.tile(whole.weight, 3)
-    solve = factorise(csr_array(whole.stiffness + stiffness * (B.T @ diags_array(weight) @ B)))
-    state = np.zeros((law.n_state, whole.weight.size))
-    before, faults = np.zeros((3, whole.weight.size)), []
-    for factor, jump, traction in steps:
-        y, t = jump.T, traction.T
-        # the jumps of the bodies under the tractions
-        u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
-        faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
-
-        # the tractions of the law at jumps within the rounding
-        moved = y - before  # a bed depends on the change of the tangential jumps only
-        moved[0] = y[0]
-        rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(y), np.abs(before))
-        nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
-        response = law.respond(moved + np.clip(nearest, -rounding, rounding), state)
-        faults.append(np.abs(response.traction - t).max())
-        state, before = law.from_here(response.state), y
-    return float(np.max(faults))
-
-
-def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
-    """Return the largest overlap over the radius, m, of equal grains (frames, grains, 3)."""
-    away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
-    away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
-    return float(2.0 - away.min() / radius[0])
-
-
-def unbalanced_share(result: Dataset, friction: float) -> float:
-    """Return the largest fault in momentum and in Coulomb's cone, over the largest force."""
-    mass, n = result["mass"].values, result.sizes["grain"]
-    ends, force = result["contact_ends"].values, result["contact_force"].values
-    normal = result["branch"].values / np.linalg.norm(result["branch"], axis=1)[:, None]
-    pressing = np.sum(force * normal, axis=1)
-    shear = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
-    gain = np.diff(result["velocity"].values, axis=0) * mass[:, None]
-    gain /= result["time_step"].values[:, None, None]
-    gain[..., 2] += 9.81 * mass
-    after = result["contact_frame"].values > 0
-    frame, at = result["contact_frame"].values[after] - 1, ends[after]
-    np.subtract.at(gain, (frame, at[:, 0]), force[after])
-    inner = at[:, 1] < n
-    np.add.at(gain, (frame[inner], at[inner, 1]), force[after][inner])
-    largest = max(float(np.abs(force).max(initial=0.0)), float(9.81 * mass.max()))
-    faults = (
-        np.abs(gain).max(),
-        -pressing.min(initial=0.0),
-        (shear - friction * pressing).max(initial=0.0),
-    )
-    return float(max(faults)) / largest
