@@ -24,11 +24,12 @@ for part in ("joint_stiffness", "interface_stiffness", "solid_stiffness"):
 # The 95 % band of the law in a figure holds the scatter of the realisations alone. The total,
 # printed as "error (%)", is the half-width of a 95 % interval that counts every known term:
 # sampling, fit, size of the cells, discretisation, increments, surface, scale separation, few
-# cells. An attribute says how each term was found.
+# cells, and a discrepancy of the joint from the law of its cells. An attribute says how each term
+# was found.
 #
 # Two intervals stand beside each answer, printed with as many digits as its error leaves. The
 # answer of the mean law lies in the first. The next joint lies in the second, which is wider by the
-# term of the few cells that its interface holds.
+# few cells that its interface holds, and by the discrepancy.
 print(joint["joint_stiffness_mean_law"].values, joint["joint_stiffness_one_part"].values)  # Pa/m
 for term in joint["error_term"].values:
     print(term, "-", joint.attrs["how_" + term.replace(" ", "_")])
