@@ -196,7 +196,7 @@ def shear_response(
         slides by the ``distance``.
     distance : float, way of the plate in mean diameters of the grains
     **options
-        Of :func:`shear_layer`, and ``solver`` also of the shear.
+        Of :func:`shear_layer`; ``solver`` also of the shear, and ``seed`` of the first realisation.
 
     Returns
     -------
@@ -214,18 +214,11 @@ def shear_response(
     inertial number :math:`I = (v / H)\, d \sqrt{\rho / p}` with the height :math:`H` of the layer,
     and holds at all p and v with the same :math:`v / \sqrt p`.
     """
+    first = options.pop("seed", 0)
+    options |= {"n_steps": n_steps, "distance": distance}
     records = [
-        shear_cells(
-            radii,
-            size,
-            pressures,
-            speeds,
-            law,
-            n_steps=n_steps,
-            distance=distance,
-            **{"seed": seed, **options},
-        )
-        for seed in range(n_realisations)
+        shear_cells(radii, size, pressures, speeds, law, seed=first + k, **options)
+        for k in range(n_realisations)
     ]
     ended = [str(record.attributes.get("ended", "")) for record in records]
     joined = MICRO_RESPONSE.join(records, "realisation")
@@ -253,8 +246,8 @@ def shear_cells(
         count = n_steps
         if count is None:
             step, count = shear_steps(model.grains, pressure, speed, distance)
-        force = pressure * size[0] * size[1]
-        row, reason = _shear(model, force, pressure, (count, step), options.get("solver"))
+        area = size[0] * size[1]
+        row, reason = _shear(model, pressure, area, (count, step), options.get("solver"))
         rows.append(row)
         if reason:
             ended.append(f"{pressure:.4g} Pa and {speed:.4g} m/s: {reason}")
@@ -290,10 +283,11 @@ def shear_steps(
 
 
 def _shear(
-    model: Model, load: float, pressure: float, steps: tuple[int, float], solver: Solver | None
+    model: Model, pressure: float, area: float, steps: tuple[int, float], solver: Solver | None
 ) -> tuple[dict[str, Any], str]:
     """Shear a layer; return its means over the second half, and why they are not steady."""
-    (count, step), area, frames = steps, load / pressure, min(FRAMES, steps[0] + 1)
+    count, step = steps
+    frames = min(FRAMES, count + 1)
     motion = simulate_grains(model, count * step, step, solver=solver, n_frames=frames)
     late, upper = slice(count // 2, None), model.walls[1]
     force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate

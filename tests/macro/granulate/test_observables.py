@@ -56,6 +56,16 @@ def test_a_sheared_layer_is_a_response_of_a_joint():
     assert -1e-9 * pressure <= shear <= 0.3 * pressure * (1.0 + 1e-6)
 
 
+def test_layers_that_are_sheared_differ_by_seeds_from_the_first_on():
+    def gaps(n, seed):
+        scene = (np.full(30, 0.005), (0.05, 0.05), [1e3], [0.05], ContactLaw(0.3))
+        response = granulate.shear_response(*scene, n_realisations=n, n_steps=4, seed=seed)
+        return response["mean_gap"].values[:, 0]
+
+    first, second = gaps(2, seed=1)
+    assert second == gaps(1, seed=2) != first
+
+
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0])
 @pytest.mark.parametrize(
     "period",
