@@ -92,8 +92,8 @@ def egg_box() -> Iterator[Row]:
 def cubic_spheres() -> Iterator[Row]:
     """Yield the damage of planes through spheres of .3 of the edge of their cell, eq. (1)."""
     volume = Cavities((1.0, 1.0, 1.0), spheres([[0.5, 0.5, 0.5]], 0.3))
-    found = float(plane_damage(volume, (0.0, 0.0, 1.0)))
-    yield "sphere of r = .3 a in a cube: damage of (100)", np.pi * 0.3**2, found, "exact"
+    damage = float(plane_damage(volume, (0.0, 0.0, 1.0)))
+    yield "sphere of r = .3 a in a cube: damage of (100)", np.pi * 0.3**2, damage, "exact"
 
 
 def grid_of_the_source() -> Iterator[Row]:

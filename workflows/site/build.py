@@ -12,6 +12,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -141,7 +142,7 @@ def as_literal(text: str) -> str:
 
 def describe_package(package: str) -> Iterator[str]:
     """Yield the page of the exported names of a package."""
-    module = __import__(f"multiscale.{package}", fromlist=["__all__"])
+    module = import_module(f"multiscale.{package}")
     title = f"multiscale.{package}"
     yield from (title, "=" * len(title), "", f".. automodule:: {title}", "")
     yield from (f".. currentmodule:: {title}", "")
@@ -157,8 +158,7 @@ def describe_package(package: str) -> Iterator[str]:
 def in_another(package: str, name: str) -> bool:
     """Whether a name stands on the page of an earlier package."""
     earlier = PACKAGES[: PACKAGES.index(package)]
-    modules = (__import__(f"multiscale.{other}", fromlist=["__all__"]) for other in earlier)
-    return any(name in dir(module) for module in modules)
+    return any(name in dir(import_module(f"multiscale.{other}")) for other in earlier)
 
 
 def describe_datasets() -> Iterator[str]:
