@@ -119,11 +119,7 @@ def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Resu
 
 @contextmanager
 def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
-    """Yield the workers of a dask scheduler, a pool of processes, or None for a single job.
-
-    ``jobs`` is the number of processes on this machine, 0 for one per core; ``dask`` the address of
-    a scheduler whose workers replace them. A missing dask or scheduler is refused.
-    """
+    """Yield the workers of a dask scheduler, a pool of processes, or None for a single job."""
     if dask is not None:
         with _dask_workers(dask) as executor:
             yield executor

@@ -122,10 +122,7 @@ def sphere_pile(
     mass_ratio: float = 1.0,
     friction: float = 0.5,
 ) -> RigidBodies:
-    """Build a regular packing of equal spheres above the ground, pushed in all directions.
-
-    Their masses are drawn from .5 to 2 kg, and further apart by ``mass_ratio``.
-    """
+    """Build a regular packing of equal spheres above the ground, pushed in all directions."""
     layers = int(np.ceil(spheres ** (1.0 / 3.0)))
     lattice = [
         [i + 0.5 * (k % 2), j + 0.5 * (k % 2), 0.5 + k * np.sqrt(0.5)]

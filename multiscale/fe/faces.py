@@ -41,11 +41,7 @@ SLIVER = 1e-9  # corners with a smaller share of the area of the largest are lef
 
 @dataclass(frozen=True, eq=False)
 class OrientedFace:
-    """Facets of a named boundary, oriented outwards.
-
-    Seen from outside the corners of a facet run counter-clockwise; in two dimensions the body lies
-    to the left from the first to the second.
-    """
+    """Facets of a named boundary, oriented outwards."""
 
     facets: np.ndarray  # (facets, corners), places in nodes
     nodes: np.ndarray  # (n,), vertices of the mesh, sorted
@@ -174,13 +170,7 @@ def face_operator(
 def face_points(
     basis: "CellBasis", boundary: str, order: int | None = None
 ) -> "tuple[csr_array, csr_array]":
-    """Values of a component at the points of a face, and areas of the points in its facets, m².
-
-    Points are the Gauss points of an order, or the nodes: tractions of stiff interfaces oscillate
-    with Gauss points and not with nodes (J. C. J. Schellekens, R. de Borst, Int. J. Numer. Methods
-    Eng. 36 (1993) 43-66, doi:10.1002/nme.1620360104). Shapes (points, nodes of the body) and
-    (points, facets).
-    """
+    """Values of a component at the points of a face, and areas of the points in its facets, m²."""
     from scipy.sparse import csr_array
     from skfem import FacetBasis
 
@@ -263,12 +253,7 @@ def mortar_rows(
     columns: tuple[np.ndarray, np.ndarray] | None = None,
     sizes: tuple[int, int] | None = None,
 ) -> "tuple[csr_array, csr_array]":
-    """Matrices D and M of (1) over the common area of two faces, m².
-
-    Facets count the rows of ``positions``, which are the rows of the matrices too. The nodes of
-    every facet are the columns, ``sizes`` in all, if they are not its corners. Facets farther apart
-    than ``reach`` do not meet.
-    """
+    """Matrices D and M of (1) over the common area of two faces, m²."""
     from multiscale.fe.elasticity import sum_blocks
     from multiscale.fe.integration import integrate_pairs
 

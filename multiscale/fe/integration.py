@@ -26,11 +26,7 @@ def integrate_pairs(
     numbers: tuple[int, int],
     reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of facets, with corners (facets, corners, d), that overlap, and their D and M, m².
-
-    The length of a normal is the area of its facet. The blocks have a row for every corner of side
-    1, and a column for each of the ``numbers`` of nodes of a facet of either side.
-    """
+    """Pairs of facets, with corners (facets, corners, d), that overlap, and their D and M, m²."""
     if x[0].shape[2] == 2:
         return _integrate_segments(*x, *normals, reach)
     return _integrate_polygons(x, normals, numbers, reach)

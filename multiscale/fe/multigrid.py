@@ -50,11 +50,7 @@ def nodal_cycle(
     smoother: tuple[str, dict[str, Any]],
     free: np.ndarray | None = None,
 ) -> Operator:
-    """Set up a symmetric cycle on blocks of three components a node.
-
-    ``place`` is 3 a + i of every unknown, the component i of a node a; ``modes`` are the rigid
-    motions, shape (n, 6). Rows and columns of unknowns that are not free must be zero.
-    """
+    """Set up a symmetric cycle on blocks of three components a node."""
     from pyamg import smoothed_aggregation_solver
 
     nodes, node = np.unique(place // 3, return_inverse=True)
@@ -98,10 +94,7 @@ class Multigrid:
     component: np.ndarray  # direction of every unknown, (n,)
 
     def __call__(self, stiffness: csr_array, jump: csr_array, tangent: np.ndarray) -> Solve:
-        """Prepare (1) of bodies, (n, n), with the tangents (d, d, points) of joints, N/m.
-
-        The function that solves refuses a residual above its goal.
-        """
+        """Prepare (1) of bodies, (n, n), with the tangents (d, d, points) of joints, N/m."""
         # shares of the stiffness of the joints that the cycle takes
         n, points = stiffness.shape[0], tangent.shape[2]
         flexible = jump.power(2) @ (1.0 / np.abs(stiffness.diagonal()))

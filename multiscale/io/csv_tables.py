@@ -39,10 +39,7 @@ KINDS: dict[Callable[[str], Any], str] = {
 def read_table(
     path: Path, kind_of: Callable[[str], Callable[[str], Any]] = lambda name: finite
 ) -> dict[str, list[Any]]:
-    """Read a CSV file with the names of the columns in its first line; a list for each column.
-
-    Commas, semicolons or tabs separate values; numbers may have decimal commas where commas do not.
-    """
+    """Read a CSV file with the names of the columns in its first line; a list for each column."""
     text = read_text(path).splitlines()
     names = next((line for line in text if line.strip()), "")
     separator = next((mark for mark in SEPARATORS if mark in names), ",")

@@ -58,12 +58,7 @@ Places = dict[int, tuple[str, int]]
 
 
 def read_deck(path: Path) -> NamedMesh:
-    """Read nodes, elements, sets and surfaces of a deck.
-
-    The faces of a surface of elements are added to the elements, as facets of first order; a
-    surface of nodes is a set of nodes. Springs, masses and other elements without a shape are
-    left out.
-    """
+    """Read nodes, elements, sets and surfaces of a deck."""
     blocks = list(_blocks(path))
     names = {name.upper(): name for block in blocks[::-1] for name in block.options.values()}
     try:

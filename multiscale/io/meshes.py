@@ -113,13 +113,7 @@ def _read_by_meshio(path: Path) -> NamedMesh:
 
 
 def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArrays:
-    """Read a body of a single kind of element with its named boundaries.
-
-    ``volume`` is a named group of elements, a kind of element, or a named face for the connected
-    component of the mesh with this face; all elements of the largest dimension if empty. In gmsh a
-    physical group of lines or surfaces names a boundary, and in a deck a surface or a set of
-    elements. A mesh in the plane z = const has two dimensions.
-    """
+    """Read a body of a single kind of element with its named boundaries."""
     mesh = open_mesh(path)
     # elements of the body, and their corners without points that no element uses
     full, chosen = _select(mesh, path, volume)

@@ -63,13 +63,7 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
 def respond_slabs(
     jump: np.ndarray, state: np.ndarray, *arguments: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return tangential traction, tangent, new state and energies of a step, (a) to (d).
-
-    ``slope``, shape (3, points), holds the derivatives by the gap of the stiffness of the slab that
-    contains the gap, and of the logarithms of the scales of force and of force over length.
-    Energies, shape (4, points), are work, stored energy before and after, J/m2, and the share that
-    slips.
-    """
+    """Return tangential traction, tangent, new state and energies of a step, (a) to (d)."""
     points = jump.shape[1]
     traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
     new, account = np.empty(state.shape), np.empty((4, points))

@@ -27,11 +27,7 @@ LAST_EDGE = 1e300  # gap of the last edge, m: the last slab is unbounded
 
 
 class SliderBed(InterfaceLaw):
-    """Law of the gap below a bed of tangential springs, each with a Coulomb slider.
-
-    The state is the history of the normal law; force, two components, and stiffness of every
-    spring over the stiffness ratio; and the last jump.
-    """
+    """Law of the gap below a bed of tangential springs, each with a Coulomb slider."""
 
     friction: float
 

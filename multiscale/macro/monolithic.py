@@ -293,13 +293,7 @@ class Place:
 
 
 class Equilibrium:
-    """Equilibrium of bodies joined by a law under a load: K u + B^T (w t(B u)) = f.
-
-    The bodies solve for Newton directions; for a cut structure sums run over its substructures.
-    Residuals are relative to the force ``scale``, N. ``resists`` is False if only the law resists
-    at some points, and (1) of this module must not be used; ``descends`` is True if every step
-    lowers the energy, so that no further line search is needed.
-    """
+    """Equilibrium of bodies joined by a law under a load: K u + B^T (w t(B u)) = f."""
 
     def __init__(
         self,

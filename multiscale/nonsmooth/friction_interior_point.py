@@ -84,10 +84,7 @@ def _length(point: Point, change: Point) -> float:
 
 
 def linearise_cones(lorentz: ScaledFriction, point: Point) -> Linearised | None:
-    """Scaling, defect and solution of (2) for right-hand sides k and h.
-
-    None where a point leaves its cones by round-off, or the matrix of (2) has no factors.
-    """
+    """Scaling, defect and solution of (2) for right-hand sides k and h."""
     z, y, g = point
     within = np.all(spin(z) > 0.0) and np.all(spin(y) > 0.0)
     if not (within and mean_product(point) > SMALLEST_MEAN):

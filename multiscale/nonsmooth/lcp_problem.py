@@ -188,10 +188,7 @@ def _data_size(vector: np.ndarray) -> float:
 
 
 def _unit_diagonal(matrix: csr_array | np.ndarray) -> np.ndarray:
-    """Scale d of every unknown that makes the diagonal equal to 1.
-
-    With a zero on the diagonal its largest coupling becomes 1; empty rows take the median of all.
-    """
+    """Scale d of every unknown that makes the diagonal equal to 1."""
     diagonal = np.abs(matrix.diagonal())
     with np.errstate(divide="ignore"):
         scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)

@@ -213,11 +213,7 @@ def solve_conic(
     friction: int = 0,
     tolerance: float = CONIC_TOLERANCE,
 ) -> Any:
-    """Return clarabel's answer to min x^T P x / 2 + q^T x with b - A x in {0} x R+ x K.
-
-    P is upper triangular. The first ``zero`` rows are equations, ``positive`` rows inequalities,
-    the rest cones of three.
-    """
+    """Return clarabel's answer to min x^T P x / 2 + q^T x with b - A x in {0} x R+ x K."""
     import clarabel
 
     settings = clarabel.DefaultSettings()

@@ -25,11 +25,7 @@ def conjugate_gradients(
     limit: int,
     note: Callable[[float, float], object] = lambda length, share: None,
 ) -> tuple[np.ndarray, int]:
-    r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape.
-
-    ``note`` is called with the length of every step and the share of the last direction in it, for
-    :func:`ritz_values`.
-    """
+    """Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape."""
     x, r, p = np.zeros_like(right_hand_side), right_hand_side.copy(), np.zeros_like(right_hand_side)
     rz_old = 1.0
     for iteration in range(limit):

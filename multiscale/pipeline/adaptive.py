@@ -49,11 +49,7 @@ class PressedCells:
         return tuple(p for p in asked if not np.isclose(p, self.case.micro.pressures).any())
 
     def press(self, pressures: tuple[float, ...], job: Job) -> "PressedCells":
-        """Press the cells at further pressures too, and fit the law to all of them.
-
-        Cells with plastic flow follow all pressures again; others are pressed at the further ones
-        only.
-        """
+        """Press the cells at further pressures too, and fit the law to all of them."""
         case, joined = self.case, dict(self.datasets)
         whole = case.pressed_at({*case.micro.pressures, *pressures})
         remembers = case.yield_stress is not None or case.micro.unload is not False
@@ -86,18 +82,7 @@ class PressedCells:
 
 
 def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job]:
-    """Return datasets and job with laws that have data for the load of the structure at rest.
-
-    The structure is solved without intervals. Where more than 1 % of the load of an interface
-    leaves the data of its law, the cells are pressed at further pressures, the law is fitted to
-    all of them, and the structure is solved again. All points share these cells. Pressures at which
-    no cell converges leave the law as it is.
-
-    Raises
-    ------
-    CaseError
-        If several processes share the structure.
-    """
+    """Return datasets and job with laws that have data for the load of the structure at rest."""
     if job.team is not None and job.team.size > 1:
         raise CaseError(
             f'{case.title}: way = "adaptive" in [interface] presses cells between solves of the '

@@ -392,11 +392,7 @@ def _measured(
     asked: JointAnswers,
     names: np.ndarray,
 ) -> tuple[list[upscaling.Source], list[str]]:
-    """Return the sources of error of a law at the pressures of its joints, and cautions.
-
-    The pressures are taken at ``steps``, the first ``n_rests`` of which are at rest. The loss of a
-    cycle averages over the cells that dissipate energy, other answers over the cells under load.
-    """
+    """Return the sources of error of a law at the pressures of its joints, and cautions."""
     law, cycles, cautions = group.law, asked.cycles, list[str]()
     inside = np.isin(result["point_joint"].to_numpy(), group.joints)
     area = result["point_area"].to_numpy()

@@ -127,11 +127,7 @@ def _larger(case: Case, rung: int) -> Case:
 
 
 def _resized(case: Case, size: int, grid: int) -> Case:
-    """Return a case with edges 2^size times as long and a spacing 2^-grid times as wide.
-
-    Layers of elements are as thick at the surface as the spacing is wide, and grow with the depth
-    by a factor that a finer grid takes in two steps.
-    """
+    """Return a case with edges 2^size times as long and a spacing 2^-grid times as wide."""
     cell, larger, finer = case.cell, 2.0**size, 2.0 ** (size + grid)
     most, layers = float(max(cell.points)), cell.layers
     spacing = 2.0**-grid * cell.spacing

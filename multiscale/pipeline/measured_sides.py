@@ -70,13 +70,7 @@ def cut_windows(
     of_map: Spectrum | None = None,
     other_map: bool = False,
 ) -> tuple[list[Surface], Measured]:
-    """Cut separate windows from a measured map and make them periodic and band-limited.
-
-    Notes
-    -----
-    A window is a whole number of pixels, which take the size of the cell, or of its half if it is
-    mirrored: lengths change by half a pixel at most, and heights not at all.
-    """
+    """Cut separate windows from a measured map and make them periodic and band-limited."""
     # size of a window in pixels
     cutoff, chosen = _cutoff(settings, cell, whole.spacing)
     share = 0.5 if settings.periodic == "mirror" else 1.0
@@ -171,12 +165,7 @@ def _cutoff(
 def _corners(
     whole: Surface, pixels: tuple[int, int], most: float, seed: int
 ) -> list[tuple[int, int]]:
-    """Choose the corners of separate windows, with fewest filled points first.
-
-    The place with fewest filled points nearest to the first corner of the map is taken, then the
-    next that overlaps no taken window, as long as at most the share ``most`` of its points is
-    filled. Windows with equally many filled points follow each other in a random order.
-    """
+    """Choose the corners of separate windows, with fewest filled points first."""
     (nx, ny), (m, n) = whole.heights.shape, pixels
     if m > nx or n > ny:
         return []
@@ -388,11 +377,7 @@ def measured_side(
 def _isotropic(
     scan: Surface, settings: InstrumentSurface, cell: CellSettings, seeds: list[int]
 ) -> RoughSide:
-    """Build isotropic surfaces with the self-affine spectrum fitted to a line scan.
-
-    The rms height of an isotropic surface is the rms height of its profiles, and its rms slope is
-    larger by the square root of two. Only the line scan has the waviness above the fit.
-    """
+    """Build isotropic surfaces with the self-affine spectrum fitted to a line scan."""
     topography = open_topography(
         settings.file, channel=settings.channel, size=settings.size, unit=settings.unit
     )

@@ -107,10 +107,7 @@ class Round:
 
 @dataclass(frozen=True)
 class SourceCost:
-    """Error that a source leaves, and the seconds that halve it.
-
-    The seconds are NaN if no knob reduces it, and 0 if the time of its stages is not known.
-    """
+    """Error that a source leaves, and the seconds that halve it."""
 
     name: str
     error: float

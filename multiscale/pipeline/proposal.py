@@ -61,11 +61,7 @@ class Proposal:
 
 
 def propose_case(faces: Sequence[MeasuredFace], structure: str = "", preload: str = "") -> Proposal:
-    """Propose cells for one or two measured faces that hold their heights and slopes.
-
-    A ``structure``, blocks or a lap joint, and its ``preload``, a force or a pressure, decide on
-    the pressures of the cells.
-    """
+    """Propose cells for one or two measured faces that hold their heights and slopes."""
     if any(not face.reliable[0] < face.reliable[1] for face in faces):
         raise CaseError("the map has too few points for any reliable wavelength")
     shared = len({face.settings.file for face in faces}) < len(faces)  # windows of one map

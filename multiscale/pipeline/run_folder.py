@@ -18,12 +18,7 @@ MOST_KEYS = 4  # keys that a message names
 
 
 def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
-    """Write the case into its run folder, unless the folder has results of another case.
-
-    A case of the same cells, or of the same structure, may differ in the rest: out-of-date datasets
-    are removed, so that no report shows them with the wrong inputs. With ``force`` all datasets and
-    the cells are removed.
-    """
+    """Write the case into its run folder, unless the folder has results of another case."""
     file = out / "case.toml"
     results = any(out.rglob("*.nc"))
     if file.exists() and results:

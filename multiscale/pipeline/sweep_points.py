@@ -52,11 +52,7 @@ def _first(cautions: Iterable[str]) -> list[str]:
 
 
 def _places(sentences: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
-    """Return the points of each sentence; sentences that differ only by numbers are merged.
-
-    The first of them stands for all. Equal sentences of the same point, such as the cautions of two
-    interfaces, differ by their order.
-    """
+    """Return the points of each sentence; sentences that differ only by numbers are merged."""
     alike: dict[tuple[str, int], dict[str, list[int]]] = {}
     seen: Counter[tuple[str, int]] = Counter()
     for text, point in sentences:

@@ -108,15 +108,7 @@ def plot_costs(
     *,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw a bar of seconds for each stage, and a bar of per cent for each source of error.
-
-    Parameters
-    ----------
-    seconds : mapping of str to float, time of the stages, s
-    sources : sequence of tuple
-        Name, relative error, and the time in s that halves it (NaN if no setting does, 0 if the
-        time is not known).
-    """
+    """Draw a bar of seconds for each stage, and a bar of per cent for each source of error."""
     ax = axes_or_current(ax)
     names = [*(name.replace("_", " ") for name in seconds), *(name for name, *_ in sources)]
     at, count = np.arange(len(names))[::-1], len(seconds)

@@ -151,11 +151,7 @@ def add_terms(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarr
 
 
 def known_error(budget: Dataset, *without: str) -> np.ndarray:
-    """Add the known terms, but for the terms ``without``.
-
-    A lower bound of the error where :func:`unknown_terms` names any, relative to the value,
-    shape (quantities, steps); NaN where no term is known, or the known terms contribute nothing.
-    """
+    """Add the known terms, but for the terms ``without``."""
     half, bias = (
         budget[name].transpose("quantity", "error_term", ...).values
         for name in ("error_half_width", "error_bias")
@@ -169,19 +165,12 @@ def known_error(budget: Dataset, *without: str) -> np.ndarray:
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Add the known terms without those of a single specimen: the error of the mean specimen.
-
-    Shape (quantities, steps), see :func:`known_error`.
-    """
+    """Add the known terms without those of a single specimen: the error of the mean specimen."""
     return known_error(budget, *OF_ONE_PART)
 
 
 def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
-    """Return the terms that are missing at a step in totals of a budget, or of some quantities.
-
-    Steps at which no term of :data:`ALWAYS` was estimated do not count, nor do terms of a law for
-    an answer on which the known terms of the law have no influence.
-    """
+    """Return the terms that are missing at a step in totals of a budget, or of some quantities."""
     names, terms = (list(map(str, budget[name].values)) for name in ("quantity", "error_term"))
     half = np.reshape(budget["error_half_width"].values, (len(names), len(terms), -1))
     chosen = [names.index(name) for name in quantities] if quantities else range(len(names))

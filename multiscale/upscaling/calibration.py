@@ -409,11 +409,7 @@ class _Prior:
 
 
 def _covariance_of_cells(law: Dataset, sampled: np.ndarray, cells: float | None) -> np.ndarray:
-    """Return the covariance of the mean law, and of a joint with a number of cells about it.
-
-    With control cells the samples scatter less than the mean of the others, and the scatter of
-    single cells is that of the budget.
-    """
+    """Return the covariance of the mean law, and of a joint with a number of cells about it."""
     if cells is None:
         return sampled
     n = int(law.attrs["n_realisations"])

@@ -103,10 +103,7 @@ def size_term(
 
 
 def without_bias(response: Dataset, *terms: Term) -> Dataset:
-    """Return a response less the biases of gap and contact fraction by terms.
-
-    Its budget has these terms :meth:`~.budget.Term.taken_out`.
-    """
+    """Return a response less the biases of gap and contact fraction by terms."""
     gap, area, _ = 1.0 - np.sum([np.asarray(term.bias) for term in terms], axis=0)
     steps, place = response.sizes["step"], normal_observations(response).order
     factors = np.ones((2, steps))

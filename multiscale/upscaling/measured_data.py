@@ -67,10 +67,7 @@ class Curve:
         return np.interp(x, self.x, self.log_stiffness), rates.reshape(-1, *x.shape), slope
 
     def rising(self) -> "Curve":
-        """Return the mean of the least rising curve above and of the largest one below.
-
-        No rough interface softens under pressure, as a sum of modes may.
-        """
+        """Return the mean of the least rising curve above and of the largest one below."""
         values, place = self.log_stiffness, np.arange(self.x.size)
         highest = np.maximum.accumulate(values)
         lowest = np.minimum.accumulate(values[::-1])[::-1]

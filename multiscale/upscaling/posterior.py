@@ -44,11 +44,7 @@ class Mode(NamedTuple):
 
     @property
     def pull(self) -> np.ndarray:
-        """Standard deviations by which the data move every parameter.
-
-        It is N(0, 1) if prior and data agree, and zero for a parameter about which the data
-        contain no information.
-        """
+        """Standard deviations by which the data move every parameter."""
         spread = np.sqrt(np.maximum(self.learned, 1e-12))
         return np.where(self.learned > 1e-6, self.theta / spread, 0.0)
 

@@ -153,10 +153,7 @@ def up_to_limit(response: Dataset, law: Dataset) -> Dataset:
 
 
 def join_pressures(first: Dataset, second: Dataset) -> Dataset:
-    """Return the steps of two loading branches of the same cells, by rising pressure.
-
-    Variables that only one of them has are left out, but for those without steps.
-    """
+    """Return the steps of two loading branches of the same cells, by rising pressure."""
     import xarray as xr
 
     shared = [name for name in first if name in second and "step" in first[name].dims]

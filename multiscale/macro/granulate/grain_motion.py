@@ -234,10 +234,7 @@ def _bounce(
     damped: tuple[np.ndarray, np.ndarray],
     times: tuple[float, float],
 ) -> tuple[FreeStep, Pairs, bool]:
-    """Return step and pairs after impacts, and whether all are solved.
-
-    A first share of the forces acts before the impacts.
-    """
+    """Return step and pairs after impacts, and whether all are solved."""
     law, h, (first, acted) = model.law, step.length, times
     every = pairs._replace(wanted=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
     contacts = build_contacts(every, geometry, step)

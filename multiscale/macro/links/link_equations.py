@@ -41,10 +41,7 @@ class Tangent:
 
     @cached_property
     def motions(self) -> tuple[np.ndarray, ...]:
-        """Products of two displacements of a link: their places, links, axes i and j, and signs.
-
-        They are in the order in which ``products`` is built: it must not be sorted or summed.
-        """
+        """Products of two displacements of a link: their places, links, axes i and j, and signs."""
         (first, second), (i, j) = np.divmod(self.pair, self.components)
         at = np.flatnonzero((self.products.indices < self.links) & (i < 3) & (j < 3))
         sign = np.where(first == second, 1.0, -1.0)  # opposite at both ends

@@ -97,11 +97,7 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 
 
 def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
-    """Name bodies that supports, interfaces and bolts leave free, and their rigid motions.
-
-    Interfaces constrain their normal jump, and the tangential one where they have friction; bolts
-    constrain the distance of their ends along the axis.
-    """
+    """Name bodies that supports, interfaces and bolts leave free, and their rigid motions."""
     # jumps of joints and stretches of bolts, which must be zero
     modes, constraints = _free_motions(problem), []
     for joint, jump in zip(problem.joints, _jumps(problem, modes), strict=True):
@@ -184,10 +180,7 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
 def _weakest(
     power: np.ndarray, normal: np.ndarray, across: list[np.ndarray], bound: np.ndarray
 ) -> np.ndarray | None:
-    """Minimise (1) by cutting planes; None if no motion has the power 1.
-
-    Each linear program bounds the slip of a point from below by its tangents.
-    """
+    """Minimise (1) by cutting planes; None if no motion has the power 1."""
     from scipy.optimize import linprog
 
     points, count = across[0].shape

@@ -27,11 +27,7 @@ INDEPENDENT = 1e-8
 
 
 def coarse_basis(problem: CutProblem) -> csr_array:
-    """Motions with work that the coarse problem balances, shape (slots, coarse unknowns).
-
-    The resultants of an interface between two substructures, and every force of a weak
-    cross-point, where three or more meet: without them the method diverges.
-    """
+    """Motions with work that the coarse problem balances, shape (slots, coarse unknowns)."""
     blocks = [interface_motions(face, problem) for face in problem.interfaces]
     return on_diagonal(blocks) if blocks else csr_array((0, 0))
 

@@ -129,11 +129,7 @@ Rows = Iterator[tuple[tuple[int, int], csr_array, np.ndarray]]
 
 
 def _at_points(joint: Interface, upper: Body, owner: tuple[np.ndarray, np.ndarray]) -> Rows:
-    """Points of matching faces, or of a face on the ground.
-
-    A point belongs to the pair of its facet. A node that several pairs share goes to the pair with
-    most of its area: a tie in every pair would be redundant.
-    """
+    """Points of matching faces, or of a face on the ground."""
     values, area = face_points(upper.basis, str(joint.boundaries[1]), joint.quadrature_order)
     pairs, of_facet = np.unique(np.stack(owner), axis=1, return_inverse=True)
     facets = of_facet.size

@@ -147,10 +147,7 @@ class CutTangent:
         return block.toarray() if start.size <= DENSE else block
 
     def renew(self, share: np.ndarray, tangent: np.ndarray) -> None:
-        """Condense the substructures, and renew the preconditioner, where the tangent changed.
-
-        The stiffness of links is a share of their elastic stiffness, the tangent of joints N/m.
-        """
+        """Condense the substructures, and renew the preconditioner, where the tangent changed."""
         # substructures with a new tangent, and those with a tangent that is not symmetric
         count = len(self.spans)
         new = np.full(count, 0 if self.condensed else 1)
@@ -260,12 +257,7 @@ def refuse_negative(matrix: csr_array | np.ndarray, name: str) -> None:
 
 
 def _move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[tuple[int, csr_array]]]:
-    """Add every joint to its second substructure, with the unknowns of the first on the joint.
-
-    The first side of the joint becomes a perfect interface between the first substructure and the
-    second with the joint, so that the stiffness of the joint, from zero to rigid, belongs to the
-    second substructure. Returns the jump of each joint from the unknowns of that as well.
-    """
+    """Add every joint to its second substructure, with the unknowns of the first on the joint."""
     jumps, widened = joint_jumps(problem), list(problem.substructures)
     places = problem.places() if jumps else ()
     for joint, jump in zip(problem.joints, jumps, strict=True):

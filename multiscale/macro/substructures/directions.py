@@ -187,11 +187,7 @@ def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray
 
 
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-    """Diagonal of the tangent of a law, equal in both tangential rows, shape (3, points), Pa/m.
-
-    It is infinite for rigid contact, open or closed: directions that alternate between zero and
-    infinity do not converge.
-    """
+    """Diagonal of the tangent of a law, equal in both tangential rows, shape (3, points), Pa/m."""
     if not law.compliant:
         return np.full_like(jump, np.inf)
     tangent = law.respond(jump, state).tangent
@@ -202,10 +198,6 @@ def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.
 def joint_directions(
     joint: CutInterface, bodies: tuple[np.ndarray, ...], law: np.ndarray, mean: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
-
-    In series, a law much stiffer than the bodies has no influence, nor have bodies on a soft law. A
-    single number for both would make the iterations grow at least with the root of their ratio.
-    """
+    """Stiffness of both sides of a joint: the body and half of the law in series, N/m."""
     law = np.maximum(law, np.maximum(SOFT * mean, OPEN * np.minimum(*bodies)))
     return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

@@ -74,12 +74,7 @@ class Admissible:
         self.perfect = latin.sides.perfect[rows]
 
     def __call__(self, iterate: LatinIterate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Distribute gaps and residual forces equally over the sides.
-
-        Returns a displacement that is continuous over perfect interfaces, (n,), m, forces on all
-        sides that balance on every interface, (m,), N, and the change of displacement, (n,), m,
-        by which the substructures are in equilibrium with these forces.
-        """
+        """Distribute gaps and residual forces equally over the sides."""
         latin, trace = self.latin, self.latin.stack.trace
         balanced = iterate.force - latin.sides.mean(iterate.force)
         change = self.solve(trace.T @ (balanced - iterate.force)[latin.rows])
@@ -89,11 +84,7 @@ class Admissible:
 
 
 class ErrorBound:
-    """Bound on the error of substructures without joints.
-
-    A multiple of the prestress of a self-stressed substructure may be added to tensions in
-    equilibrium, so that no cable is compressed. Without prestress there is no bound.
-    """
+    """Bound on the error of substructures without joints."""
 
     def __init__(self, admissible: Admissible) -> None:
         self.admissible, self.stack = admissible, admissible.latin.stack

@@ -255,10 +255,7 @@ class _Cells:
         return CutProblem((coarse,), problem.position, csr_array(problem.expansion @ T))
 
     def _links(self, resolved: np.ndarray, expansion: csr_array, taut: csr_array) -> Links:
-        """Links by their change of tension, as prestress balances: taut, then resolved ones.
-
-        Links sum their stretches step by step, so that far motions are not rounded as K^H would.
-        """
+        """Links by their change of tension, as prestress balances: taut, then resolved ones."""
         chosen = [self.problem.substructures[owner] for owner in np.flatnonzero(resolved)]
         rows = [each.links.operator @ expansion[each.unknown] for each in chosen if each.links]
         zero = np.zeros(taut.shape[0])

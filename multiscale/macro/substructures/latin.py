@@ -211,10 +211,7 @@ class Latin:
         return jump, source - series * jump
 
     def update(self) -> np.ndarray | None:
-        """Adapt the search directions to the status of links and joints.
-
-        Returns which entries of z and r have a new meaning, or None if nothing changed.
-        """
+        """Adapt the search directions to the status of links and joints."""
         # links that changed between taut and slack
         links, one_sided = self.stack.links, self.stack.one_sided
         known = self.status is not None

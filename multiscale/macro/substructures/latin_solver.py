@@ -170,10 +170,7 @@ class LatinSolver:
         return answer
 
     def iterate(self, load: np.ndarray) -> StepAnswer:
-        """Run local and linear stages under forces on the substructures of this process, N.
-
-        The next step begins with the iterate of a converged step.
-        """
+        """Run local and linear stages under forces on the substructures of this process, N."""
         clock, method, latin = perf_counter(), self.method, self.iteration
         rows = latin.z.size  # later entries are equal in all processes and count once
 

@@ -443,11 +443,7 @@ def _of_interfaces(result: Dataset, path: LoadPath) -> dict[str, np.ndarray]:
 def _secants(
     factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
 ) -> np.ndarray:
-    """Stiffness of every load since it was zero, N/m; NaN if another load has changed since.
-
-    Bodies without interfaces are at rest before the first step. With interfaces their displacement
-    without load is undetermined, because the gap is unknown.
-    """
+    """Stiffness of every load since it was zero, N/m; NaN if another load has changed since."""
     first = np.zeros((int(at_rest), len(forces)))
     factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])
     secant = np.full(factor.shape, np.nan)

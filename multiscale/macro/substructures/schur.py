@@ -312,10 +312,7 @@ class _CutEquilibrium(Equilibrium):
         return answer.value
 
     def step(self, here: Place, direction: np.ndarray) -> Place:
-        """Move by an exact line search with links, an approximate search with links and joints.
-
-        Without links the step is a full Newton step. Line searches minimise the energy.
-        """
+        """Move by an exact line search with links, an approximate search with links and joints."""
         if not self.cut.problem.n_links:
             return super().step(here, direction)
         if self.cut.problem.joints:
@@ -331,10 +328,7 @@ class _CutEquilibrium(Equilibrium):
         return there if done else self.relax(there)
 
     def relax(self, here: Place) -> Place:
-        """Balance the inside of every substructure by Newton's method with exact steps.
-
-        The interfaces rest, so that the substructures do not depend on each other.
-        """
+        """Balance the inside of every substructure by Newton's method with exact steps."""
         tangent = self.cut.tangent
         value, elastic = here.value.copy(), here.elastic.copy()
         goal = max(INSIDE * self.residual(here), 0.1 * self.cut.method.tolerance) * self.scale
@@ -383,10 +377,7 @@ class _CutEquilibrium(Equilibrium):
         work: float,
         team: ProcessGroup,
     ) -> float:
-        """Step to the least energy of some links, N, with a curvature of linear elements, J.
-
-        Linear stiffness counts as a further link without limits.
-        """
+        """Step to the least energy of some links, N, with a curvature of linear elements, J."""
         links = self.links
         no_bound = np.array([np.inf]) if curvature > 0.0 else NO_LINKS
         linear = np.full(no_bound.size, curvature)

@@ -143,10 +143,7 @@ class StepSolver(Protocol):
         factor: np.ndarray,
         near: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> StepAnswer:
-        """Solve a step from a committed state to factors of the load cases.
-
-        The change of unknowns and jump, m, in the same step under other laws is a first guess.
-        """
+        """Solve a step from a committed state to factors of the load cases."""
 
 
 @dataclass(frozen=True)
@@ -384,10 +381,7 @@ def _assemble_result(
     columns: list[dict[str, Any]],
     attributes: Mapping[str, int | str],
 ) -> Dataset:
-    """Join the columns of all steps in a dataset after ``MACRO_RESULT``; failed steps are NaN.
-
-    A path ends with its first failure: later steps have no column.
-    """
+    """Join the columns of all steps in a dataset after ``MACRO_RESULT``; failed steps are NaN."""
     # repeat the column of the failed step
     failure = columns[-1]["failure"]
     columns = [*columns, *[columns[-1] | NOT_TRIED] * (len(factors) - len(columns))]

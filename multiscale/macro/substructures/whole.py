@@ -138,10 +138,7 @@ def condense_problem(
     largest: int | None = None,
     insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
-    """Condense each substructure onto shared unknowns, joints, bolts and given unknowns.
-
-    The problem stays as it is without joints, or if that would keep too many unknowns.
-    """
+    """Condense each substructure onto shared unknowns, joints, bolts and given unknowns."""
     # boundary unknowns of the structure, then of each substructure
     substructures, shared = problem.substructures, problem.shares > 1.0
     shared[[*boundary, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
@@ -219,10 +216,7 @@ def _reduce(problem: CutProblem, insides: Sequence[CondensedStiffness]) -> Conde
 def _load_modes(
     condensed: CondensedStiffness, substructure: Substructure
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of the loads inside, (inside, modes), and the forces of the loads on them, N.
-
-    Each mode has the mean stiffness of the unknowns of the substructure.
-    """
+    """Modes of the loads inside, (inside, modes), and the forces of the loads on them, N."""
     force = substructure.load[condensed.split.inside]
     moved = condensed.solve(force)
     work = force.T @ moved

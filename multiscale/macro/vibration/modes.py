@@ -48,12 +48,7 @@ NAMES = ("along x", "along y", "along z", "about x", "about y", "about z")
 def find_free_motions(
     problem: CutProblem, stiffness: csr_array
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Determine the rigid motions of all bodies together that the stiffness does not resist.
-
-    Returns the displacement of the unknowns in them, shape (n, motions), m; as many unknowns that
-    constrain only these motions if they are fixed, so that loads in equilibrium have no reaction
-    there; and names such as ``"along x"`` and ``"about z"``.
-    """
+    """Determine the rigid motions of all bodies together that the stiffness does not resist."""
     rigid = rigid_motions(*problem.places())
     motion = free_motions(stiffness, rigid)
     if not motion.shape[1]:

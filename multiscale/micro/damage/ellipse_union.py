@@ -16,11 +16,7 @@ BOUNDARY_MARGIN = 1e-11  # relative distance by which rounding may move a point 
 
 
 def union_area(polygon: np.ndarray, centre: np.ndarray, root: np.ndarray) -> float:
-    """Area of the union of ellipses in a convex polygon, m².
-
-    ``polygon`` has the corners, anticlockwise, (corners, 2), m. An ellipse is centre + M w for
-    abs(w) <= 1, with centres (k, 2), m, and matrices M of positive determinant, (k, 2, 2), m.
-    """
+    """Area of the union of ellipses in a convex polygon, m²."""
     if len(centre) == 0:
         return 0.0
     size = float(np.ptp(polygon, axis=0).max())

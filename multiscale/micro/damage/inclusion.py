@@ -86,11 +86,7 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
 
 @compiled
 def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # type: ignore[no-untyped-def]
-    """Follow the paths of many inclusions: cycles done, and whether the last was elastic.
-
-    ``state`` has the shape (points, 20), ``path`` (paths, corners, 6) and ``material`` (kinds, 10);
-    ``path_of`` and ``kind_of``, shape (points,), are the numbers of path and kind of each point.
-    """
+    """Follow the paths of many inclusions: cycles done, and whether the last was elastic."""
     done, elastic = np.empty(len(state)), np.empty(len(state), dtype=np.bool_)
     for k in range(len(state)):
         corners, kind = path[path_of[k]], material[kind_of[k]]

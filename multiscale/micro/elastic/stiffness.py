@@ -329,12 +329,7 @@ def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyp
 def _apply(  # type: ignore[no-untyped-def]
     first, end_chunk, chunks, last, mesh, lame, shear, blend, u, out
 ):
-    """Elastic forces of the elements in chunks of strips along x.
-
-    The last strip of a chunk, which shares nodes with the next chunk, follows in a second pass. A
-    single point in x or y is its neighbour: plane strain. The moduli have an entry for every
-    element, or a single entry along an axis on which they are constant.
-    """
+    """Elastic forces of the elements in chunks of strips along x."""
     nx, layers, _, ny = u.shape
     heights, planes, factor, dx, dy = mesh
     along_x, along_y = int(lame.shape[0] > 1), int(lame.shape[2] > 1)

@@ -208,11 +208,7 @@ def _press(
     work: np.ndarray,
     increments: int,
 ) -> CellState:
-    """Raise the approach of a flowing body, by ``longest``, m, at most, until it carries a load.
-
-    Without hardening there may be no equilibrium under a larger load before another asperity
-    touches, but there is equilibrium at a larger approach.
-    """
+    """Raise the approach of a flowing body, by ``longest``, m, at most, until it carries a load."""
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0
     length = longest

@@ -173,13 +173,7 @@ def _with_intervals(
     coarse: float | None,
     job: Job,
 ) -> schema.Dataset:
-    """Add the intervals of the life of the mean part and of the next part.
-
-    They are changes of the logarithm of the life of the weakest inclusion at the stress of the
-    sound structure: at the ends of the interval of the fatigue limit, by the laws, and on a mesh
-    of elements twice as large, which bounds an error that falls at least linearly. The place
-    has the distance from the first crack of the structure to the first cracks of all these.
-    """
+    """Add the intervals of the life of the mean part and of the next part."""
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
     mesh = 0.0 if coarse is None else abs(float(np.log(coarse / middle)))
     if coarse is not None:

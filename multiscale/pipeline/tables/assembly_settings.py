@@ -260,11 +260,7 @@ class Bodies(StructureKind):
         return share, error
 
     def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
-        """List the errors of stated values and volumes, each with a structure of changed value.
-
-        Every structure has a single parameter that is larger by :data:`STRETCH`. Bodies with the
-        same volume have a common error, which the body with the fewest volumes determines.
-        """
+        """List the errors of stated values and volumes, each with a structure of changed value."""
         listed = []
         for key, half, stretched in self.uncertain(1.0 + STRETCH):
             name = f"{key} ± {100.0 * half:.3g} %"

@@ -94,11 +94,7 @@ class ThirdBody(toml.Settings):
     _rise = field_validator("pressures")(toml.must_rise)
 
     def cell(self, grains: GrainSettings, k: int) -> tuple[np.ndarray, dict[str, Any]]:
-        """Return the radii of a realisation, m, and the options of its shear.
-
-        Radii are scaled, by some per cent at most, so that all realisations have the same volume,
-        whose scatter would hide how the height changes with the pressure.
-        """
+        """Return the radii of a realisation, m, and the options of its shear."""
         seed, (a, b) = grains.seed + k, grains.radius
         radii = granulate.draw_radii(grains.number, a, b, seed=seed)
         mean_cube = 2.0 * (a * b) ** 2 / (a + b)  # of a volume that is uniform over the radius

@@ -38,10 +38,7 @@ class Typed(float):
 
 
 def quantity(unit: str, *, uncertain: bool = False) -> WrapValidator:
-    """Read text such as ``"0.8 um"`` as a float in an SI unit.
-
-    Uncertain quantities may have a half-width: ``"0.8 um +- 10 %"`` or ``"0.8 um +- 0.1 um"``.
-    """
+    """Read text such as ``"0.8 um"`` as a float in an SI unit."""
     return WrapValidator(partial(_convert, unit=unit, uncertain=uncertain))
 
 
