@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.linalg import norm
+from numpy.linalg import norm, svd
 from scipy.sparse import bsr_matrix, csr_array, csr_matrix, diags_array
 
 from multiscale.errors import MultiscaleError
@@ -27,16 +27,22 @@ from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.krylov import Operator, minimal_residual
 
 STRENGTH = 0.02  # coupling of two nodes, relative to their blocks, from which they are aggregated
-COARSEST = 600  # unknowns of the coarsest level, which is factorised
+COARSEST = 600  # nodes up to which no coarser level follows: the coarsest is factorised
 
 BETWEEN = 1.4  # gamma of (1)
 
 GOAL, ROOM = 1e-10, 120
 """Residual of a solve relative to its right-hand side, and limit of the iterations."""
 
-ROUNDING, UNSURE = 64.0 * np.finfo(float).eps, 1e-4
+ROUNDING, UNSURE = 64.0 * np.finfo(float).eps, 1e-5
 """Residual which is rounding: relative to the terms of the product with the matrix, and at most
-relative to the right-hand side, because the terms of a singular matrix are large."""
+relative to the right-hand side: the terms are large where joints of 1e-9 of the stiffness of the
+bodies support them."""
+
+FREE = 1e-13
+"""Stiffness of a rigid motion, after scaling by the diagonal, below which the motion is free."""
+
+DEPENDENT = 1e-8  # singular value of a motion, relative to the largest, that others span
 
 BLOCKS = ("block_gauss_seidel", {"sweep": "symmetric"})
 POLYNOMIAL = ("chebyshev", {"degree": 2})
@@ -92,6 +98,7 @@ class Multigrid:
 
     position: np.ndarray  # of the unknowns, (n, 3), m
     component: np.ndarray  # direction of every unknown, (n,)
+    motions: np.ndarray  # rigid motions of every body, (n, motions)
 
     def __call__(self, stiffness: csr_array, jump: csr_array, tangent: np.ndarray) -> Solve:
         """Prepare (1) of bodies, (n, n), with the tangents (d, d, points) of joints, N/m."""
@@ -103,6 +110,7 @@ class Multigrid:
         )
         share = np.minimum(1.0, k / np.maximum(np.abs(tangent).max(axis=(0, 1)), 1e-300 * k))
         matrix = csr_array(stiffness + jump.T @ (joint_matrix(share * tangent) @ jump))
+        self._refuse_free_motions(matrix)
         cycle = self._cycle(matrix)
 
         # the second row of (1)
@@ -126,10 +134,13 @@ class Multigrid:
                 with np.errstate(all="ignore"):  # of a singular matrix: the residual shows it
                     x, count = minimal_residual(apply, b, precondition, goal=GOAL * size, room=ROOM)
                     left = float(norm(b - apply(x)))
-                    rounding = ROUNDING * float(norm(abs(matrix) @ np.abs(x[:n])))
+                    limit = 1.01 * GOAL * size
+                    if not left <= limit:
+                        terms = float(norm(abs(matrix) @ np.abs(x[:n])))
+                        limit = max(limit, min(ROUNDING * terms, UNSURE * size))
             except RuntimeError as error:  # the coarsest matrix is singular
                 raise MultiscaleError(f"the tangent stiffness is singular: {error}") from error
-            if not left <= max(1.01 * GOAL * size, min(rounding, UNSURE * size)):
+            if not left <= limit:
                 raise MultiscaleError(
                     f"multigrid left a residual of {left / (size or 1.0):.1e} of the load in "
                     f"{count} iterations; the tangent stiffness may be singular, check the supports"
@@ -138,6 +149,18 @@ class Multigrid:
 
         # not recursive: the cycle is freed with this function
         return lambda right: np.apply_along_axis(solve_column, 0, right)
+
+    def _refuse_free_motions(self, matrix: csr_array) -> None:
+        """Refuse a matrix that does not resist a combination of the rigid motions of bodies."""
+        size = np.sqrt(np.maximum(np.abs(matrix.diagonal()), np.finfo(float).tiny))[:, None]
+        basis, length, _ = svd(size * self.motions, full_matrices=False)
+        basis = basis[:, length > DEPENDENT * length.max(initial=0.0)]
+        resisted = svd((matrix @ (basis / size)) / size, compute_uv=False)
+        if resisted.size and not resisted[-1] > FREE:
+            raise MultiscaleError(
+                "the tangent stiffness is singular: bodies can move without force as rigid bodies; "
+                "check the supports and that every body is fixed"
+            )
 
     def _cycle(self, matrix: csr_array) -> Operator:
         """Cycle on the nodes: their unknowns follow each other, with rising components."""

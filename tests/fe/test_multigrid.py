@@ -87,9 +87,38 @@ def test_a_residual_above_the_goal_is_no_answer(structure, monkeypatch):
 
 def test_a_body_that_may_move_is_refused(structure):
     whole, _ = structure  # without its joint nothing supports the upper body
-    solve = whole.linear(whole.stiffness, whole.jump, tangent(structure, 0.0, 1.0, False))
+    load, D = whole.load @ np.ones(whole.load.shape[1]), tangent(structure, 0.0, 1.0, False)
     with pytest.raises(MultiscaleError, match="singular"):
-        solve(whole.load @ np.ones(whole.load.shape[1]))
+        whole.linear(whole.stiffness, whole.jump, D)(load)
+
+
+@pytest.mark.parametrize("unbalanced", [0.0, 1e-6])
+@pytest.mark.parametrize(
+    ("supports", "across", "friction"),
+    [
+        ({}, 1.0, 0.0),  # tied blocks move together
+        ({"bottom": (0.0,) * 3}, 0.0, 0.3),  # the upper block slides
+    ],
+    ids=["free", "sliding"],
+)
+def test_rigid_motions_are_refused_under_any_load(supports, across, friction, unbalanced):
+    bodies = tuple(
+        Body(
+            box_mesh((EDGE,) * 3, (7, 7, 7), origin=(0.0, 0.0, z)),
+            STEEL,
+            supports={} if z else supports,
+        )
+        for z in (0.0, EDGE)
+    )
+    problem = cut_assembly(Assembly(bodies, (Interface((0, 1), ("top", "bottom"), LAW),)))
+    whole = assemble(problem, MultigridNewton().linear(problem))
+    D = 4.0 * whole.resistance * whole.weight * np.diag([1.0, across, across])[:, :, None]
+    D[1, 0] = -friction * D[0, 0]
+    load = whole.stiffness @ np.sin(np.arange(whole.stiffness.shape[0]))  # in equilibrium
+    load[-1] += unbalanced * np.abs(load).max()
+    for linear in (whole.linear, factorise_joined):
+        with pytest.raises(MultiscaleError, match="singular"):
+            linear(whole.stiffness, whole.jump, D)(load)
 
 
 def test_bodies_without_joints_are_solved(structure):

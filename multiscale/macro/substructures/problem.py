@@ -285,7 +285,7 @@ class CutProblem:
         shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(cut), self.n))
         return np.asarray(connected_components(shared @ shared.T, directed=False)[1])
 
-    @property
+    @cached_property
     def motions(self) -> np.ndarray:
         """Rigid motions of all bodies, each about its centre, shape (n, 6 bodies), m."""
         position, component = self.places()

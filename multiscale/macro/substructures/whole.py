@@ -319,7 +319,7 @@ class MultigridNewton(AssembledNewton):
 
     def linear(self, problem: CutProblem) -> Multigrid:
         """Return the solver of the matrices of a structure."""
-        return Multigrid(*problem.places())
+        return Multigrid(*problem.places(), problem.motions)
 
 
 class _WholeSolver:
