@@ -279,7 +279,7 @@ class _Cells:
         return placed, np.flatnonzero(inside)
 
     def _resolve(self, owner: int, motions: list[np.ndarray]) -> _Cell:
-        """Give a substructure all its unknowns inside."""
+        """Evaluate (1) with all unknowns inside a substructure as coarse unknowns."""
         each, (placed, inside) = self.problem.substructures[owner], self._place(owner, motions)
         inner = csr_array(eye_array(each.n, format="csr")[:, inside])
         V = csr_array(hstack([csr_array(placed), inner]))

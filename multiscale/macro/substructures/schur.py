@@ -67,9 +67,10 @@ class NewtonSchur(Method):
     In the result ``iterations`` counts the Newton steps, ``krylov_iterations`` the iterations of
     the linear solver in all of them, and ``condition_number`` is the largest ratio of the Ritz
     values of conjugate gradients. A step with joints that Newton's method does not solve, although
-    friction carries its load, is solved again from the solution of LATIN; the attribute
-    ``fallback`` has the reason. Other attributes: ``shared_unknowns``, and the largest
-    ``coarse_unknowns``.
+    friction carries its load, is solved again from the solution of LATIN: ``iterations`` counts
+    the Newton steps of both attempts, ``wall_time`` contains LATIN, and the attribute ``fallback``
+    has the reason and the iterations of LATIN. Other attributes: ``shared_unknowns``, and the
+    largest ``coarse_unknowns``.
 
     References
     ----------
@@ -103,7 +104,7 @@ class SchurSolver:
         # end of the last step, and factors of interiors
         self.reached = np.zeros(problem.n), np.zeros(n), np.zeros(links.stiffness.size)
         self.factors = [Factors() for _ in tangent.spans]
-        self.coarse_unknowns, self.fallbacks = 0, list[str]()
+        self.coarse_unknowns, self.fallbacks, self.latin_iterations = 0, list[str](), 0
 
     @property
     def attributes(self) -> Mapping[str, int | str]:
@@ -114,8 +115,10 @@ class SchurSolver:
             "coarse_unknowns": self.coarse_unknowns,
         }
         if self.fallbacks:
-            reason = f"{len(self.fallbacks)} steps were solved from LATIN: {self.fallbacks[0]}"
-            counts["fallback"] = reason
+            counts["fallback"] = (
+                f"{len(self.fallbacks)} steps were solved from LATIN: {self.fallbacks[0]}; "
+                f"LATIN took {self.latin_iterations} iterations"
+            )
         return counts
 
     def carried(self, elastic: np.ndarray) -> np.ndarray:
@@ -206,6 +209,7 @@ class SchurSolver:
             answer = LatinSolver(self.problem, method, judged=False).step(state, factor)
         except MultiscaleError:
             return None
+        self.latin_iterations += answer.report["iterations"]
         if not answer.report["converged"]:
             return None
         u, links = answer.unknowns[self.tangent.unknown], self.stack.links

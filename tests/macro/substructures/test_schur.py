@@ -18,6 +18,7 @@ from multiscale.macro import (
     Assembly,
     Body,
     Interface,
+    LatinMethod,
     LinkSystem,
     solve_static,
     tensegrity_grid,
@@ -107,6 +108,9 @@ def test_a_step_that_newton_does_not_solve_is_solved_from_the_solution_of_latin(
     assert result.residual.max() <= 1e-10  # the tolerance and the residual of Newton's method
     assert limit <= result.iterations[-1] <= 2 * limit
     assert (result.krylov_iterations > 0).all()
+    latin = LatinMethod(tolerance=1e-10).solve(problem, np.eye(2)).iterations.values
+    count = latin[-int(result.fallback[0]) :].sum()  # of the last steps
+    assert result.fallback.endswith(f"LATIN took {count} iterations")
     expected = AssembledNewton().solve(problem, np.eye(2)).displacement.values
     np.testing.assert_allclose(
         result.displacement, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max()
