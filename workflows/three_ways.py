@@ -57,6 +57,7 @@ from multiscale.micro import (
 )
 from multiscale.micro import Path as LoadPath
 from multiscale.numerics.factorisation import on_diagonal
+from multiscale.pipeline.adaptive import ROUNDS
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION, Dataset
 from multiscale.upscaling import area_from_dataset, estimate_grid_error, fit_law, law_from_dataset
@@ -65,7 +66,6 @@ from multiscale.upscaling.response_observations import join_pressures
 BAND = 4.0  # longest over shortest wavelength of the roughness
 CELL_WAVES = 4  # longest wavelengths of the roughness along an edge of a cell
 FEW = slice(4, 7)  # first pressures of adaptive cells, among those of sequential ones
-ROUNDS = 6  # of adaptive cells
 BELOW = 0.1  # lowest pressure of a concurrent cell over the lowest of a law
 STEEL = Elastic(210e9, 0.3)
 

@@ -1,18 +1,21 @@
-"""Cases of links from tables: paths past limit points, and refusals."""
+"""Cases of links from tables: paths past limit points, beams, and refusals."""
 
 import numpy as np
 import pytest
 
 from multiscale.io import open_dataset
 from multiscale.schema import MACRO_RESULT
+from tests.macro.test_limit_load import FORCE, resist
 
-NODES = """x,y,z,fix_x,fix_y,fix_z,load_x,load_y,load_z
+DOME = {
+    "nodes.csv": """x,y,z,fix_x,fix_y,fix_z,load_x,load_y,load_z
 1,0,0,1,1,1,0,0,0
 -0.5,0.8660254037844386,0,1,1,1,0,0,0
 -0.5,-0.8660254037844386,0,1,1,1,0,0,0
 0,0,0.2,0,0,0,0,0,-1000
-"""
-CASE = """title = "Dome under a weight"
+""",
+    "links.csv": "first,second,law\n0,3,steel\n1,3,steel\n2,3,steel\n",
+    "case.toml": """title = "Dome under a weight"
 
 [structure]
 kind = "table"
@@ -27,56 +30,13 @@ rigidity = "1 MN"
 load_factors = [6.0]
 exact = true
 past_limit = true
-"""
-
-
-@pytest.fixture
-def run(command, tmp_path):
-    """Run the case with a text replaced; return status, output, errors and the folder."""
-
-    def run(old="", new=""):
-        (tmp_path / "nodes.csv").write_text(NODES)
-        (tmp_path / "links.csv").write_text("first,second,law\n0,3,steel\n1,3,steel\n2,3,steel\n")
-        (tmp_path / "dome.toml").write_text(CASE.replace(old, new) if old else CASE)
-        return *command("run", tmp_path / "dome.toml", "-o", tmp_path / "out"), tmp_path / "out"
-
-    return run
-
-
-def test_a_case_has_the_critical_load_with_a_caution_of_the_indefinite_tangent(run):
-    status, said, warned, out = run()
-    assert status == 0, warned
-    start = np.hypot(1.0, 0.2)
-    length = start ** (1.0 / 3.0)
-    limit = 3e3 / start * (start - length) * np.sqrt(length**2 - 1.0) / length
-    assert f"The links snap through at the load factor {limit:.4g}, where node 3" in said
-    assert "the tangent is indefinite beyond the limit point" in said + warned
-    solved = open_dataset(out / "macro_result.nc", MACRO_RESULT)
-    assert float(solved.critical_factor) == pytest.approx(limit, rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("[6.0]", "[1.0, 6.0]", "a single load factor that is not zero, got [1.0, 6.0]"),
-        ("[6.0]", "[0.0]", "a single load factor that is not zero, got [0.0]"),
-        ("exact = true\n", "", "set exact to true"),
-        ("exact = true\n", "exact = true\nstability = true\n", "leave out stability"),
-        ('"1 MN"', '"inextensible"', "needs extensible links"),
-    ],
-    ids=["two loads", "no load", "not exact", "stability", "inextensible"],
-)
-def test_a_path_that_does_not_fit_is_refused(run, old, new, sentence):
-    status, _, refused, _ = run(old, new)
-    assert status == 1
-    assert sentence in " ".join(refused.split())
-
-
-BEAMS = {
+""",
+}
+FRAME = {
     "nodes.csv": "x,y,z,fix_x,fix_y,fix_z,fix_rx,fix_ry,fix_rz,load_z\n"
     "0,0,0,1,1,1,1,1,1,0\n1,0,0,0,0,0,0,0,0,0\n2,0,0,0,0,0,0,0,0,-100\n2,0,3,1,1,1,1,1,1,0\n",
     "links.csv": "first,second,law\n0,1,beam\n1,2,beam\n2,3,rope\n",
-    "frame.toml": """title = "Bracket on a rope"
+    "case.toml": """title = "Bracket on a rope"
 [structure]
 kind = "table"
 nodes = "nodes.csv"
@@ -95,19 +55,29 @@ load_factors = [1.0]
 
 
 @pytest.fixture
-def frame(command, tmp_path):
-    """Run the frame with a text replaced."""
+def run(command, tmp_path):
+    """Run a case with a text replaced; return status, output, errors and the folder."""
 
-    def frame(old="", new=""):
-        for name, text in BEAMS.items():
+    def run(files, old="", new=""):
+        for name, text in files.items():
             (tmp_path / name).write_text(text.replace(old, new) if old else text)
-        return *command("run", tmp_path / "frame.toml", "-o", tmp_path / "out"), tmp_path / "out"
+        return *command("run", tmp_path / "case.toml", "-o", tmp_path / "out"), tmp_path / "out"
 
-    return frame
+    return run
 
 
-def test_a_cantilever_and_a_rope_share_a_load_by_their_stiffness(frame):
-    status, _, warned, out = frame()
+def test_a_case_has_the_critical_load_with_a_caution_of_the_indefinite_tangent(run):
+    status, said, warned, out = run(DOME)
+    assert status == 0, warned
+    limit = resist(3, 0.2, np.hypot(1.0, 0.2) ** (1.0 / 3.0)) / FORCE
+    assert f"The links snap through at the load factor {limit:.4g}, where node 3" in said
+    assert "the tangent is indefinite beyond the limit point" in said + warned
+    solved = open_dataset(out / "macro_result.nc", MACRO_RESULT)
+    assert float(solved.critical_factor) == pytest.approx(limit, rel=1e-8)
+
+
+def test_a_cantilever_and_a_rope_share_a_load_by_their_stiffness(run):
+    status, _, warned, out = run(FRAME)
     assert status == 0, warned
     solved = open_dataset(out / "macro_result.nc", MACRO_RESULT).isel(step=0)
     bending, rope = 3.0 * 2000.0 / 2.0**3, 3000.0 / 3.0  # 3 EI / L^3 and EA / L, N/m
@@ -115,21 +85,32 @@ def test_a_cantilever_and_a_rope_share_a_load_by_their_stiffness(frame):
     assert float(solved.tension[2]) == pytest.approx(100.0 * rope / (bending + rope), rel=1e-9)
 
 
+MOTION = """[dynamics]
+step = "1 ms"
+duration = "1 s"
+mass = "1 kg"
+load_history = [["0 s", 1.0]]"""
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("files", "old", "new", "sentence"),
     [
-        ('bending_y = "2 kN*m^2"', "", "a beam needs its section: give bending_y in N m^2"),
-        ('"3 kN" }', '"3 kN", torsion = "1 N*m^2" }', "a cable does not bend"),
-        (
-            "[statics]\nload_factors = [1.0]",
-            '[dynamics]\nstep = "1 ms"\nduration = "1 s"\nmass = "1 kg"\n'
-            'load_history = [["0 s", 1.0]]',
-            "no rotational inertias",
-        ),
+        (DOME, "[6.0]", "[1.0, 6.0]", "a single load factor that is not zero, got [1.0, 6.0]"),
+        (DOME, "[6.0]", "[0.0]", "a single load factor that is not zero, got [0.0]"),
+        (DOME, "exact = true\n", "", "set exact to true"),
+        (DOME, "exact = true\n", "exact = true\nstability = true\n", "leave out stability"),
+        (DOME, '"1 MN"', '"inextensible"', "needs extensible links"),
+        (FRAME, 'bending_y = "2 kN*m^2"', "", "a beam needs its section: give bending_y in N m^2"),
+        (FRAME, '"3 kN" }', '"3 kN", torsion = "1 N*m^2" }', "a cable does not bend"),
+        (FRAME, "[statics]\nload_factors = [1.0]", MOTION, "no rotational inertias"),
     ],
-    ids=["no section", "bent cable", "motion"],
+    ids=[
+        *("two loads", "no load", "not exact", "stability", "inextensible"),
+        *("no section", "bent cable", "motion"),
+    ],
 )
-def test_a_beam_that_does_not_fit_is_refused(frame, old, new, sentence):
-    status, _, refused, _ = frame(old, new)
+def test_a_case_that_does_not_fit_is_refused(run, files, old, new, sentence):
+    assert any(old in text for text in files.values())
+    status, _, refused, _ = run(files, old, new)
     assert status == 1
     assert sentence in " ".join(refused.split())
