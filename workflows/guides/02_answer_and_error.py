@@ -15,7 +15,7 @@ joint = open_run("results")["macro_result"].to_dataset()
 # The stiffness of the joint is force over displacement of both blocks, and includes the blocks.
 # The stiffness times the nominal area is the force per displacement. Interface and bodies are its
 # two parts in series, each with an error of its own, so that stiff bodies hide no interface. A run
-# prints all three in MPa/um; datasets have Pa/m.
+# prints all three with --details, in MPa/um; datasets have Pa/m.
 for part in ("joint_stiffness", "interface_stiffness", "solid_stiffness"):
     total = joint["error_total"].sel(quantity=part)  # relative, at each preload
     sampling = joint["error_half_width"].sel(quantity=part, error_term="sampling")

@@ -42,10 +42,10 @@ print(joint["cycle_energy"].values)  # J
 # homogenise = true in [substructures] a dataset holds the stiffness of every substructure against
 # the resultants of its interfaces, before and after slackening.
 #
-# The command prints, at each preload, the stiffness and the shares that stick, slip and are open,
-# the energy that a cycle loses, and a caution with the share of the load outside the data of the
-# law. If the law carries a budget, each answer has the two intervals of guide 02. The dataset has
-# traction, jump, state and dissipation at every point. The page draws zones, pressure, loop and
+# multiscale macro prints, at each preload, the stiffness and the shares that stick, slip and are
+# open, the energy that a cycle loses, and a caution with the share of the load outside the data of
+# the law. If the law carries a budget, each answer has the two intervals of guide 02. The dataset
+# has traction, jump, state and dissipation at every point. The page draws zones, pressure, loop and
 # loss (multiscale.plotting.joint_pictures). The series for ParaView has displacement, von Mises
 # stress, strain energy and damage of the bodies, and gap, pressure, shear and state of the joint.
 #
