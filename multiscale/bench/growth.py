@@ -1,4 +1,4 @@
-"""Growth of the cost of substructures, grains and large bodies with their size."""
+"""Growth of the cost of substructures, grains, piles and large bodies with their size."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -7,15 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from multiscale.bench.measure import BenchFamily, Row, Runner
+from multiscale.bench.nonsmooth_scenes import sphere_pile
 from multiscale.bench.structures import scene_grid
 from multiscale.bench.substructures import CUT_METHODS, EDGE, CutScene
 from multiscale.macro import AssembledNewton, MultigridNewton, solve_assembly
+from multiscale.nonsmooth import solve_friction
 
 BODIES = {"factors": AssembledNewton(), "multigrid": MultigridNewton()}
 
 SIZES: Mapping[tuple[str, str], tuple[int, ...]] = {
     ("tensegrity grid in substructures", "Newton-Schur"): (8, 16, 32, 64, 128),
     ("deposit of grains", "sweeps"): (20, 60, 200, 600),
+    ("pile with friction, solved or refused", "auto"): (30, 60, 100, 300, 1000),
     ("two bodies with a joint", "factors"): (8, 16, 24),
     ("two bodies with a joint", "multigrid"): (8, 16, 24, 32, 48),
 }
@@ -23,7 +26,7 @@ SIZES: Mapping[tuple[str, str], tuple[int, ...]] = {
 
 
 class Growth(NamedTuple):
-    """Size of a solved structure, and whether it has an answer."""
+    """Size of a structure, and whether it has an answer; of a pile, also the reason of none."""
 
     unknowns: int
     converged: bool
@@ -46,6 +49,12 @@ def grow(method: str, size: int) -> Growth:
         motion = simulate_grains(heap, 0.2, 2e-3)
         good = bool(np.isfinite(motion["position"].values).all())
         return Growth(6 * size, good, float(motion["iterations"].sum()))
+    if method == "auto":
+        rng = np.random.default_rng(seed=1)
+        W, q, friction = sphere_pile(size, rng).condensed()
+        solution = solve_friction(W, q, friction)
+        answered = solution.converged or bool(solution.detail)
+        return Growth(q.size, answered, float(len(solution.residuals)))
     parts = size // min(EDGE, size // 2)
     scene = CutScene("grid", scene_grid(size), np.ones((1, 1)), (parts, parts))
     answer = scene.solve(CUT_METHODS[1])
@@ -54,7 +63,7 @@ def grow(method: str, size: int) -> Growth:
 
 @partial(
     BenchFamily,
-    "growth of cost with size: substructures, grains, large bodies",
+    "growth of cost with size: substructures, grains, piles, large bodies",
     packages=("scipy", "pypardiso", "pyamg"),
     threads=1,
     attributes={"growth": "unknowns"},
