@@ -464,11 +464,12 @@ def report_command(
     ] = False,
 ) -> None:
     """Draw the figures and write the report of a finished run again."""
-    from multiscale.pipeline.verification import verify_run
     from multiscale.report import show_run
 
     typer.echo(show_run(out).out / "report.html")
     if verify:
+        from multiscale.pipeline.verification import verify_run
+
         typer.echo(verify_run(out))
 
 

@@ -41,6 +41,13 @@ def test_importing_the_package_is_a_matter_of_milliseconds():
     )
 
 
+def test_a_report_that_verifies_nothing_needs_no_cells():
+    call = "\nwith contextlib.suppress(c.MultiscaleError): c.report_command(p.Path('none'))\nc"
+    loaded = modules_after(f"import contextlib, multiscale.cli as c, pathlib as p{call}")
+    assert "multiscale.pipeline.run_folder" in loaded
+    assert "multiscale.pipeline.verification" not in loaded
+
+
 def test_the_command_line_is_explained_without_numpy():
     assert "numpy" not in modules_after("import multiscale.cli")
 

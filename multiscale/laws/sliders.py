@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError, require
 from multiscale.laws.interface_law import (
     GapLaw,
     InterfaceLaw,
@@ -252,8 +252,7 @@ class Sliders(SliderBed):
                 f"sliders need a lowest and a highest pressure (Pa), positive and finite, got "
                 f"{low:g} and {high:g}; give pressures=(low, high) that the joint will carry"
             )
-        if self.slabs < 1:
-            raise CaseError(f"a bed of sliders needs at least one slab, got {self.slabs}")
+        require("slabs", self.slabs, "[1, inf)", integer=True)
 
     @property
     def _layout(self) -> tuple[int, int, float]:

@@ -37,6 +37,7 @@ class PressedCells:
     case: Case
     datasets: Datasets  # of the stages of the cells and of their law
     added: tuple[float, ...] = ()  # further pressures, Pa
+    solved: int = 0  # steps of cells at them
 
     @property
     def law(self) -> Dataset:
@@ -62,13 +63,15 @@ class PressedCells:
         }
         if (control := joined.get(CONTROL_CELLS.name)) is not None:
             more[CONTROL_CELLS.name] = press_control(solved, control.sizes["realisation"], inner)
+        solved_steps = sum(int(new["converged"].sum()) for new in more.values())
         joined |= {
             name: new if remembers else join_pressures(joined[name], new)
             for name, new in more.items()
         }
         law = FITTED_LAW.run(whole, joined, inner)
         write_dataset(law, make_folder(inner.out) / FITTED_LAW.file, FITTED_LAW.schema)
-        return PressedCells(whole, joined | {FITTED_LAW.name: law}, (*self.added, *pressures))
+        datasets = joined | {FITTED_LAW.name: law}
+        return PressedCells(whole, datasets, (*self.added, *pressures), self.solved + solved_steps)
 
     def report(self) -> str:
         """Report the cells that were solved."""
@@ -76,8 +79,7 @@ class PressedCells:
         listed = ", ".join(readable(f"{p:.4g} Pa") for p in sorted(self.added))
         return (
             f"the load of the interfaces leaves the data of their law, and {count} cells were "
-            f"pressed under {listed} too ({count * len(self.added)} steps of cells, which all "
-            f"points share)"
+            f"pressed under {listed} too ({self.solved} steps of cells, which all points share)"
         )
 
 
@@ -112,7 +114,7 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
 
 
 def _open_cells(case: Case, named: Named, datasets: Datasets, job: Job) -> PressedCells:
-    """Return the cells of a law, which is that of the case itself or of another one."""
+    """Return the cells of the law of this case, or of the law of another case."""
     if named is None:
         return PressedCells(case, datasets)
     return PressedCells(*job.open_cells(*named))

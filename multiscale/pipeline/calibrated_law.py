@@ -44,7 +44,7 @@ def calibrate_case(case: Case, law: Dataset) -> Calibration:
     areas = [table.area for table in case.measured if table.area is not None]
     discrepancy = DISCREPANCY if case.law.discrepancy is None else case.law.discrepancy
     if areas:
-        require_law(law, "cell_size")  # of the cells of the law, which may not be those of the case
+        require_law(law, "cell_size")  # its cells may differ from the cells of the case
     calibration = calibrate(
         law,
         tables,

@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.io.surface_file import Topography, open_topography
 from multiscale.pipeline.measured_sides import HELD
-from multiscale.pipeline.proposal import MeasuredFace, propose_case
+from multiscale.pipeline.proposal import MeasuredFace, propose_case, write_structure
 from multiscale.pipeline.stage import Datasets, Section, Shown
 from multiscale.pipeline.surface_rows import reliable_range, tabulate_statistics
 from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
@@ -47,6 +47,7 @@ def inspect_surfaces(
     spikes: Literal["keep", "remove"] = "keep",
 ) -> list[Dataset]:
     """Describe one or two measured surfaces; the last one has the case proposed for all."""
+    further = write_structure(structure, preload) if structure else ""
     faces, described = [], []
     for file in files:
         topography = open_topography(file, channel=channel, size=size, unit=unit)
@@ -85,7 +86,7 @@ def inspect_surfaces(
             )
         )
     try:
-        proposal = propose_case(faces, structure, preload)
+        proposal = propose_case(faces, further)
     except CaseError as error:
         described[-1] = with_cautions(described[-1], f"no case is proposed: {error}")
         return described

@@ -23,7 +23,7 @@ from math import inf, isfinite, log2, nan
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.pipeline.knobs import HIGHEST, Knob, Setting
 from multiscale.upscaling.budget import total_error
 
@@ -174,14 +174,14 @@ class Planner:
         )
 
     def _advance(self, state: State | None, step: Round) -> State:
-        """Solve the next setting; no setting at or above a refused one is tried again."""
+        """Solve the next setting; no setting at or above one without an answer is tried again."""
         try:
             return self.measure(step.setting, state)
-        except CaseError as error:
+        except MultiscaleError as error:
             if state is None:
                 raise
             self.refused.append(step.setting)
-            self.report(f"the setting {_rungs(step.setting)} is refused: {error}")
+            self.report(f"the setting {_rungs(step.setting)} has no answer: {error}")
             return state
 
     def measure(self, setting: Setting, before: State | None) -> State:

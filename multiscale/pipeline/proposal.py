@@ -1,7 +1,7 @@
 """A case for measured surfaces: cells that fit into their maps, and a structure under a preload."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, pi, sqrt
 from pathlib import Path
@@ -28,6 +28,8 @@ FRICTION = 0.2  # of points of contact
 BOLTS = (4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 30, 36, 42, 48)  # mm, diameters of shanks
 BOLT_STRESS = 450e6  # Pa, of a shank under its preload
 SLIDING = 0.3  # share of the sliding load of the full preload, for cycles at half of it and more
+HARDNESS = 1e9  # Pa, of soft steel, about three times its yield stress
+EXAMPLES = {"N": "kN", "Pa": "MPa"}  # prefixed units of preloads
 PRELOADS = (0.5, 1.0)  # shares of the preload
 ROOM = (0.25, 2.0)  # of pressures of the cells below and above the pressures of the interface
 
@@ -60,8 +62,8 @@ class Proposal:
         return cells.rms_height / whole.rms_height, cells.rms_slope / whole.rms_slope
 
 
-def propose_case(faces: Sequence[MeasuredFace], structure: str = "", preload: str = "") -> Proposal:
-    """Propose cells for one or two measured faces that hold their heights and slopes."""
+def propose_case(faces: Sequence[MeasuredFace], further: str = "") -> Proposal:
+    """Propose cells that hold the heights and slopes of faces; see :func:`write_structure`."""
     if any(not face.reliable[0] < face.reliable[1] for face in faces):
         raise CaseError("the map has too few points for any reliable wavelength")
     shared = len({face.settings.file for face in faces}) < len(faces)  # windows of one map
@@ -87,7 +89,7 @@ def propose_case(faces: Sequence[MeasuredFace], structure: str = "", preload: st
                 refusal = error
                 size *= SMALLER
                 continue
-            return _write(tables, cell, count, measured, structure, preload)
+            return _write(tables, cell, count, measured, further)
     raise refusal
 
 
@@ -161,13 +163,11 @@ def _write(
     cell: CellSettings,
     count: int,
     measured: Sequence[Measured],
-    structure: str,
-    preload: str,
+    further: str,
 ) -> Proposal:
     """Write the case file of chosen cells, pressed as the structure or their slope asks for."""
     slope = sqrt(sum(each.stages[2].rms_slope ** 2 for each in measured))
     pressures = contact_modulus(STEEL, STEEL) * slope * LOADS
-    further = _structure(structure, preload) if structure else ""
 
     def write(pressures: np.ndarray) -> str:
         listed = ", ".join(f'"{float(f"{1e-6 * p:.2g}"):g} MPa"' for p in pressures)
@@ -208,11 +208,11 @@ def _body(number: int, tables: Sequence[InstrumentSurface]) -> str:
     return "\n".join(lines)
 
 
-def _structure(kind: str, preload: str) -> str:
-    """Write the tables of a structure under a preload, with the dimensions of a usual one."""
+def write_structure(kind: str, preload: str) -> str:
+    """Write the tables of blocks, or of a lap joint, under a preload, with usual dimensions."""
     if kind == "blocks":
         return _blocks(preload)
-    force = _positive(preload, "N")
+    force = _positive(preload, {"N": 1.0})
     wanted = 1e3 * sqrt(4.0 * force / (pi * BOLT_STRESS))
     shank = next((bolt for bolt in BOLTS if bolt >= wanted), 0)
     if not shank:
@@ -253,10 +253,12 @@ steps = 8
 
 def _blocks(preload: str) -> str:
     """Write the tables of two blocks of 10 x 10 x 5 mm under a force, or a pressure."""
-    try:
-        pressure = _positive(preload, "N") / 1e-4
-    except CaseError:
-        pressure = _positive(preload, "Pa")
+    pressure = _positive(preload, {"N": 1e-4, "Pa": 1.0})
+    if pressure > HARDNESS:
+        raise CaseError(
+            f"--preload {preload}: blocks of 10 x 10 mm have {1e-9 * pressure:.3g} GPa on their "
+            f"faces, above {1e-9 * HARDNESS:g} GPa, the hardness of soft steel; give a smaller one"
+        )
     return f"""
 [structure]
 kind = "blocks"
@@ -268,15 +270,17 @@ preloads = [{_listed(pressure)}]
 """
 
 
-def _positive(text: str, unit: str) -> float:
-    """Read a positive quantity of the command line."""
-    try:
-        value = to_si(text, unit)
-    except CaseError as error:
-        raise CaseError(f"--preload {error}") from None
-    if not 0.0 < value < np.inf:
-        raise CaseError(f"--preload {text}: must be positive, such as 20 kN")
-    return value
+def _positive(text: str, areas: Mapping[str, float]) -> float:
+    """Read a positive quantity in one of several units, over the area of its unit."""
+    examples = " or ".join(f'"20 {EXAMPLES[unit]}"' for unit in areas)
+    for unit, area in areas.items():
+        try:
+            value = to_si(text, unit) / area
+        except CaseError:
+            continue
+        if 0.0 < value < np.inf:
+            return value
+    raise CaseError(f"--preload {text}: must be positive with its unit, such as {examples}")
 
 
 def _listed(pressure: float) -> str:

@@ -25,9 +25,7 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
         if "sweep" in read_toml(file):
             raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
         if difference := _difference(file, case):
-            raise CaseError(
-                f"{out} holds another run, {difference}; choose another folder, or delete this one"
-            )
+            raise CaseError(f"{out} holds {difference}; choose another folder, or delete this one")
     if results:
         for stage in stages_of(case.tables):
             if force or not is_up_to_date(stage, case, out):
@@ -54,14 +52,21 @@ def _difference(file: Path, case: Case) -> str:
         if other.identity() == case.identity():
             return ""
     except MultiscaleError as error:  # of another version, or its files have moved
-        return f"with a case that cannot be read any more ({error})"
+        return f"another run, with a case that cannot be read any more ({error})"
+    for whole, part, text in (
+        (other, case, "the cells of this case too, which --from structure leaves out"),
+        (case, other, "the run of this case --from structure, without its cells"),
+    ):
+        has_part = whole.has_cells and whole.structure is not None and whole.rve is None
+        if has_part and whole.from_structure(None).identity() == part.identity():
+            return text
     if other.scope != case.scope:
-        return f"{other.title!r}, of {other.scope}"
+        return f"another run, {other.title!r}, of {other.scope}"
     ours, theirs = _keys(case), _keys(other)
     keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
     more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
     where = ", ".join(keys[:MOST_KEYS]) or "the files that it names"
-    return f"{other.title!r}, of {other.scope}, which differs in {where}{more}"
+    return f"another run, {other.title!r}, of {other.scope}, which differs in {where}{more}"
 
 
 def _keys(case: Case) -> dict[str, object]:

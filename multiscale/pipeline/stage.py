@@ -174,6 +174,8 @@ class Stage(Shown):
     needs: Callable[[Any], Needs] = lambda case: Needs()
     prepare: Callable[[Any], object] = _nothing
     """Refuse invalid cases before any stage is run."""
+    again: Callable[[Any], Dataset] | None = None
+    """Compute the first realisation of an ensemble of cells again, to compare it."""
     check: Callable[[Dataset], object] = _nothing
     """Refuse a written dataset without any answer."""
     quick_note: str = ""  # sentence about settings that ``--quick`` does not make coarser

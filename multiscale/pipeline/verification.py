@@ -6,12 +6,11 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
-from multiscale.micro import Path as LoadPath
-from multiscale.micro import run_ensemble
 from multiscale.pipeline.case import load_case
-from multiscale.pipeline.case_cells import measured_cells
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages import ACCURACY_STAGE, COMPUTED, stages_of
+from multiscale.pipeline.stages.accuracy import planned_case
 from multiscale.pipeline.tables.toml_model import read_toml
-from multiscale.schema import MICRO_RESPONSE
 
 SAME = 1e-6  # largest difference of two solutions of the same cell, over the largest value
 
@@ -23,27 +22,26 @@ def verify_run(out: Path) -> str:
         raise CaseError(f"{out}: holds a sweep; verify the folder of one of its points")
     case = load_case(out / "case.toml")
     if case.accuracy is not None:
-        raise CaseError(
-            f"{out}: its case has [accuracy], which plans other cells than the case has; run the "
-            f"case in another folder and compare"
-        )
-    if not case.has_cells:
+        plan = open_dataset(out / ACCURACY_STAGE.file, ACCURACY_STAGE.schema)
+        _, case = planned_case(case, plan, COMPUTED, Job(out))
+    again = [(stage, stage.again) for stage in stages_of(case.tables) if stage.again]
+    if not again:
         raise CaseError(
             f"{out}: its case has no cells, of which a realisation could be computed again; run "
             f"the case in another folder and compare"
         )
-    stored = open_dataset(out / f"{MICRO_RESPONSE.name}.nc", MICRO_RESPONSE).isel(realisation=0)
-    cells, _ = measured_cells(case, made=1)
-    again = run_ensemble(cells[:1], LoadPath(pressure=case.micro.path)).isel(realisation=0)
+    ((stage, compute),) = again
+    stored = open_dataset(out / stage.file, stage.schema).isel(realisation=0)
+    computed = compute(case).isel(realisation=0)
     differences = {}
     for name in ("traction", "mean_gap", "contact_fraction"):
-        old, new = stored[name].to_numpy(), again[name].to_numpy()
+        old, new = stored[name].to_numpy(), computed[name].to_numpy()
         if old.shape != new.shape:
             raise ConvergenceError(f"{out}: {name} has the shape {old.shape}, not {new.shape}")
         change = np.abs(new - old)[np.isfinite(new) | np.isfinite(old)]
-        differences[name.replace("_", " ")] = float(
-            np.max(change, initial=0.0) / np.nanmax(np.abs(new))
-        )
+        largest = np.max(np.abs(new[np.isfinite(new)]), initial=0.0)
+        scale = largest or 1.0  # zero without any contact
+        differences[name.replace("_", " ")] = float(np.max(change, initial=0.0) / scale)
     worst = max(differences, key=lambda name: np.nan_to_num(differences[name], nan=np.inf))
     found = f"{differences[worst]:.1e} of the largest {worst}"
     if not differences[worst] <= SAME:

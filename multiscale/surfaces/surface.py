@@ -207,6 +207,8 @@ def self_affine(
     (64, 32)
     """
     roll_off = long_cutoff if roll_off is None else roll_off
+    for name, count in (("points[0]", points[0]), ("points[1]", points[1]), ("seed", seed)):
+        require(name, count, "[0, inf)", integer=True)
     _check_band(points, size, long_cutoff, short_cutoff, roll_off)
     require("hurst_exponent", hurst_exponent, "[0, 1]")
     if (rms_height is None) == (rms_slope is None):

@@ -23,6 +23,7 @@ from multiscale.upscaling.response_observations import (
     friction_observations,
     loading_branch,
     unloading_observations,
+    usable_steps,
 )
 from multiscale.upscaling.shear_fit import with_shear
 
@@ -163,8 +164,13 @@ def with_steady_friction(law: Dataset, response: Dataset) -> Dataset:
         "sliding_friction": seen.mean,
         "sliding_friction_error": half / seen.mean,
     }
-    law = with_branch(law, "sliding", "measured", values)
-    return law.assign_attrs(sliding_speed=float(speed))
+    law = with_branch(law, "sliding", "measured", values).assign_attrs(sliding_speed=float(speed))
+    lost = np.setdiff1d(usable_steps(response)[1], seen.pressure)
+    if not lost.size:
+        return law
+    return with_cautions(
+        law, f"no layer slides steadily at {list_pressures(lost)}, where the law has no data"
+    )
 
 
 def at_speed(law: Dataset, speed: float | None) -> Dataset:
@@ -225,6 +231,9 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     error = float(np.interp(np.log(pressure), np.log(slid), known))
     changed = INTERFACE_LAW.assign(changed, {"shear_friction_error": error})
     nearest = slid[np.argmin(np.abs(np.log(slid / pressure)))]
+    source, remedy = "slide of one cell", "shear the cells to measure it with its scatter"
+    if "sliding_speed" in law.attrs:
+        source, remedy = "shear of too few layers of grains", "shear two or more realisations"
     outside = (
         f"no cell slid at {list_pressures(np.array([pressure]))}, which lies outside "
         f"{list_pressures(slid)}: the friction there is taken from "
@@ -234,8 +243,8 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     return with_cautions(
         changed,
         outside if beyond else "",
-        f"{name} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, with an "
-        f"unknown error; shear the cells to measure it with its scatter"
+        f"{name} comes from the {source} at {1e-6 * pressure:.4g} MPa, with an unknown error; "
+        f"{remedy}"
         if np.isnan(error)
         else "",
     )

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError, require
 from multiscale.executors import run_jobs
 from multiscale.schema import Dataset
 from multiscale.units import readable
@@ -152,6 +152,8 @@ def calibrate(
     about it, and weighted. With ``solve`` they have the normal distribution of the linearised
     answers, so that a structure is solved for the mode only.
     """
+    if cells is not None:
+        require("cells", cells, "(0, inf)")
     _refuse_tables(measured, law, extrapolate)
     prior = _Prior.of(law, measured, roughness, (discrepancy, exponent), cells)
     answer = solve or (lambda table, *given: table.answer(*given))
@@ -413,13 +415,14 @@ def _covariance_of_cells(law: Dataset, sampled: np.ndarray, cells: float | None)
     if cells is None:
         return sampled
     n = int(law.attrs["n_realisations"])
-    share = n / cells
-    if "n_control" in law.attrs:
-        require_law(law, "cell_scatter")
-        scatter = law["cell_scatter"].sel(quantity="stiffness").to_numpy()
-        variance = widening(n - 1) ** 2 * np.nanmean(scatter**2) / cells
-        share = float(variance / np.diag(sampled).mean())
-    return (1.0 + share) * sampled
+    if "n_control" not in law.attrs:
+        return (1.0 + n / cells) * sampled
+    require_law(law, "cell_scatter")
+    scatter = law["cell_scatter"].sel(quantity="stiffness").to_numpy()
+    variance = widening(n - 1) ** 2 * np.nanmean(scatter**2) / cells
+    mean = float(np.diag(sampled).mean())
+    # the scatter is of the level only where the samples are all alike
+    return np.asarray(sampled * (1.0 + variance / mean) if mean > 0.0 else sampled + variance)
 
 
 def _leading(covariance: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws import AreaLaw
 from multiscale.schema import INTERFACE_LAW, LAW_COMPARISON, Dataset, Variable, with_cautions
 from multiscale.upscaling.family import FAMILIES, Family
@@ -141,10 +141,12 @@ def fit_law(
     ----------
     .. [1] B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, Chapman & Hall, 1993.
     """
-    if n_terms < 6:
-        raise CaseError(f"a normal law needs at least 6 terms, got n_terms = {n_terms}")
-    if n_samples < 0:
-        raise CaseError(f"n_samples must not be negative, got {n_samples}")
+    for name, count, least in (
+        ("n_terms", n_terms, 6),
+        ("n_samples", n_samples, 0),
+        ("seed", seed, 0),
+    ):
+        require(name, count, f"[{least}, inf)", integer=True)
     observations = data if isinstance(data, Observations) else normal_observations(data, control)
     chosen = _choose(family, observations.quantity)
     share = np.ones(observations.pressure.size)

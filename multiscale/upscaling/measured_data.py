@@ -437,6 +437,14 @@ def read_measured(
         for rows in split_loops(pressure):
             scale[rows] = scale[rows].max()
     half = columns.get("error", np.full(value.size, error)) * (scale if relative else 1.0)
+    largest = np.abs(value).max() if kind == "closure" else scale
+    if (above := np.flatnonzero(~(half < largest))).size:
+        k = int(above[0])
+        raise CaseError(
+            f"{path}, row {k + 1}: the error of {half[k]:.4g} {wanted['error']} is not below its "
+            f"value of {value[k]:.4g}, so that the row has no information; give error and value "
+            f"in their units"
+        )
     deviation = half / NORMAL
     nuisances = {}
     if kind == "closure":
@@ -509,6 +517,11 @@ def _refuse_loops(
         u, t, p = displacement[rows], shear[rows], list_pressures(pressure[rows][:1])
         if not (np.ptp(u) > 0.0 and np.ptp(t) > 0.0):
             raise CaseError(f"{path}, row {rows.start + 1}: nothing moves under {p}")
+        if np.diff(u) @ np.diff(t) < 0.0:
+            raise CaseError(
+                f"{path}, row {rows.start + 1}: under {p} the shear falls where the displacement "
+                f"rises; change the sign of one of both columns"
+            )
         middle = 0.5 * (u.max() + u.min()) / np.ptp(u)
         turned = any(len(terms) > 1 for terms in masing_terms(u))
         if not turned and abs(u[0]) > np.ptp(u):

@@ -161,7 +161,12 @@ def join_pressures(first: Dataset, second: Dataset) -> Dataset:
     order = np.argsort(both["nominal_pressure"].to_numpy(), kind="stable")
     both = both.isel(step=order).assign_coords(step=range(order.size))
     rest = first[[name for name in first if "step" not in first[name].dims]]
-    return rest.merge(both, combine_attrs="override")
+    lines = {
+        name: [line for data in (first, second) for line in data.attrs.get(name, "").splitlines()]
+        for name in ("cautions", "ended")
+    }
+    texts = {name: "\n".join(dict.fromkeys(each)) for name, each in lines.items() if each}
+    return rest.merge(both, combine_attrs="override").assign_attrs(texts)
 
 
 def loading_branch(response: Dataset) -> Dataset:

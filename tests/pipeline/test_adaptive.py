@@ -8,7 +8,8 @@ from multiscale.io import open_law
 from multiscale.macro.data_range import further_pressures
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.upscaling import law_from_dataset
-from tests.support import case_text, write_law, write_scene
+from multiscale.upscaling.response_observations import join_pressures
+from tests.support import case_text, response_of, write_law, write_scene
 
 DATA = (1e6, 8e6, 16e6)
 
@@ -25,6 +26,18 @@ DATA = (1e6, 8e6, 16e6)
 )
 def test_further_pressures_lie_beyond_the_ends_that_the_load_leaves(shares, limit, asked):
     assert further_pressures((*DATA[:2], limit), np.array(shares)) == pytest.approx(asked)
+
+
+def test_joined_branches_keep_the_cautions_and_ends_of_both():
+    p = np.array([1e6, 2e6, 4e6])
+    first, second = (
+        response_of(np.full((2, 3), 1e-6), p * factor).assign_attrs(cautions=text, ended=text)
+        for factor, text in ((1.0, "first\nboth"), (8.0, "both\nsecond"))
+    )
+    joined = join_pressures(first, second)
+    np.testing.assert_array_equal(joined["nominal_pressure"], [*p, *(8.0 * p)])
+    for name in ("cautions", "ended"):
+        assert joined.attrs[name] == "first\nboth\nsecond"
 
 
 def steel(pressures, way):
@@ -53,7 +66,9 @@ def test_adaptive_blocks_are_those_of_cells_at_all_pressures(ways):
     adaptive, whole = (results[way].macro_result for way in ("adaptive", "sequential"))
     for name in ("joint_stiffness", "mean_gap", "joint_stiffness_one_part"):
         np.testing.assert_allclose(adaptive[name], whole[name], rtol=1e-6)
-    assert "16 steps of cells, which all points share" in adaptive.attrs["cautions"]
+    steps = [results[way].micro_response["converged"].sum() for way in results]
+    counted = f"{int(steps[1] - steps[0])} steps of cells, which all points share"
+    assert counted in adaptive.attrs["cautions"]
     # the law of the case itself is left as it was
     assert results["adaptive"].interface_law.attrs["pressure_max"] == 80e6
 

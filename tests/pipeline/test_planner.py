@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.datasets import open_run
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
@@ -177,6 +177,21 @@ def test_a_refused_rung_ends_its_ladder():
     assert reached.state.setting["elements"] < 2
     with pytest.raises(CaseError, match="no such elements"):
         Synthetic(0, refused=-2).plan(0.05)
+
+
+def test_a_rung_without_an_answer_leaves_the_last_answer():
+    class Diverging(Synthetic):
+        def __call__(self, v, whole):
+            if v["elements"] >= self.refused:
+                raise ConvergenceError("the structure does not converge")
+            return super().__call__(v, whole)
+
+    lines = []
+    _, reached = Diverging(0, refused=0).plan(0.02, report=lines.append)
+    assert reached.state.setting["elements"] == -1
+    assert any("elements +0" in line or "does not converge" in line for line in lines)
+    with pytest.raises(ConvergenceError):
+        Diverging(0, refused=-2).plan(0.05)
 
 
 def test_a_refused_rung_does_not_end_other_ladders():

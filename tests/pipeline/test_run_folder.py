@@ -15,7 +15,7 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.verification import verify_run
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SCHEMAS
-from tests.support import SCENES
+from tests.support import SCENES, write_law
 
 
 @pytest.fixture
@@ -159,9 +159,25 @@ def test_a_realisation_computed_again_agrees_or_names_what_was_changed(folder, t
     write_dataset(changed, file, schema)
     with pytest.raises(ConvergenceError, match=r"differs by .* of the largest mean gap"):
         verify_run(folder)
+    changed = changed.assign(contact_fraction=0.0 * changed["contact_fraction"])
+    write_dataset(changed, file, schema)
+    with pytest.raises(ConvergenceError, match=r"differs by 1.0e\+00 of the largest contact"):
+        verify_run(folder)
     (tmp_path / "case.toml").write_text(read_text(SCENES / "cable_net.toml"))
     with pytest.raises(CaseError, match="its case has no cells"):
         verify_run(tmp_path)
+
+
+def test_a_structure_alone_is_not_another_run_of_its_folder(folder, tmp_path):
+    case = load_case(folder / "case.toml")
+    write_law(tmp_path / "law.nc")
+    part = case.from_structure(tmp_path / "law.nc")
+    with pytest.raises(CaseError, match="the cells of this case too, which --from structure"):
+        claim_folder(folder, part)
+    claim_folder(tmp_path, part)
+    (tmp_path / "macro_result.nc").touch()
+    with pytest.raises(CaseError, match="holds the run of this case --from structure"):
+        claim_folder(tmp_path, case)
 
 
 def test_a_run_whose_folder_another_run_takes_ends_in_a_sentence(folder, monkeypatch):

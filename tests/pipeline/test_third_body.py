@@ -10,7 +10,7 @@ from multiscale.pipeline import run, run_macro
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import at_speed, law_from_dataset
-from multiscale.upscaling.branches import sliding_friction_at
+from multiscale.upscaling.branches import sliding_friction_at, take_sliding_friction
 from tests.support import TWO_BLOCKS, case_of, joints_of
 
 GRAINS = """title = "Grains"
@@ -74,6 +74,18 @@ def test_layers_of_all_realisations_have_the_mean_volume_of_many_grains(tmp_path
     for radii in cells:
         assert np.mean(radii**3) == pytest.approx(np.mean(many**3), rel=3e-3)
     assert not np.allclose(cells[0], cells[1])
+
+
+def test_pressures_without_steady_shear_are_named_and_one_layer_has_no_scatter(tmp_path):
+    case = case_of(tmp_path, GRAINS)
+    response = synthetic(np.geomspace(5e2, 3e4, 8), 1e-3)
+    response["converged"][:, 0] = 0
+    response["converged"][1:, -1] = 0
+    law = THIRD_BODY_LAW.run(case, {"micro_response": response}, None)
+    assert "no layer slides steadily at 500 Pa, where the law" in law.attrs["cautions"]
+    taken = take_sliding_friction(at_speed(law, SPEED), 3e4)
+    assert "the shear of too few layers of grains at 0.03 MPa" in taken.attrs["cautions"]
+    assert "slide of one cell" not in taken.attrs["cautions"]
 
 
 @pytest.mark.parametrize("speed", [1e-6, 0.05, 0.5, 1e3])

@@ -24,7 +24,7 @@ from multiscale.upscaling.budget import (
     interval_errors,
     with_budget,
 )
-from multiscale.upscaling.calibration import HEIGHTS
+from multiscale.upscaling.calibration import HEIGHTS, _covariance_of_cells
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
 from multiscale.upscaling.measured_data import (
     BedCurve,
@@ -334,6 +334,19 @@ def test_contradictory_and_distant_data_are_refused(law, change, message):
         calibrate(law, change(table))
 
 
+def test_few_cells_add_their_scatter_where_all_samples_are_alike(law):
+    scatter = law.assign_attrs(n_control=64).assign(
+        cell_scatter=(("quantity", "load"), np.full((1, 3), 0.1), {"units": "1"}),
+        quantity=["stiffness"],
+    )
+    alike, other = (_covariance_of_cells(scatter, s * np.eye(2), 4.0) for s in (0.0, 2e-3))
+    np.testing.assert_allclose(alike, alike[0, 0])
+    assert other[0, 0] - 2e-3 == pytest.approx(alike[0, 0])
+    table = measure(stiffness(), interface(), np.random.default_rng(4))
+    with pytest.raises(CaseError, match="cells must be positive"):
+        calibrate(law, [table], cells=0.0)
+
+
 def test_a_law_that_is_certain_is_not_calibrated():
     plain = fit_branches(response_of(exponential_gaps(8, spread=0.1)), n_samples=0)
     with pytest.raises(CaseError, match="nothing of the law is uncertain"):
@@ -380,6 +393,11 @@ ROWS = "10, 20\n20, 30\n40, 50\n"
             "preload (MPa), displacement (um), shear (MPa)\n9, 4, 1\n9, 5, 2\n9, 6, 3\n",
             "the first loading under 9 MPa begins at 4e-06 m",
         ),
+        (
+            "loop",
+            "preload (MPa), displacement (um), shear (MPa)\n9, 0, 0\n9, 1, -2\n9, -1, 2\n",
+            "shear falls where the displacement rises; change the sign of one",
+        ),
         ("stiffness", "preload (MPa), stiffness (MPa/um), error (%)\n9, 4, 1\n", "stated too"),
     ],
 )
@@ -409,6 +427,15 @@ def test_a_table_needs_an_error_or_has_it_in_a_column(tmp_path):
         )
     file.write_text("preload (MPa), stiffness (MPa/um), error\n10, 20, 5\n")
     with pytest.raises(CaseError, match="a share of 5"):
+        read_measured(file, "stiffness")
+
+
+def test_an_error_above_its_value_is_of_another_unit(tmp_path):
+    file = tmp_path / "table.csv"
+    file.write_text("preload (MPa), stiffness (MPa/um), error (MPa/nm)\n9, 4, 0.001\n20, 8, 1\n")
+    with pytest.raises(
+        CaseError, match=r"row 2: the error of 1e\+15 Pa m-1 is not below its value"
+    ):
         read_measured(file, "stiffness")
 
 

@@ -71,8 +71,8 @@ def tensegrity_grid(
     (833, 4096)
     """
     m = n if m is None else m
-    if min(n, m) < 1:
-        raise CaseError(f"a grid needs at least one module along x and y, got {n} x {m}")
+    for count in (n, m):
+        require("modules along x and y", count, "[1, inf)", integer=True)
     for name, value in (("size", size), ("height", height)):
         require(f"{name} of a module", value, "(0, inf)", "m")
     require("prestress", prestress, "[0, inf)", "N")
@@ -156,8 +156,8 @@ def cable_net(
     ratio :math:`n^2 : m^2`.
     """
     m = n if m is None else m
-    if min(n, m) < 2:
-        raise CaseError(f"a net needs at least two meshes each way, got {n} x {m}")
+    for count in (n, m):
+        require("meshes along x and y", count, "[2, inf)", integer=True)
     for name, value in (("mesh", mesh), ("prestress", prestress)):
         require(name, value, "(0, inf)")
     y, x = (axis.ravel() for axis in np.mgrid[: m + 1, : n + 1])

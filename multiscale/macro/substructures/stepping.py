@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from multiscale.convergence import check_limits
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, require
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.monolithic import LinearSolver, factorise_joined
 from multiscale.macro.substructures.capacity import find_slide
@@ -170,6 +170,8 @@ class Method:
 
     def __post_init__(self) -> None:
         check_limits(self.tolerance, self.max_iterations)
+        for number in self.parts:
+            require("parts along an axis", number, "[1, inf)", integer=True)
 
     @property
     def coarse(self) -> bool:

@@ -84,7 +84,7 @@ class Asked:
         dataset, (value, ends) = datasets[self.stage.name], self.values(datasets)
         compared = self.stage.compared(dataset)
         if "step" in compared[self.name].dims and has_budget(compared):
-            dataset = compared  # of the steps of the answer, such as those of the first mode
+            dataset = compared  # with the budget at the steps of the answer, such as the first mode
         half_widths, biases = dict[str, np.ndarray](), dict[str, np.ndarray]()
         names = self.quantities(dataset)
         if not names and ends is not None:

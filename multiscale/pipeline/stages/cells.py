@@ -374,6 +374,9 @@ CELLS: Stage = Stage(
     run=_run,
     needs=_needs,
     prepare=case_cells.try_cells,
+    again=lambda case: run_ensemble(
+        case_cells.measured_cells(case, made=1)[0][:1], LoadPath(pressure=case.micro.path)
+    ),
     sections=_sections,
     work=count_cells,
     knobs=cell_knobs,

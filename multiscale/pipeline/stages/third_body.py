@@ -133,6 +133,9 @@ THIRD_BODY_CELLS = Stage(
     run=_run,
     needs=_needs,
     prepare=lambda case: case.third_body.steps(case.grains),
+    again=lambda case: MICRO_RESPONSE.build(
+        MICRO_RESPONSE.join([_shear(case, 0)], "realisation").values
+    ),
     folders=("micro",),
 )
 
