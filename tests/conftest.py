@@ -117,8 +117,8 @@ def text_run(once):
             show_run(folder / "out")
 
         folder = once(name, make, text)
-        found = open_finished(folder / "out").found
-        return load_case(folder / "scene.toml"), folder / "out", Results(found)
+        computed = open_finished(folder / "out").found
+        return load_case(folder / "scene.toml"), folder / "out", Results(computed)
 
     return finished
 

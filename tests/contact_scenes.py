@@ -156,9 +156,9 @@ def far_field(component, side, modulus, force, motion):
             v = side * tangent * x[0] * (z / rho**3 + (1.0 - 2.0 * nu) / (rho * (rho + z)))
             return u + v - (motion(time)[0] if side > 0 else 0.0)
         u = normal * x[component] * (z / rho**3 - (1.0 - 2.0 * nu) / (rho * (rho + z)))
-        own = 1.0 / rho + (1.0 - 2.0 * nu) / (rho + z) if component == 0 else 0.0
+        direct = 1.0 / rho + (1.0 - 2.0 * nu) / (rho + z) if component == 0 else 0.0
         cross = 1.0 / rho**3 - (1.0 - 2.0 * nu) / (rho * (rho + z) ** 2)
-        v = tangent * (own + x[0] * x[component] * cross)
+        v = tangent * (direct + x[0] * x[component] * cross)
         return u + v + (motion(time)[1] if side > 0 and component == 0 else 0.0)
 
     return displacement
@@ -393,8 +393,8 @@ def nested_rings(n, kind=MeshQuad):
 
         return traction
 
-    held = {"x": (None, 0.0), "y": (0.0, None)}
-    bodies = {name: Body(mesh, Elastic(1e9, 0.2), held) for name, mesh in meshes.items()}
+    fixed = {"x": (None, 0.0), "y": (0.0, None)}
+    bodies = {name: Body(mesh, Elastic(1e9, 0.2), fixed) for name, mesh in meshes.items()}
     bodies["outer"] = replace(bodies["outer"], tractions={"outside": (push(0), push(1))})
     contact = Contact(("outer", "inside"), ("inner", "outside"), fitted=True)
     step = solve_contact(FiniteAssembly(bodies, {"joint": contact}))[-1].unwrap()

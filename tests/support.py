@@ -195,16 +195,16 @@ def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
         blocks.append((facet, face.nodes[face.facets]))
         tags.append([tag] * len(face.facets))
         groups[name] = [tag, 2]
-    data = [np.array(one) for one in tags]
+    data = [np.array(entry) for entry in tags]
     meshio.Mesh(
         scale * mesh.p.T,
         blocks,
         cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
-        field_data={name: np.array(one) for name, one in groups.items()},
+        field_data={name: np.array(value) for name, value in groups.items()},
     ).write(path, file_format="gmsh22", binary=False)
 
 
-def joints_of(case, found=None):
+def joints_of(case, result=None):
     """Bodies of stacked blocks or a lap joint, and the law of every joint as these take it."""
     bodies = case.structure.as_bodies(case)
-    return bodies, bodies.read_laws(case, found or {}, lambda file, quick: open_law(file))
+    return bodies, bodies.read_laws(case, result or {}, lambda file, quick: open_law(file))

@@ -47,9 +47,9 @@ def test_a_run_that_lacks_answers_shows_what_it_has_and_ends_with_one(
     monkeypatch.setattr(sys, "argv", ["multiscale", *command, str(case), "-o", str(tmp_path)])
     with pytest.raises(SystemExit, match="1"):
         cli.main()
-    said = capsys.readouterr()
-    assert said.out.splitlines()[0] == "half"
-    assert said.err.splitlines()[-2:] == ["caution: few", "multiscale: Pores: no other step"]
+    output = capsys.readouterr()
+    assert output.out.splitlines()[0] == "half"
+    assert output.err.splitlines()[-2:] == ["caution: few", "multiscale: Pores: no other step"]
 
 
 def test_long_times_are_told_in_minutes_hours_and_days():
@@ -77,8 +77,8 @@ def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
 @pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["run", "-h"], ["cases"]])
 def test_what_is_asked_first_is_answered(arguments):
     done = run_python("from multiscale.__main__ import main; main()", *arguments)
-    said = {"--version": multiscale.__version__, "cases": "bolted_lap"}.get(arguments[0], "Usage")
-    assert said in done.stdout
+    text = {"--version": multiscale.__version__, "cases": "bolted_lap"}.get(arguments[0], "Usage")
+    assert text in done.stdout
 
 
 def test_a_table_of_measurements_is_fitted_and_predicts(monkeypatch, tmp_path, capsys):
@@ -91,9 +91,9 @@ def test_a_table_of_measurements_is_fitted_and_predicts(monkeypatch, tmp_path, c
     monkeypatch.setattr(sys, "argv", [*command, *at])
     with pytest.raises(SystemExit, match="0"):
         cli.main()
-    told, cautions = capsys.readouterr()
-    rows = [line.split() for line in told.splitlines()]
-    assert told.startswith("exponential: 2 specimens at 6 pressures, error at unseen pressures")
+    output, cautions = capsys.readouterr()
+    rows = [line.split() for line in output.splitlines()]
+    assert output.startswith("exponential: 2 specimens at 6 pressures, error at unseen pressures")
     assert rows[3][:3] == ["3", "6", "unknown"]
     assert "100 MPa lie outside the data; the law extrapolates" in cautions
     assert "2 realisations are too few for a band of 95 %" in cautions
@@ -114,7 +114,7 @@ def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("pressures", "said"),
+    ("pressures", "sentence"),
     [
         (1, "needs 3 pressures or more, got 1"),
         (2, "needs 3 pressures or more, got 2"),
@@ -122,7 +122,7 @@ def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
     ],
 )
 def test_few_measurements_are_fitted_or_refused_in_a_sentence(
-    pressures, said, monkeypatch, tmp_path, capsys
+    pressures, sentence, monkeypatch, tmp_path, capsys
 ):
     rows = [f"{2.0**k},{3.0 * 1.5**k}" for k in range(pressures)]
     file = tmp_path / "runs.csv"
@@ -132,7 +132,7 @@ def test_few_measurements_are_fitted_or_refused_in_a_sentence(
     )
     with pytest.raises(SystemExit):
         cli.main()
-    assert said in "".join(capsys.readouterr())
+    assert sentence in "".join(capsys.readouterr())
 
 
 @pytest.mark.parametrize(
@@ -159,6 +159,6 @@ def test_a_part_of_a_case_has_its_stages_only(command, case, option, stages, lef
     ],
 )
 def test_a_part_that_a_case_has_not_is_refused(command, options, sentence):
-    status, _, told = command("run", "ground_steel", *options)
+    status, _, output = command("run", "ground_steel", *options)
     assert status == 1
-    assert sentence in told
+    assert sentence in output

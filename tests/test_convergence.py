@@ -41,11 +41,15 @@ SOLVERS = [
 @pytest.mark.parametrize("tolerance", [-1.0, 0.0, 1.0, np.nan])
 def test_a_solver_refuses_a_tolerance_that_is_no_share(solve, tolerance):
     arguments = signature(solve).parameters.values()
-    missing = [one for one in arguments if one.default is one.empty and one.name != "tolerance"]
+    missing = [
+        argument
+        for argument in arguments
+        if argument.default is argument.empty and argument.name != "tolerance"
+    ]
     with pytest.raises(CaseError, match="tolerance is relative and must lie between 0 and 1"):
         solve(
-            *(None for one in missing if one.kind is not one.KEYWORD_ONLY),
-            **{one.name: None for one in missing if one.kind is one.KEYWORD_ONLY},
+            *(None for item in missing if item.kind is not item.KEYWORD_ONLY),
+            **{item.name: None for item in missing if item.kind is item.KEYWORD_ONLY},
             tolerance=tolerance,
         )
 

@@ -47,24 +47,24 @@ ELSEWHERE = (
 
 def blocks(language):
     """Blocks of a language by the heading above them, numbered where there are several."""
-    found = {}
+    results = {}
     for section in "".join(PAGES.values()).split("\n## ")[1:]:
         title, *parts = section.split(f"```{language}\n")
         for k, part in enumerate(parts):
             name = title.splitlines()[0] + (f", {k + 1}" if k else "")
-            found[name] = part.split("```")[0]
-    return found
+            results[name] = part.split("```")[0]
+    return results
 
 
 def commands():
     """Command lines, each once, those that take long even if quick marked as slow."""
     lines = "".join(blocks("bash").values()).splitlines()
-    found = [line.split(" && ")[-1].split("#")[0].strip() for line in lines]
-    found = [line for line in found if "bin/multiscale" in line]  # others install
+    results = [line.split(" && ")[-1].split("#")[0].strip() for line in lines]
+    results = [line for line in results if "bin/multiscale" in line]  # others install
     # in sentences those that are whole, with their files
     within = re.findall(r"`(multiscale [^`]+)`", "".join(PAGES.values()))
-    found += [line for line in within if re.search(r"\.\w|--help|cases", line)]
-    for command in dict.fromkeys(found):
+    results += [line for line in within if re.search(r"\.\w|--help|cases", line)]
+    for command in dict.fromkeys(results):
         if any(name in command for name in ELSEWHERE):
             continue
         slow = [pytest.mark.slow] if any(name in command for name in SLOW) else []

@@ -23,8 +23,8 @@ ROWS = [
 @cache
 def names_of(*modules):
     """All names of some modules; of two alike, the one of the first."""
-    found = [import_module(module) for module in reversed(modules)]
-    return {name: getattr(module, name) for module in found for name in dir(module)}
+    results = [import_module(module) for module in reversed(modules)]
+    return {name: getattr(module, name) for module in results for name in dir(module)}
 
 
 @pytest.mark.parametrize(("table", "call"), ROWS)

@@ -44,7 +44,7 @@ def write_voxels(path, filled, volumes=None, *, size=(1.0, 1.0, 1.0), move=None)
     used = np.unique(cells)
     renumber = np.full(len(points), -1)
     renumber[used] = np.arange(len(used))
-    tags = [one.astype(int) for one in tags]
+    tags = [entry.astype(int) for entry in tags]
     mesh = meshio.Mesh(
         points[used],
         [(kind, renumber[data]) for kind, data in blocks],
@@ -63,9 +63,9 @@ def square(axis, side):
     """Corners of a face of the unit voxel, in cyclic order."""
     corners = []
     for a, b in ((0, 0), (1, 0), (1, 1), (0, 1)):
-        one = np.zeros(3, dtype=int)
-        one[axis], one[(axis + 1) % 3], one[(axis + 2) % 3] = side, a, b
-        corners.append(one)
+        total = np.zeros(3, dtype=int)
+        total[axis], total[(axis + 1) % 3], total[(axis + 2) % 3] = side, a, b
+        corners.append(total)
     return corners
 
 

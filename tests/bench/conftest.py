@@ -21,10 +21,10 @@ def in_this_process(monkeypatch):
 def stored(tmp_path):
     """Write a dataset, draw what is read again, and return that."""
 
-    def store(found, least_bytes):
-        write_dataset(found, tmp_path / "found.nc", WORK_PRECISION)
-        again = open_dataset(tmp_path / "found.nc", WORK_PRECISION)
-        picture = draw_work_precision(again, tmp_path / "found.png")
+    def store(result, least_bytes):
+        write_dataset(result, tmp_path / "result.nc", WORK_PRECISION)
+        again = open_dataset(tmp_path / "result.nc", WORK_PRECISION)
+        picture = draw_work_precision(again, tmp_path / "result.png")
         assert picture.stat().st_size > least_bytes
         return again
 

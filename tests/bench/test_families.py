@@ -40,21 +40,21 @@ OPEN = ("micro", "nonsmooth")
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_smallest_form_of_a_family_leaves_a_dataset_and_a_figure(command, tmp_path, family):
-    status, said, _ = command("bench", family, "-o", tmp_path, "--quick")
+    status, output, _ = command("bench", family, "-o", tmp_path, "--quick")
     assert status == 0
-    found = open_dataset(tmp_path / f"{family}.nc", WORK_PRECISION)
-    methods = set(found["method"].values)
+    dataset = open_dataset(tmp_path / f"{family}.nc", WORK_PRECISION)
+    methods = set(dataset["method"].values)
     assert methods == METHODS.get(family, methods)
-    error, converged = found["error"].values, found["converged"].values == 1
-    assert converged[found["method"].str.startswith("multiscale")].all()
+    error, converged = dataset["error"].values, dataset["converged"].values == 1
+    assert converged[dataset["method"].str.startswith("multiscale")].all()
     assert family in OPEN or converged.all()
     if family in LARGEST:
         assert np.isfinite(error[converged]).any()
         assert np.nanmax(error[converged]) < LARGEST[family]
     if family != "nonsmooth":  # whose runs share a process
-        assert np.all(found["peak_memory"].values[converged] > 2e7)
-    assert found.attrs["title"] in said
-    assert "load of the machine" in said
+        assert np.all(dataset["peak_memory"].values[converged] > 2e7)
+    assert dataset.attrs["title"] in output
+    assert "load of the machine" in output
     assert (tmp_path / f"{family}.png").stat().st_size > 1000
 
 
@@ -80,8 +80,8 @@ def test_grains_follow_their_closed_forms_to_first_order_of_the_step(scene, comp
 @pytest.mark.parametrize("scene", LIMIT_SCENES)
 def test_a_kernel_is_measured_beside_a_copy_of_its_bytes(scene, monkeypatch):
     monkeypatch.setattr(cell_scenes, "LEAST", 1e-3)
-    found = measure_kernel(scene, 34)
-    assert min(found[name] for name in ("over_copy", "wall_time", "operations")) > 0.0
+    result = measure_kernel(scene, 34)
+    assert min(result[name] for name in ("over_copy", "wall_time", "operations")) > 0.0
     arrays = 1 if scene == "compliance of a flat cell" else 3 * cell_scenes.LAYERS
     precision = 4 if scene.endswith("single precision") else 8
-    assert found["bytes_moved"] >= 2 * precision * 34 * 34 * arrays  # in and out
+    assert result["bytes_moved"] >= 2 * precision * 34 * 34 * arrays  # in and out

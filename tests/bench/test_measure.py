@@ -72,11 +72,11 @@ def test_a_family_that_is_killed_leaves_its_finished_scenes():
             yield judge([run(scene, "d", float, answer, warm=(answer,))], 2.0, 0.5)
         raise KeyboardInterrupt
 
-    kept = []
+    stored = []
     with pytest.raises(KeyboardInterrupt):
-        measured(scenes, keep=kept.append)
-    assert [list(found["scene"].values) for found in kept] == [["a"], ["a", "b"]]
-    np.testing.assert_array_equal(kept[-1]["error"], [0.0, 0.5])
+        measured(scenes, keep=stored.append)
+    assert [list(item["scene"].values) for item in stored] == [["a"], ["a", "b"]]
+    np.testing.assert_array_equal(stored[-1]["error"], [0.0, 0.5])
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -88,11 +88,11 @@ def test_rows_without_a_variable_have_none_and_methods_that_are_left_out_are_nam
         rows[1] |= {"error": 4.0, "converged": 1, "history": np.full((2, 2), 2.0)}
         yield rows
 
-    found = measured(scenes)
-    np.testing.assert_array_equal(found["error"], [np.nan, 4.0])
-    np.testing.assert_array_equal(found["converged"], [0, 1])
-    np.testing.assert_array_equal(found["history_run"], [1, 1])
-    assert found.attrs["cautions"] == "d is left out because it is not installed"
+    quantity = measured(scenes)
+    np.testing.assert_array_equal(quantity["error"], [np.nan, 4.0])
+    np.testing.assert_array_equal(quantity["converged"], [0, 1])
+    np.testing.assert_array_equal(quantity["history_run"], [1, 1])
+    assert quantity.attrs["cautions"] == "d is left out because it is not installed"
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
@@ -175,12 +175,12 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(command, tmp_path,
         return family_of([0.04], [1.0])
 
     monkeypatch.setattr("multiscale.bench.bench", fail)
-    status, said, told = command("bench", "chain", "grains", "laws", "-o", tmp_path)
+    status, output, printed = command("bench", "chain", "grains", "laws", "-o", tmp_path)
     assert status == 1
-    assert "the family chain failed: no points" in told
-    assert "ValueError: no grains" in told
-    assert told.endswith("2 of 3 families failed: chain, grains\n")
-    assert "load of the machine: 1.5 processes before and 0.25 after, on 2 cores" in said
+    assert "the family chain failed: no points" in printed
+    assert "ValueError: no grains" in printed
+    assert printed.endswith("2 of 3 families failed: chain, grains\n")
+    assert "load of the machine: 1.5 processes before and 0.25 after, on 2 cores" in output
     assert (tmp_path / "laws.png").exists()
     joined = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
     assert list(joined["family"].values) == ["laws"]

@@ -86,14 +86,14 @@ def test_the_boundary_element_codes_agree():
     pytest.importorskip("ContactMechanics")
     surface = rough(64, 0.1, 1)
     for pressure in (0.02, 0.3):
-        one, other = (
+        first, other = (
             solve(surface, pressure * 1e8, 1e9)
             for solve in (press_with_tamaas, press_with_contact_mechanics)
         )
-        assert one.converged
+        assert first.converged
         assert other.converged
-        assert one.mean_gap == pytest.approx(other.mean_gap, rel=1e-4)
-        assert one.contact_fraction == pytest.approx(other.contact_fraction, abs=1e-3)
+        assert first.mean_gap == pytest.approx(other.mean_gap, rel=1e-4)
+        assert first.contact_fraction == pytest.approx(other.contact_fraction, abs=1e-3)
 
 
 def test_all_grids_sample_the_same_surface():
@@ -120,21 +120,21 @@ def odd_codes(monkeypatch):
 @pytest.mark.usefixtures("in_this_process", "odd_codes")
 def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     lines = []
-    found = bench("micro", quick=True, report=lines.append)
-    assert found.attrs["cautions"] == (
+    result = bench("micro", quick=True, report=lines.append)
+    assert result.attrs["cautions"] == (
         "absent is left out because it is not installed; pip install 'multiscale-contact[bench]'"
     )
-    assert found.attrs["versions"].startswith(f"multiscale {__version__}")
-    assert len(lines) == found.sizes["run"] == 6
-    np.testing.assert_array_equal(found["converged"], [1, 1, 1, 1, 1, 0])
-    assert np.isfinite(found["error"][:5]).all()
-    assert np.isnan(found["error"][5])
-    assert np.isnan(found["own_error"][3:]).all()  # no limit without the finest grid
-    assert np.isnan(found["error_uncertainty"]).all()  # nothing checks the one limit there is
-    assert np.all(np.diff(found["error"][:3]) < 0.0)
-    head, rows = tabulate_runs(found)
+    assert result.attrs["versions"].startswith(f"multiscale {__version__}")
+    assert len(lines) == result.sizes["run"] == 6
+    np.testing.assert_array_equal(result["converged"], [1, 1, 1, 1, 1, 0])
+    assert np.isfinite(result["error"][:5]).all()
+    assert np.isnan(result["error"][5])
+    assert np.isnan(result["own_error"][3:]).all()  # no limit without the finest grid
+    assert np.isnan(result["error_uncertainty"]).all()  # nothing checks the one limit there is
+    assert np.all(np.diff(result["error"][:3]) < 0.0)
+    head, rows = tabulate_runs(result)
     assert [len(row) for row in rows] == 6 * [len(head)]
     assert "not converged" in rows[5]
 
-    again = stored(found, 10_000)
-    np.testing.assert_array_equal(again["method"], found["method"])
+    again = stored(result, 10_000)
+    np.testing.assert_array_equal(again["method"], result["method"])

@@ -29,8 +29,8 @@ def case(family, tolerance=1e-6, **parameters):
 
 def test_the_table_names_599_different_cases_of_families_that_exist():
     cases = read_cases()
-    assert len({(one.family, one.parameters) for one in cases}) == len(cases) == 599
-    assert tuple(dict.fromkeys(one.family for one in cases)) == STABILITY_FAMILIES
+    assert len({(case.family, case.parameters) for case in cases}) == len(cases) == 599
+    assert tuple(dict.fromkeys(case.family for case in cases)) == STABILITY_FAMILIES
     for family in STABILITY_FAMILIES:
         assert callable(getattr(stability_cases, family))
 
@@ -79,19 +79,19 @@ def families(monkeypatch):
 def test_only_a_verified_answer_has_converged_and_only_a_sentence_refuses(
     family, outcome, sentence
 ):
-    found = solve_case(case(family))
-    assert stability.OUTCOMES[found.outcome] == outcome
-    assert found.sentence == sentence
+    entry = solve_case(case(family))
+    assert stability.OUTCOMES[entry.outcome] == outcome
+    assert entry.sentence == sentence
 
 
 def test_a_process_that_dies_fails_alone(monkeypatch):
     cases = [case("wedge", coefficient=mu) for mu in (0.3, "no number", 1.5)]
     monkeypatch.setattr(stability, "solve_case", _die_without_number)
-    found = check_stability(cases, jobs=1)
-    STABILITY.check(found)
-    np.testing.assert_array_equal(found["outcome"], [2, 0, 2])
-    assert found["sentence"].values[1] == "its process died"
-    head, rows = tabulate_stability(found)
+    result = check_stability(cases, jobs=1)
+    STABILITY.check(result)
+    np.testing.assert_array_equal(result["outcome"], [2, 0, 2])
+    assert result["sentence"].values[1] == "its process died"
+    head, rows = tabulate_stability(result)
     assert head == ("family", "cases", "converged", "refused", "failed", "largest residual")
     assert rows[-1][:5] == ("all", "3", "2", "0", "1")
 
@@ -100,36 +100,36 @@ def test_what_is_found_is_kept_after_every_case(monkeypatch, tmp_path):
     cases = [case("wedge", coefficient=mu) for mu in (0.3, 0.6, 1.5)]
     monkeypatch.setattr(stability, "solve_case", _die_without_number)
 
-    def keep(found):
-        write_dataset(found, tmp_path / "stability.nc", STABILITY)
-        if found.sizes["case"] == 2:
+    def keep(result):
+        write_dataset(result, tmp_path / "stability.nc", STABILITY)
+        if result.sizes["case"] == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         check_stability(cases, keep=keep)
-    kept = open_dataset(tmp_path / "stability.nc", STABILITY)
-    assert list(kept["parameters"].values) == ["coefficient = 0.3", "coefficient = 0.6"]
-    assert kept.attrs["cases"] == 3
+    dataset = open_dataset(tmp_path / "stability.nc", STABILITY)
+    assert list(dataset["parameters"].values) == ["coefficient = 0.3", "coefficient = 0.6"]
+    assert dataset.attrs["cases"] == 3
 
 
 def test_every_case_runs_on_one_thread_since_others_run_beside_it(monkeypatch):
     monkeypatch.setattr(stability, "solve_case", _count_threads)
-    found = check_stability([case("wedge", coefficient=mu) for mu in (0.3, 0.6)], jobs=2)
-    np.testing.assert_array_equal(found["residual"], 1.0)
+    result = check_stability([case("wedge", coefficient=mu) for mu in (0.3, 0.6)], jobs=2)
+    np.testing.assert_array_equal(result["residual"], 1.0)
 
 
 def _count_threads(_one):
     return Outcome(2, float(thread_count()), 0.1)
 
 
-def _die_without_number(one):
-    if isinstance(dict(one.parameters)["coefficient"], str):
+def _die_without_number(item):
+    if isinstance(dict(item.parameters)["coefficient"], str):
         os._exit(1)
     return Outcome(2, 1e-9, 0.1)
 
 
 @pytest.mark.parametrize(
-    "one",
+    "entry",
     [
         case("structure", 1e-8, bar_over_cable=1e6, prestress=1e-6, load_factor=1000.0),
         case("motion", 1e-8, bar_over_cable=1e6, prestress=1.0, step=0.1),
@@ -170,11 +170,11 @@ def _die_without_number(one):
         case("pile", 1e-8, spheres=8, mass_ratio=1e4, coefficient=0.5),
         case("bounce", 1e-12, friction=0.0, restitution=1.0, step=4e-3),
     ],
-    ids=lambda one: one.family,
+    ids=lambda item: item.family,
 )
-def test_an_extreme_case_of_a_family_converges(one):
-    found = solve_case(one)
-    assert found.outcome == 2, found.sentence
+def test_an_extreme_case_of_a_family_converges(entry):
+    outcome = solve_case(entry)
+    assert outcome.outcome == 2, outcome.sentence
 
 
 def change(place, name, factor):
@@ -182,15 +182,15 @@ def change(place, name, factor):
     solve = resolve_name(place)
 
     def wrong(*arguments, **options):
-        found = solve(*arguments, **options)
-        if isinstance(found, xr.Dataset):
-            found = found.copy(deep=True)
-            value = found[name].values
+        result = solve(*arguments, **options)
+        if isinstance(result, xr.Dataset):
+            result = result.copy(deep=True)
+            value = result[name].values
             value[len(value) // 3 :] *= factor
-            return found
-        value = np.array(getattr(found, name), dtype=float)
+            return result
+        value = np.array(getattr(result, name), dtype=float)
         value[len(value) // 3 :] *= factor
-        return replace(found, **{name: value})
+        return replace(result, **{name: value})
 
     return wrong
 
@@ -240,14 +240,14 @@ SCENES = {
 def test_a_wrong_answer_of_any_step_fails(monkeypatch, scene, solver, name, factor):
     family = scene.split()[-1]
     monkeypatch.setattr(f"multiscale.{solver}", change(f"multiscale.{solver}", name, factor))
-    tolerance = next(one.tolerance for one in read_cases() if one.family == family)
-    found = solve_case(case(family, tolerance, **SCENES[scene]))
-    assert stability.OUTCOMES[found.outcome] == "failed"
+    tolerance = next(entry.tolerance for entry in read_cases() if entry.family == family)
+    outcome = solve_case(case(family, tolerance, **SCENES[scene]))
+    assert stability.OUTCOMES[outcome.outcome] == "failed"
 
 
 def test_the_command_leaves_the_matrix_and_fails_with_its_cases(command, tmp_path):
     file = tmp_path / "matrix.nc"
-    status, said, _ = command("stability", "wedge", "-o", file)
+    status, output, _ = command("stability", "wedge", "-o", file)
     assert status == 0
-    assert {"largest", "residual"} <= set(said.split())
+    assert {"largest", "residual"} <= set(output.split())
     assert open_dataset(file, STABILITY).sizes["case"] == 4

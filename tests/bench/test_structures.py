@@ -43,8 +43,8 @@ def test_the_verifier_finds_the_force_out_of_balance(grid, answer):
     wrong = answer.tension.copy()
     wrong[5] += 1e-3 * np.abs(wrong).max()
     unbalanced = np.abs(compatibility(grid).T @ (wrong - answer.tension)).max()
-    found = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
-    assert found == pytest.approx(unbalanced / 160.0, rel=1e-6)  # the load is 4 x 40 N
+    result = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
+    assert result == pytest.approx(unbalanced / 160.0, rel=1e-6)  # the load is 4 x 40 N
 
 
 def test_the_verifier_finds_balanced_tensions_that_miss_the_link_law(grid, answer):
@@ -52,9 +52,9 @@ def test_the_verifier_finds_balanced_tensions_that_miss_the_link_law(grid, answe
     module[:16] = self_stress(free_module())[0]
     assert np.abs(compatibility(grid).T @ module).max() < 1e-12
     wrong = answer.tension + 100.0 * module
-    found = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
+    result = verify(grid, 4.0, GridAnswer(wrong, answer.displacement, 0, 0))
     expected = 100.0 * np.abs(module).max() / np.abs(wrong).max()
-    assert found == pytest.approx(expected, rel=1e-6)
+    assert result == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_answer_of_nan_is_not_verified(grid, answer):

@@ -45,9 +45,9 @@ def test_elastic_elements_are_those_of_the_scalar_forms(kind):
     elements = prepare_elements(mesh)
     law = Elastic(2.0, 0.3)
     rest = law.initial_state(elements.weight.shape)
-    found = element_response(elements, law, np.zeros(elements.size), rest)[1]
+    response = element_response(elements, law, np.zeros(elements.size), rest)[1]
     expected = elastic_matrix(displacement_basis(mesh, mesh.elem()), Elastic(2.0, 0.3))
-    assert abs(found - expected).max() < 1e-13
+    assert abs(response - expected).max() < 1e-13
 
 
 @pytest.mark.parametrize("kind", MESHES)
@@ -81,10 +81,10 @@ def test_an_incompressible_body_does_not_lock(kind):
     tips = []
     for nu in (0.3, 0.4999):
         shear = {"right": (*(0.0,) * (d - 1), 1e-4)}
-        held = {"left": (0.0,) * d}
+        fixed = {"left": (0.0,) * d}
         if d == 3:  # plane strain
-            held |= {"front": (None, 0.0, None), "back": (None, 0.0, None)}
-        body = Body(mesh, Elastic(1.0 - nu**2, nu), held, shear)
+            fixed |= {"front": (None, 0.0, None), "back": (None, 0.0, None)}
+        body = Body(mesh, Elastic(1.0 - nu**2, nu), fixed, shear)
         step = solve_contact(FiniteAssembly({"beam": body}))[-1].unwrap()
         tips.append(step.displacement["beam"][-1].max())
     assert tips[1] == pytest.approx(tips[0], rel=0.05)

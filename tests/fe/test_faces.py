@@ -27,11 +27,11 @@ def test_facets_look_outwards_and_their_nodes_share_the_area():
 def surfaces(d, kinds, seed):
     """Two flat surfaces that overlap in part, turned in space."""
     low = np.zeros(d)
-    one = block(kinds[0], (3, 4, 1)[-d:], low, np.ones(d))
+    body = block(kinds[0], (3, 4, 1)[-d:], low, np.ones(d))
     high = np.full(d, 1.3)
     two = block(kinds[1], (4, 3, 1)[-d:], low + 0.2, high)
-    top, bottom = face_of(one, "top"), face_of(two, "bottom")
-    x1, x2 = one.p.T[top.nodes].copy(), two.p.T[bottom.nodes].copy()
+    top, bottom = face_of(body, "top"), face_of(two, "bottom")
+    x1, x2 = body.p.T[top.nodes].copy(), two.p.T[bottom.nodes].copy()
     x1[:, -1], x2[:, -1] = 0.0, 0.1
     turn = Rotation.random(random_state=seed).as_matrix() if d == 3 else rotation_2d(seed)
     return top.facets, bottom.facets, x1 @ turn.T, x2 @ turn.T

@@ -91,8 +91,8 @@ def test_the_strain_energy_of_a_plate_is_half_the_work_of_its_load(tmp_path):
     )
     problem = cut_assembly(Assembly((plate,)), (2, 2))
     solved = solve_latin(problem, np.array([1.0, 2.0]))
-    found = add_body_fields(solved, [plate])
-    write_body_fields(found, tmp_path)
+    result = add_body_fields(solved, [plate])
+    write_body_fields(result, tmp_path)
     for step, factor in enumerate((1.0, 2.0)):
         mesh = meshio.read(tmp_path / f"bodies-{step:04d}.vtu")
         load = factor * problem.sum_up([part.load[:, 0] for part in problem.substructures])

@@ -37,17 +37,17 @@ def entries(path):
 
 
 def test_the_collection_names_every_file_at_its_load_factor_or_time(result, tmp_path):
-    found = entries(write_link_fields(result, tmp_path, name="a & b"))
-    assert found == [(0.0, "a & b-0000.vtu"), (1.0, "a & b-0001.vtu"), (40.0, "a & b-0002.vtu")]
-    assert all((tmp_path / name).is_file() for _, name in found)
+    outcome = entries(write_link_fields(result, tmp_path, name="a & b"))
+    assert outcome == [(0.0, "a & b-0000.vtu"), (1.0, "a & b-0001.vtu"), (40.0, "a & b-0002.vtu")]
+    assert all((tmp_path / name).is_file() for _, name in outcome)
     motion = simulate(tensegrity_grid(2), np.array([0.0, 0.25, 0.5]), 1.0)
     assert [at for at, _ in entries(write_link_fields(motion, tmp_path))] == [0.0, 0.25, 0.5]
 
 
 def test_load_factors_that_fall_are_numbered(tmp_path):
     there_and_back = solve_static(tensegrity_grid(1), [0.0, 1.0, 0.0])
-    found = entries(write_link_fields(there_and_back, tmp_path))
-    assert [at for at, _ in found] == [0.0, 1.0, 2.0]
+    result = entries(write_link_fields(there_and_back, tmp_path))
+    assert [at for at, _ in result] == [0.0, 1.0, 2.0]
 
 
 def test_a_result_without_links_is_refused(result, tmp_path):

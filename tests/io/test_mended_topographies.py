@@ -40,16 +40,16 @@ def zipped(path, members, folder=""):
 
 
 def same(path, heights, **given):
-    found = open_topography(path, **given)
-    np.testing.assert_allclose(found.heights, heights, rtol=1e-6, atol=1e-15)
-    assert found.size == pytest.approx(SIZE, rel=1e-6)
+    topography = open_topography(path, **given)
+    np.testing.assert_allclose(topography.heights, heights, rtol=1e-6, atol=1e-15)
+    assert topography.size == pytest.approx(SIZE, rel=1e-6)
 
 
 def listed(members, heights):
     """An X3P file with its data in the index, a missing one as an empty tag."""
     data = "".join(
-        "<Datum/>" if np.isnan(one) else f"<Datum>{one!r}</Datum>"
-        for one in heights.T.ravel().tolist()
+        "<Datum/>" if np.isnan(value) else f"<Datum>{value!r}</Datum>"
+        for value in heights.T.ravel().tolist()
     )
     text = members["main.xml"].decode()
     begin, end = text.index("<DataLink>"), text.index("</DataLink>") + len("</DataLink>")
@@ -80,9 +80,9 @@ def test_a_truemap_file_is_read_with_a_comment_of_any_length(tmp_path, heights, 
 def text_of(heights, missing, step=(1.0, 1.0)):
     """Lines of column, row and height in nm, without those that are undefined if missing is ''."""
     return "".join(
-        f"{step[0] * i:g} {step[1] * j:g} {missing if np.isnan(one) else repr(1e9 * float(one))}\n"
-        for (j, i), one in np.ndenumerate(heights.T)
-        if missing or np.isfinite(one)
+        f"{step[0] * i:g} {step[1] * j:g} {missing if np.isnan(z) else repr(1e9 * float(z))}\n"
+        for (j, i), z in np.ndenumerate(heights.T)
+        if missing or np.isfinite(z)
     )
 
 
@@ -110,23 +110,23 @@ def test_scattered_points_and_three_columns_are_refused(tmp_path):
 
 
 def test_a_damaged_file_has_the_reason_of_its_reader(tmp_path, x3p):
-    for said, old, new in (
+    for sentence, old, new in (
         ("CX AxisType is not 'I'", b"<AxisType>I<", b"<AxisType>R<"),
         ("'Record3' not found", b"Record3", b"Record5"),
     ):
         damaged = x3p | {"main.xml": x3p["main.xml"].replace(old, new)}
-        with pytest.raises(CaseError, match=f"reader of XML 3D surface profile .*{said}"):
+        with pytest.raises(CaseError, match=f"reader of XML 3D surface profile .*{sentence}"):
             open_topography(zipped(tmp_path / "damaged.x3p", damaged))
 
 
 @pytest.mark.parametrize(
     ("ending", "write"),
     [
-        pytest.param("nc", lambda one, path: one.to_netcdf(path), id="NetCDF"),
-        pytest.param("gwy", lambda one, path: one.to_gwy(path), id="Gwyddion"),
-        pytest.param("txt", lambda one, path: one.to_matrix(path), id="text"),
-        pytest.param("x3p", lambda one, path: one.to_x3p(path, dtype="L"), id="X3P of integers"),
-        pytest.param("x3p", lambda one, path: one.to_x3p(path, dtype="F"), id="X3P of floats"),
+        pytest.param("nc", lambda item, path: item.to_netcdf(path), id="NetCDF"),
+        pytest.param("gwy", lambda item, path: item.to_gwy(path), id="Gwyddion"),
+        pytest.param("txt", lambda item, path: item.to_matrix(path), id="text"),
+        pytest.param("x3p", lambda item, path: item.to_x3p(path, dtype="L"), id="X3P of integers"),
+        pytest.param("x3p", lambda item, path: item.to_x3p(path, dtype="F"), id="X3P of floats"),
     ],
 )
 def test_what_surface_topography_writes_is_read(tmp_path, heights, ending, write):
@@ -151,6 +151,6 @@ FIELD = {
 @pytest.mark.parametrize("name", FIELD)
 def test_files_of_the_field_are_read(reference_data, name):
     points, given = FIELD[name]
-    found = open_topography(reference_data / "field" / name, **given)
-    assert found.heights.shape == points
-    assert np.isfinite(found.heights).mean() > 0.5
+    topography = open_topography(reference_data / "field" / name, **given)
+    assert topography.heights.shape == points
+    assert np.isfinite(topography.heights).mean() > 0.5

@@ -22,7 +22,7 @@ DECK = text_of("deck.inp")
 
 def deck(nodes=CUBE, text=DECK):
     """A deck with the nodes of the cube from 1 to 8."""
-    rows = [f"{k}, " + ", ".join(f"{x:g}" for x in one) for k, one in enumerate(nodes, start=1)]
+    rows = [f"{k}, " + ", ".join(f"{x:g}" for x in node) for k, node in enumerate(nodes, start=1)]
     return text.format(nodes="\n".join(rows))
 
 
@@ -90,8 +90,8 @@ def test_exponents_of_fortran_are_read(tmp_path):
         ("D", deck().replace("30, 0.5, 0.5, 3.", "30, 5D-1, .5d0, 3.")),
     ):
         (tmp_path / f"{name}.inp").write_text(text)
-    found = [load_mesh(tmp_path / f"{name}.inp", volume="Tip").p for name in "ED"]
-    np.testing.assert_array_equal(*found)
+    results = [load_mesh(tmp_path / f"{name}.inp", volume="Tip").p for name in "ED"]
+    np.testing.assert_array_equal(*results)
 
 
 def test_a_deck_that_includes_itself_is_refused(tmp_path):
@@ -114,7 +114,7 @@ def test_a_mesh_with_two_kinds_of_solids_needs_a_volume(tmp_path):
         load_mesh(tmp_path / "block.inp")
     with pytest.raises(CaseError, match=r"no volume 'Cap' is named.*kinds of elements hexa"):
         load_mesh(tmp_path / "block.inp", volume="Cap")
-    named, kind = (load_mesh(tmp_path / "block.inp", volume=one) for one in ("Tip", "tetra"))
+    named, kind = (load_mesh(tmp_path / "block.inp", volume=name) for name in ("Tip", "tetra"))
     np.testing.assert_array_equal(named.p, kind.p)
     assert sorted(named.boundaries) == sorted(kind.boundaries)
 
@@ -330,8 +330,8 @@ FIELD = [
 
 @pytest.mark.parametrize(("name", "volume", "faces"), FIELD)
 def test_a_mesh_of_another_program_names_its_faces(reference_data, name, volume, faces):
-    found = load_mesh(reference_data / "field" / name, volume=volume).boundaries
-    assert faces == {face: len(found[face]) for face in faces}
+    boundaries = load_mesh(reference_data / "field" / name, volume=volume).boundaries
+    assert faces == {face: len(boundaries[face]) for face in faces}
 
 
 @pytest.mark.parametrize(

@@ -83,8 +83,8 @@ def test_plane_is_removed_unless_told_otherwise(tmp_path, heights):
 
 def test_undefined_points_are_refused_with_their_number_and_share(tmp_path, heights):
     heights[2, 1:4] = np.nan
-    said = r"3 of 30 points \(10.00%\) are undefined; set fill_undefined"
-    with pytest.raises(CaseError, match=said):
+    sentence = r"3 of 30 points \(10.00%\) are undefined; set fill_undefined"
+    with pytest.raises(CaseError, match=sentence):
         read_surface(write_text(tmp_path / "map.txt", heights))
 
 
@@ -250,9 +250,9 @@ def written(numbers, separator, comma, mark):
 def test_a_matrix_is_read_whatever_separates_its_numbers(tmp_path, heights, separator, comma, mark):
     path = tmp_path / "matrix.txt"
     path.write_bytes(written(heights.T, separator, comma, mark))
-    found = read_surface(path, size=(12e-6, 5e-6), unit=1e-9, detrend_order=0)
-    assert found.size == (12e-6, 5e-6)
-    np.testing.assert_allclose(found.heights, 1e-9 * (heights - heights.mean()), atol=1e-14)
+    surface = read_surface(path, size=(12e-6, 5e-6), unit=1e-9, detrend_order=0)
+    assert surface.size == (12e-6, 5e-6)
+    np.testing.assert_allclose(surface.heights, 1e-9 * (heights - heights.mean()), atol=1e-14)
 
 
 @pytest.mark.parametrize(("separator", "comma"), [(" ", "."), (",", "."), (";", ","), ("\t", ",")])
@@ -260,9 +260,9 @@ def test_points_x_y_z_and_line_scans_are_read_with_their_unit(tmp_path, heights,
     points = [(0.5 * i, 0.25 * j, heights[i, j]) for i in range(6) for j in range(5)]
     path = tmp_path / "points.txt"
     path.write_bytes(written(points, separator, comma, False))
-    found = open_topography(path, unit=1e-6)
-    assert found.size == pytest.approx((3e-6, 1.25e-6))
-    np.testing.assert_allclose(found.heights, 1e-6 * heights, atol=1e-11)
+    topography = open_topography(path, unit=1e-6)
+    assert topography.size == pytest.approx((3e-6, 1.25e-6))
+    np.testing.assert_allclose(topography.heights, 1e-6 * heights, atol=1e-11)
     path.write_bytes(
         written([(0.5 * k, h) for k, h in enumerate(heights.ravel())], separator, comma, True)
     )
@@ -283,7 +283,9 @@ def test_a_unit_that_the_file_gives_is_not_told_twice(tmp_path, heights):
 
 def test_channels_that_are_no_heights_are_listed_and_refused(reference_data):
     file = reference_data / "topography" / "di-3.di"
-    assert [one.split(":")[1].split(",")[0].strip() for one in open_topography(file).channels] == [
+    assert [
+        channel.split(":")[1].split(",")[0].strip() for channel in open_topography(file).channels
+    ] == [
         "height",
         "other",
         "other",

@@ -20,18 +20,18 @@ def press(law, approach, state=None):
     jump = np.zeros((3, np.size(approach)))
     jump[0] = -np.ravel(approach)
     state = np.zeros((law.n_state, jump.shape[1])) if state is None else state
-    found = law.respond(jump, state)
-    return -found.traction[0], found.tangent[0, 0], found.state
+    response = law.respond(jump, state)
+    return -response.traction[0], response.tangent[0, 0], response.state
 
 
 def test_elastic_asperities_of_exponential_heights_carry_the_closed_form():
     """eta E* sqrt(pi R) s^1.5 exp(-g/s), by the integral of Greenwood and Williamson."""
     s, density = 1e-6, 1e9
     z = np.linspace(0.0, 30.0 * s, 6001)
-    one = Asperities(*class_densities(z, np.exp(-z / s), density, 6001), **STEEL)
+    law = Asperities(*class_densities(z, np.exp(-z / s), density, 6001), **STEEL)
     gap = np.array([0.0, 1e-6, 3e-6])
-    expected = density * one.contact_modulus * np.sqrt(np.pi * one.radius) * s**1.5
-    p, K, _ = press(AsperityLaw(one), -gap)
+    expected = density * law.contact_modulus * np.sqrt(np.pi * law.radius) * s**1.5
+    p, K, _ = press(AsperityLaw(law), -gap)
     np.testing.assert_allclose(p, expected * np.exp(-gap / s), rtol=2e-5)
     np.testing.assert_allclose(K, p / s, rtol=1e-4)
 
@@ -47,10 +47,10 @@ def test_an_asperity_follows_hertz_until_it_yields_and_then_carries_less():
 
 def test_the_plastic_force_is_that_of_the_reference_implementation():
     """At 2, 10 and 100 times the approach at yield, by tmdsimpy 17d5fc3 for Re = 1.36493 mm."""
-    one = replace(ONE, radius=1.36493e-3)
+    changed = replace(ONE, radius=1.36493e-3)
     times = np.array([2.0053, 10.0, 100.0])
     np.testing.assert_allclose(
-        one.ratio(times * one.yield_approach), [1.0, 0.820394047, 0.470356522], atol=2e-5
+        changed.ratio(times * changed.yield_approach), [1.0, 0.820394047, 0.470356522], atol=2e-5
     )
 
 
@@ -72,8 +72,8 @@ def test_a_loop_of_loading_and_unloading_loses_work():
     path = np.concatenate([np.linspace(0.0, top, 400), np.linspace(top, 0.0, 400)])
     state, p = None, []
     for d in path:
-        one, _, state = press(law, d, state)
-        p.append(float(one[0]))
+        first, _, state = press(law, d, state)
+        p.append(float(first[0]))
     loading, unloading = np.trapezoid(p[:400], path[:400]), -np.trapezoid(p[400:], path[400:])
     assert 0.2 * loading < unloading < 0.9 * loading
 
@@ -84,7 +84,9 @@ def test_shaken_down_the_stiffness_is_the_same_on_both_sides_of_the_preload():
     state = law.at_rest(jump)
     frozen, step = law.shaken_down(), np.array([[1e-12], [0.0], [0.0]])
     p, K = -law.respond(jump, state).traction[0, 0], law.respond(jump, state).tangent[0, 0]
-    back, forth = (-one.respond(jump - step, state).traction[0, 0] for one in (law, frozen))
+    back, forth = (
+        -single_law.respond(jump - step, state).traction[0, 0] for single_law in (law, frozen)
+    )
     assert (forth - p) / 1e-12 == pytest.approx(float(K[0]), rel=1e-5)
     assert (back - p) / 1e-12 < 0.9 * K[0]  # the flowing law is softer
     np.testing.assert_array_equal(frozen.respond(jump - step, state).state[0], state[0])
@@ -98,13 +100,13 @@ def test_stiffness_without_slip_is_mindlins_and_full_slip_is_coulombs():
     kappa = 2.0 * 0.7 / 1.7
     np.testing.assert_allclose(tangent[1, 1], kappa * tangent[0, 0], rtol=1e-12)
     slid = jump + np.array([[0.0], [6e-5], [8e-5]])
-    found = law.respond(slid, state)
-    p = -found.traction[0]
-    np.testing.assert_allclose(found.traction[1:], FRICTION * p * np.array([[0.6], [0.8]]))
+    response = law.respond(slid, state)
+    p = -response.traction[0]
+    np.testing.assert_allclose(response.traction[1:], FRICTION * p * np.array([[0.6], [0.8]]))
     np.testing.assert_allclose(law.slipping_load(slid, state), 1.0)
     np.testing.assert_array_equal(law.slipping_load(jump, state), 0.0)
     np.testing.assert_array_equal(
-        law.respond(slid, law.unsheared(found.state)).traction[1:], np.zeros((2, 2))
+        law.respond(slid, law.unsheared(response.state)).traction[1:], np.zeros((2, 2))
     )
 
 

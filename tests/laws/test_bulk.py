@@ -62,8 +62,8 @@ def test_a_tensor_answers_with_all_its_entries():
     H = np.random.default_rng(seed=5).normal(size=(3, 3))
     strain = np.array([H[0, 0], H[1, 1], H[2, 2], H[1, 2] + H[2, 1], H[0, 2] + H[2, 0]])
     stress = C @ np.append(strain, H[0, 1] + H[1, 0])
-    found = respond_bulk(law, np.eye(3) + H, np.empty(0)).stress
-    np.testing.assert_allclose(found, stress[[[0, 5, 4], [5, 1, 3], [4, 3, 2]]], rtol=1e-12)
+    entry = respond_bulk(law, np.eye(3) + H, np.empty(0)).stress
+    np.testing.assert_allclose(entry, stress[[[0, 5, 4], [5, 1, 3], [4, 3, 2]]], rtol=1e-12)
     # both parts of the energy are convex, so that no element gains from a change of volume
     shape = C - law.lame * np.pad(np.ones((3, 3)), (0, 3))
     assert law.lame >= 0.0

@@ -111,12 +111,12 @@ def test_the_tangent_is_the_derivative_of_the_traction(place):
 def test_the_resolvent_is_on_the_law_and_on_the_direction(place, softer, ratio):
     k = softer * place.k * np.array([[1.0], [0.5], [ratio]])
     source = place.law.respond(place.jump, place.state).traction + k * place.jump
-    found = place.law.resolvent(source, k * np.ones_like(source), place.state)
-    traction = place.law.respond(found, place.state).traction
-    scale = np.abs(traction) + k * np.abs(found) + np.abs(source)
+    response = place.law.resolvent(source, k * np.ones_like(source), place.state)
+    traction = place.law.respond(response, place.state).traction
+    scale = np.abs(traction) + k * np.abs(response) + np.abs(source)
     scale = np.maximum(scale, scale.max(axis=1, keepdims=True) * (place.law.n_state > 0))
     least = 1e-10 if place.law.n_state else 1e-12
-    assert np.all(np.abs(traction + k * found - source) <= least * scale)
+    assert np.all(np.abs(traction + k * response - source) <= least * scale)
 
 
 @pytest.mark.parametrize("place", POINTWISE, ids=list(PLACES)[:-1])
@@ -135,8 +135,8 @@ def test_arrays_keep_their_shape_and_arguments_their_values(place, shape):
     assert place.law.sliding(jump, state).stored.shape == shape
     assert place.law.at_rest(jump).shape == (place.law.n_state, *shape)
     k = np.full(jump.shape, 10.0 * place.k)
-    found = place.law.resolvent(response.traction + k * jump, k, state)
-    np.testing.assert_allclose(found, jump, rtol=1e-6, atol=1e-9 * np.abs(place.jump).max())
+    answer = place.law.resolvent(response.traction + k * jump, k, state)
+    np.testing.assert_allclose(answer, jump, rtol=1e-6, atol=1e-9 * np.abs(place.jump).max())
     np.testing.assert_array_equal(jump, before[0])
     np.testing.assert_array_equal(state, before[1])
 
@@ -169,20 +169,20 @@ def test_gap_at_inverts_the_pressure_over_twelve_decades(law):
 @pytest.mark.parametrize("stiffness", [1e-9, 1.0, 1e9])
 def test_resolvent_finds_its_way_from_any_source(law, source, stiffness):
     b = np.full((3, 1), source)
-    found = law.resolvent(b, stiffness, np.zeros((0, 1)))
-    t = law.respond(found, np.zeros((0, 1))).traction
-    scale = np.abs(t) + np.abs(b) + stiffness * np.abs(found)
-    assert np.all(np.abs(t + stiffness * found - b) <= 1e-9 * scale)
-    np.testing.assert_allclose(found[1:], b[1:] / stiffness)
+    response = law.resolvent(b, stiffness, np.zeros((0, 1)))
+    t = law.respond(response, np.zeros((0, 1))).traction
+    scale = np.abs(t) + np.abs(b) + stiffness * np.abs(response)
+    assert np.all(np.abs(t + stiffness * response - b) <= 1e-9 * scale)
+    np.testing.assert_allclose(response[1:], b[1:] / stiffness)
 
 
 @pytest.mark.parametrize("source", [-1e-30, -1.0, 0.0, 1e-9])
 def test_resolvent_pushes_surfaces_apart_that_start_deep_inside_each_other(source):
     law = Exponential(pressure_scale=1.0, decay_length=1e-3, gap=-0.1)
-    found = law.resolvent(np.array([source, 0.0]), 1e-8, np.empty(0))
-    t = law.respond(found, np.empty(0)).traction[0]
-    assert found[0] > 0.09
-    assert t + 1e-8 * found[0] == pytest.approx(source, rel=1e-9, abs=1e-17)
+    response = law.resolvent(np.array([source, 0.0]), 1e-8, np.empty(0))
+    t = law.respond(response, np.empty(0)).traction[0]
+    assert response[0] > 0.09
+    assert t + 1e-8 * response[0] == pytest.approx(source, rel=1e-9, abs=1e-17)
 
 
 @pytest.mark.parametrize("length", [1e-9, 1e3], ids=["nm", "km"])
@@ -192,8 +192,8 @@ def test_resolvent_knows_no_absolute_scale(length):
     plain = ConvexDecreasing(SIGNED.knot, SIGNED.coefficient)
     source = np.array([[-0.7, -0.1, 0.2], [0.1, 0.0, 0.3]])
     expected = plain.resolvent(source, 0.5, np.empty((0, 3)))
-    found = law.resolvent(source * pressure, 0.5 * pressure / length, np.empty((0, 3)))
-    np.testing.assert_allclose(found / length, expected, rtol=1e-9)
+    response = law.resolvent(source * pressure, 0.5 * pressure / length, np.empty((0, 3)))
+    np.testing.assert_allclose(response / length, expected, rtol=1e-9)
 
 
 class Repelling(InterfaceLaw):

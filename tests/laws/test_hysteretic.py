@@ -79,8 +79,8 @@ def test_recovery_inverts_the_unloading_branch(law):
     branch = law.branch(peak)
     gap = law.loading.gap - branch.gap + law.recovery(pressure, peak)
     jump = np.vstack([gap - law.loading.gap, 0.0 * gap])
-    found = -branch.respond(jump, np.zeros((0, 13))).traction[0]
-    np.testing.assert_allclose(found, pressure, atol=1e-12)
+    computed = -branch.respond(jump, np.zeros((0, 13))).traction[0]
+    np.testing.assert_allclose(computed, pressure, atol=1e-12)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -92,19 +92,19 @@ def test_a_shaken_down_law_is_the_unloading_branch_on_both_sides(law):
     jump = np.zeros((3, 40))
     jump[0] = law.loading.gap_at(np.where(peak > 0.0, peak, 1.0)) - law.loading.gap
     here = jump + np.array([[1.0], [0.0], [0.0]]) * random.uniform(-0.1, 0.05, 40)
-    found = shaken.respond(here, state)
+    response = shaken.respond(here, state)
     branch = law.branch(np.where(peak > 0.0, peak, 1.0)).respond(here, state)
     first = law.loading.respond(here, state)
     expected = np.where(peak > 0.0, branch.traction, first.traction)
-    np.testing.assert_allclose(found.traction, expected, rtol=1e-12)
-    np.testing.assert_array_equal(found.state, state)
+    np.testing.assert_allclose(response.traction, expected, rtol=1e-12)
+    np.testing.assert_array_equal(response.state, state)
     step = np.array([[1e-7], [0.0], [0.0]]) * np.ones(40)
     slope = (
         shaken.respond(here + step, state).traction - shaken.respond(here - step, state).traction
     )
-    np.testing.assert_allclose(found.tangent[0, 0], slope[0] / 2e-7, rtol=1e-5)
-    source = found.traction + 2.0 * here
+    np.testing.assert_allclose(response.tangent[0, 0], slope[0] / 2e-7, rtol=1e-5)
+    source = response.traction + 2.0 * here
     np.testing.assert_allclose(shaken.resolvent(source, 2.0, state), here, atol=1e-8)
     beyond = (peak > 0.0) & (law.respond(here, state).state[0] > peak)
     assert beyond.any()  # where the law itself would load on
-    assert np.all(first.traction[0, beyond] != found.traction[0, beyond])
+    assert np.all(first.traction[0, beyond] != response.traction[0, beyond])

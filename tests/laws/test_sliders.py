@@ -217,8 +217,8 @@ def test_shear_that_is_held_falls_once_when_the_pressure_swings_and_never_again(
     law, shear = bed(slabs=slabs), 0.5 * MU * 0.2e-6 / KAPPA
     pressure = np.array([1.9e7, 2e7, 2.5e7, 3e7])
     _, state = pressed(law, pressure, np.zeros(4))
-    held, _ = pressed(law, pressure, np.full(4, shear))
-    first = law.respond(held, state)
+    fixed, _ = pressed(law, pressure, np.full(4, shear))
+    first = law.respond(fixed, state)
     state, left = first.state, []
     for _ in range(100):
         for swing in (0.9, 1.1, 1.0):
@@ -248,13 +248,13 @@ def test_springs_pressed_while_they_are_sheared_keep_all_the_work_of_shear():
     law = bed(friction=1e3)
     low, high = (float(NORMAL.gap_at(np.array(p))) for p in (1e7, 3e7))
     path = np.array([[low, 1e-9], [high, 1e-9], [high, 4e-9], [high, 9e-9]])
-    state, found = law.at_rest(np.array([[low], [0.0], [0.0]])), []
+    state, computed = law.at_rest(np.array([[low], [0.0], [0.0]])), []
     for gap, shear in path:
         jump = np.array([[gap], [shear], [0.0]])
         account = law.sliding(jump, state)
-        found.append((float(law.respond(jump, state).traction[1, 0]), float(account.stored[0])))
+        computed.append((float(law.respond(jump, state).traction[1, 0]), float(account.stored[0])))
         state = account.state
-    traction, stored = np.array(found[1:]).T
+    traction, stored = np.array(computed[1:]).T
     work = 0.5 * (traction[1:] + traction[:-1]) * np.diff(path[1:, 1])
     np.testing.assert_allclose(np.diff(stored), work, rtol=1e-9)
 
@@ -267,8 +267,8 @@ def test_what_turns_the_path_turns_the_traction():
     turned[1:], other[-2:] = turn @ jump[1:], turn @ state[-2:]
     first, second = (slice(k * law.slabs, (k + 1) * law.slabs) for k in (0, 1))
     other[first], other[second] = np.tensordot(turn, np.stack([state[first], state[second]]), 1)
-    one, two = (law.respond(*item).traction for item in ((jump, state), (turned, other)))
-    np.testing.assert_allclose(two[1:], turn @ one[1:], atol=1e-9 * np.abs(one).max())
+    single, two = (law.respond(*item).traction for item in ((jump, state), (turned, other)))
+    np.testing.assert_allclose(two[1:], turn @ single[1:], atol=1e-9 * np.abs(single).max())
 
 
 def test_the_share_that_slips_is_the_load_of_the_springs_that_do():
@@ -285,8 +285,8 @@ def test_in_one_direction_the_resolvent_is_the_root_between_sorted_corners():
     jump, state = walked(law, seed=5)
     jump[2], state[-1], state[8:16] = 0.0, 0.0, 0.0
     source = law.respond(jump, state).traction + k * jump
-    found = law.resolvent(source, k, state)
-    assert np.all(found[2] == 0.0)
+    response = law.resolvent(source, k, state)
+    assert np.all(response[2] == 0.0)
     for c in range(0, jump.shape[1], 10):
 
         def force(x, c=c):
@@ -297,7 +297,7 @@ def test_in_one_direction_the_resolvent_is_the_root_between_sorted_corners():
         for _ in range(200):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if force(middle) < source[1, c] else (low, middle)
-        assert found[1, c] == pytest.approx(high, rel=1e-9, abs=1e-19)
+        assert response[1, c] == pytest.approx(high, rel=1e-9, abs=1e-19)
 
 
 def test_without_friction_it_is_the_normal_law():
@@ -336,13 +336,13 @@ def test_metal_that_springs_back_has_the_bed_of_its_branch():
             law.respond(jump, state) for law, state in zip((metal, elastic), states, strict=True)
         ]
         states = [response.state for response in responses]
-        one, two = (response.traction for response in responses)
-        np.testing.assert_allclose(one, two, atol=1e-9 * peak)
+        first, two = (response.traction for response in responses)
+        np.testing.assert_allclose(first, two, atol=1e-9 * peak)
 
 
 def test_a_bed_needs_no_pressures_where_its_law_has_data():
-    one, two = Sliders(SPLINE, MU), Sliders(SPLINE, MU, pressures=(LOW, HIGH))
+    first, two = Sliders(SPLINE, MU), Sliders(SPLINE, MU, pressures=(LOW, HIGH))
     jump, state = walked(two)
     np.testing.assert_array_equal(
-        one.respond(jump, state).traction, two.respond(jump, state).traction
+        first.respond(jump, state).traction, two.respond(jump, state).traction
     )

@@ -58,19 +58,19 @@ def whole():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_finds_the_same_path(method, whole):
-    found = solve_assembly(blocks(), STEPS, method=method)
-    assert found.converged.values.all()
-    assert set(whole) <= set(found)
+    result = solve_assembly(blocks(), STEPS, method=method)
+    assert result.converged.values.all()
+    assert set(whole) <= set(result)
     size = float(abs(whole.displacement).max())
-    np.testing.assert_allclose(found.displacement, whole.displacement, atol=1e-6 * size)
+    np.testing.assert_allclose(result.displacement, whole.displacement, atol=1e-6 * size)
     place = ("point_joint", "point_position")
     orders = [
-        np.lexsort(np.column_stack([one[name].values for name in place]).round(9).T)
-        for one in (found, whole)
+        np.lexsort(np.column_stack([item[name].values for name in place]).round(9).T)
+        for item in (result, whole)
     ]
     for name in ("traction", "jump"):
         mine, theirs = (
-            one[name].values[:, order] for one, order in zip((found, whole), orders, strict=True)
+            item[name].values[:, order] for item, order in zip((result, whole), orders, strict=True)
         )
         np.testing.assert_allclose(mine, theirs, atol=1e-6 * np.abs(theirs).max(), err_msg=name)
 
@@ -100,13 +100,13 @@ def test_parts_share_a_platen_that_tilts(method, element):
     joint, assembly = tilting(element=element)
     pressures = np.array([5e6, 10e6])
     expected = press_blocks(joint, JOINT_LAW, pressures)
-    found = solve_assembly(assembly, pressures, method=method)
-    assert found.converged.values.all()
-    gap = found.jump.values[..., 0] @ found.point_area.values / joint.area
+    result = solve_assembly(assembly, pressures, method=method)
+    assert result.converged.values.all()
+    gap = result.jump.values[..., 0] @ result.point_area.values / joint.area
     np.testing.assert_allclose(gap, expected.mean_gap, rtol=1e-8)
-    plate = np.isclose(found.position[:, 2], joint.upper.height)
-    x, y = found.position.values[plate, :2].T
-    moved = found.displacement.values[:, plate, 2]
+    plate = np.isclose(result.position[:, 2], joint.upper.height)
+    x, y = result.position.values[plate, :2].T
+    moved = result.displacement.values[:, plate, 2]
     plane = np.column_stack([np.ones(x.size), x, y])
     tilt = np.linalg.lstsq(plane, moved.T)[0]
     np.testing.assert_allclose(plane @ tilt, moved.T, rtol=1e-9)
@@ -119,19 +119,19 @@ def test_a_body_rubs_on_the_ground_however_it_is_cut(method):
     law = Sliders(Exponential(1e6, 5e-5), 0.3, pressures=(1e3, 1e6))
     tread = sliding_block(TreadBlock((0.03, 0.02, 0.008), 4e6, 0.3, (4, 2, 1)), law)
     pressures = np.array([1e5, 2e5])
-    once, found = (
-        solve_assembly(tread, pressures, method=one) for one in (AssembledNewton(), method)
+    once, computed = (
+        solve_assembly(tread, pressures, method=entry) for entry in (AssembledNewton(), method)
     )
     size = float(abs(once.displacement).max())
-    np.testing.assert_allclose(found.displacement, once.displacement, atol=1e-7 * size)
-    load = -found.traction.values[..., 0] @ found.point_area.values
+    np.testing.assert_allclose(computed.displacement, once.displacement, atol=1e-7 * size)
+    load = -computed.traction.values[..., 0] @ computed.point_area.values
     np.testing.assert_allclose(load, pressures * 0.03 * 0.02, rtol=1e-7)
 
 
 def test_unknowns_and_displacements_of_nodes_tell_the_same():
     problem = cut_assembly(tilting()[1], (2, 1))
     u = np.random.default_rng(0).normal(size=(2, problem.n))
-    moved = np.array([problem.displacement(one) for one in u])
+    moved = np.array([problem.displacement(component) for component in u])
     np.testing.assert_allclose(problem.unknowns(moved), u, atol=1e-12)
     # a plate that tilts moves as the body does: to turn both about the axis y takes no force
     upper = problem.substructures[3]  # without the pins

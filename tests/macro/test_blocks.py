@@ -47,8 +47,8 @@ def face_unknowns(basis, boundary):
 
 def held_and_free(basis):
     scalar = basis.get_dofs().all()
-    held = np.concatenate([3 * scalar + i for i in range(3)])
-    return held, np.setdiff1d(np.arange(3 * basis.N), held)
+    fixed = np.concatenate([3 * scalar + i for i in range(3)])
+    return fixed, np.setdiff1d(np.arange(3 * basis.N), fixed)
 
 
 @pytest.mark.parametrize(
@@ -68,10 +68,10 @@ def test_a_linear_displacement_is_exact_on_a_distorted_mesh(element):
     basis = displacement_basis(mesh, element)
     gradient = np.random.default_rng(seed=4).normal(size=(3, 3))
     exact = (gradient @ basis.doflocs).T.ravel()
-    held, free = held_and_free(basis)
+    fixed, free = held_and_free(basis)
     K = elastic_matrix(basis, Elastic(E, NU))
     u = exact.copy()
-    u[free] = spsolve(K[free][:, free].tocsc(), -K[free][:, held] @ exact[held])
+    u[free] = spsolve(K[free][:, free].tocsc(), -K[free][:, fixed] @ exact[fixed])
     np.testing.assert_allclose(u, exact, atol=1e-13 * np.abs(exact).max())
 
 
@@ -139,8 +139,8 @@ def test_the_matrix_of_an_isotropic_tensor_is_that_of_its_moduli(mesh):
     C[:3, :3] += LAME
     basis = displacement_basis(mesh, mesh.elem())
     expected = elastic_matrix(basis, Elastic(E, NU))
-    found = elastic_matrix(basis, AnisotropicElastic(C))
-    assert abs(found - expected).max() < 1e-13 * abs(expected).max()
+    matrix = elastic_matrix(basis, AnisotropicElastic(C))
+    assert abs(matrix - expected).max() < 1e-13 * abs(expected).max()
 
 
 def test_a_stack_of_two_materials_has_the_stiffness_of_springs_in_series():
@@ -152,8 +152,8 @@ def test_a_stack_of_two_materials_has_the_stiffness_of_springs_in_series():
     top, bottom = 3 * face_unknowns(basis, "top") + 2, 3 * face_unknowns(basis, "bottom") + 2
     corner = face_unknowns(basis, "bottom")[[0, 2]]
     plane = [3 * corner[0], 3 * corner[0] + 1, 3 * corner[1] + 1]  # 3-2-1 support
-    held = np.concatenate([plane, bottom, top])
-    free = np.setdiff1d(np.arange(3 * basis.N), held)
+    fixed = np.concatenate([plane, bottom, top])
+    free = np.setdiff1d(np.arange(3 * basis.N), fixed)
     u = np.zeros(3 * basis.N)
     u[top] = -1.0
     u[free] = spsolve(K[free][:, free].tocsc(), -(K @ u)[free])
@@ -165,9 +165,9 @@ def test_a_stack_of_two_materials_has_the_stiffness_of_springs_in_series():
 @pytest.mark.parametrize("element", [ElementHex1(), ElementHex2()], ids=["hex8", "hex27"])
 def test_faces_of_two_blocks_are_numbered_alike(element):
     size, elements = (0.03, 0.07), (3, 5)
-    one = displacement_basis(box_mesh((*size, 0.01), (*elements, 2)), element)
+    basis = displacement_basis(box_mesh((*size, 0.01), (*elements, 2)), element)
     two = displacement_basis(box_mesh((*size, 0.2), (*elements, 3), origin=(0, 0, 0.01)), element)
-    x = one.doflocs[:, face_unknowns(one, "top")]
+    x = basis.doflocs[:, face_unknowns(basis, "top")]
     np.testing.assert_allclose(x, two.doflocs[:, face_unknowns(two, "bottom")], atol=1e-15)
     assert np.unique(np.round(x, 9), axis=1).shape == x.shape
 
@@ -180,7 +180,7 @@ def test_incompatible_modes_leave_even_strain_and_rigid_motions_as_they_are(law)
     moved = 0.1 * np.random.default_rng(0).uniform(-1.0, 1.0, mesh.p.shape)
     basis = displacement_basis(replace(mesh, doflocs=mesh.p + moved))
     share = np.linspace(0.5, 1.0, mesh.t.shape[1])
-    K, less = (one(basis, law, share) for one in (elastic_matrix, mode_stiffness))
+    K, less = (item(basis, law, share) for item in (elastic_matrix, mode_stiffness))
     x, y, z = basis.doflocs
     even = np.stack([x + 2.0 * y, 0.5 * z - x, y + 3.0 * z], axis=1).ravel()
     np.testing.assert_allclose(less @ even, 0.0, atol=1e-12)

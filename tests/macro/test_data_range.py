@@ -51,9 +51,9 @@ def test_an_even_preload_is_known_up_to_a_factor_of_two_outside_the_data(law):
     np.testing.assert_array_equal(sampled, result["known"] == 1)
     assert "at 3 of 7 steps, first at step 0 with the preload 900 kPa" in result.attrs["cautions"]
     assert np.isfinite(result["solid_stiffness"]).all()  # no law enters it
-    kept = press_joint(joint(), law, PRELOADS, extrapolate=True)
-    assert float(kept["mean_gap"][-1]) < 0.0  # what the law extrapolates at 5 GPa
-    np.testing.assert_array_equal(kept["known"], result["known"])
+    outcome = press_joint(joint(), law, PRELOADS, extrapolate=True)
+    assert float(outcome["mean_gap"][-1]) < 0.0  # what the law extrapolates at 5 GPa
+    np.testing.assert_array_equal(outcome["known"], result["known"])
 
 
 def test_an_eccentric_joint_counts_the_load_of_its_edge():

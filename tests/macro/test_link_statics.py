@@ -199,8 +199,10 @@ def test_any_prestress_ends_at_round_off(share):
 
 def without(system, link):
     """Cut a link; the others keep their relaxed lengths, so the prestress is not balanced."""
-    kept = np.delete(np.arange(system.n_links), link)
-    shorter = {name: getattr(system, name)[kept] for name in ("ends", "kind", "prestress", "group")}
+    stored = np.delete(np.arange(system.n_links), link)
+    shorter = {
+        name: getattr(system, name)[stored] for name in ("ends", "kind", "prestress", "group")
+    }
     return replace(system, **shorter, balanced=False)
 
 
@@ -432,9 +434,9 @@ def test_a_nearly_straight_cable_sags_as_its_links_say(links, strain):
     x = np.linspace(0.0, span, links + 1)
     position = np.stack([x, 0.0 * x, -4e-3 * x * (span - x) / span**2], axis=1)
     weight = strain * rigidity / links
-    held = {0: ALL, links: ALL} | {node: [1] for node in range(1, links)}
+    fixed = {0: ALL, links: ALL} | {node: [1] for node in range(1, links)}
     load = dict.fromkeys(range(1, links), (0.0, 0.0, -weight))
-    cable = structure(position, chain(links), Cable(rigidity), held=held, load=load)
+    cable = structure(position, chain(links), Cable(rigidity), held=fixed, load=load)
     result = solve_static(cable, [0.5, 1.0], exact=True)
     assert np.all(result.converged == 1)
     length = np.linalg.norm(np.diff(position, axis=0), axis=1)

@@ -132,10 +132,10 @@ def test_a_table_and_a_line_mesh_build_the_same_structure():
         point_sets={"base": [0, 1, 2, 3]},
     )
     lines = system_from_mesh(named_mesh(mesh), laws, supports=("base",), load=(0.0, 0.0, 70.0))
-    one, other = solve_static(table), solve_static(lines)
-    assert one.converged == 1
-    np.testing.assert_allclose(one.tension, other.tension)
-    np.testing.assert_allclose(one.displacement, other.displacement)
+    first, other = solve_static(table), solve_static(lines)
+    assert first.converged == 1
+    np.testing.assert_allclose(first.tension, other.tension)
+    np.testing.assert_allclose(first.displacement, other.displacement)
 
 
 def test_physical_groups_of_gmsh_name_laws_and_supports():
@@ -177,10 +177,10 @@ def test_results_follow_the_schema_with_and_without_steps():
     MACRO_RESULT.check(steps)
     assert steps.tension.dims == ("step", "link")
     assert list(steps.component.values) == ["x", "y", "z"]
-    one = solve_static(tensegrity_grid(2))
-    assert one.tension.dims == one.slack.dims == ("link",)
-    assert one.displacement.dims == ("node", "component")
-    np.testing.assert_allclose(one.tension, steps.tension.sel(step=1), rtol=1e-9)
+    result = solve_static(tensegrity_grid(2))
+    assert result.tension.dims == result.slack.dims == ("link",)
+    assert result.displacement.dims == ("node", "component")
+    np.testing.assert_allclose(result.tension, steps.tension.sel(step=1), rtol=1e-9)
 
 
 def test_a_strut_carries_what_a_cable_cannot():

@@ -82,12 +82,12 @@ def test_the_solution_minimises_the_energy(law, small_joint):
         traction = law.respond(jump, np.zeros((0, w.size))).traction
         return unit * (K @ x) + B.T @ (w * traction).ravel() - PRESSURE * load
 
-    found = minimize(energy, u / unit + 0.3, jac=gradient, method="BFGS", options={"gtol": 1e-7})
+    optimum = minimize(energy, u / unit + 0.3, jac=gradient, method="BFGS", options={"gtol": 1e-7})
     # differences of the energy are exact to its round-off, and independent of every derivative
     for direction in np.random.default_rng(seed=5).normal(size=(20, u.size)):
         for step in (0.3, -0.3):
             assert energy(u / unit + step * direction) > energy(u / unit)
-    np.testing.assert_allclose(unit * found.x, u, atol=1e-5 * np.abs(u).max())
+    np.testing.assert_allclose(unit * optimum.x, u, atol=1e-5 * np.abs(u).max())
 
 
 def test_the_residual_that_is_returned_is_that_of_the_solution(small_joint):

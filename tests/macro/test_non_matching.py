@@ -45,18 +45,18 @@ def blocks(below, above, *, top, sides=0.0, nu=0.3, size=EDGE, law=LAW):
 )
 def test_even_pressure_and_even_shear_pass_the_patch_test(elements):
     pressure, shear = 20e6, 3e6
-    found = solve_assembly(
+    result = solve_assembly(
         blocks(*elements, top=(shear, 0.0, -pressure), sides=shear, nu=0.0), [0.4, 1.0]
     )
-    assert found.converged.values.all()
-    traction, jump = found.traction.values[1], found.jump.values[1]
+    assert result.converged.values.all()
+    traction, jump = result.traction.values[1], result.jump.values[1]
     np.testing.assert_allclose(traction[:, 0], -pressure, rtol=1e-9)
     np.testing.assert_allclose(np.hypot(*traction[:, 1:].T), shear, rtol=1e-9)
     np.testing.assert_allclose(jump, np.tile(jump[0], (len(jump), 1)), atol=1e-9 * abs(jump).max())
-    np.testing.assert_allclose(found.point_area.sum(), EDGE**2, rtol=1e-12)
+    np.testing.assert_allclose(result.point_area.sum(), EDGE**2, rtol=1e-12)
     # stress is even in both blocks: the displacement is linear in the height
     strain = np.array([shear * 2.0 / 210e9, 0.0, -pressure / 210e9])
-    rest = found.displacement.values[1] - np.outer(found.position.values[:, 2], strain)
+    rest = result.displacement.values[1] - np.outer(result.position.values[:, 2], strain)
     for body in np.split(rest, [np.prod(np.add(elements[0], 1))]):
         np.testing.assert_allclose(body, np.tile(body[0], (len(body), 1)), atol=1e-14)
 
@@ -70,8 +70,8 @@ def test_a_small_block_on_one_large_facet_rests_on_its_own_corners(sides):
     block = Body(small, Elastic(210e9, 0.3), tractions={"top": (0.0, 0.0, -1e6)})
     faces = np.array(["top", "bottom"])[list(sides)]
     joint = Interface(sides, tuple(faces.tolist()), LAW)
-    found = solve_assembly(Assembly((ground, block), (joint,)))
-    area, x = found.point_area.values, found.point_position.values[:, 0] - corner - 0.5 * edge
+    result = solve_assembly(Assembly((ground, block), (joint,)))
+    area, x = result.point_area.values, result.point_position.values[:, 0] - corner - 0.5 * edge
     np.testing.assert_allclose([area.sum(), area @ x], [edge**2, 0.0], atol=1e-9 * edge**2)
     # the areas of corners stand for the trapezoidal rule, at their centroids
     assert area @ x**2 == pytest.approx(edge**4 / 12.0, rel=1.0 / n)
@@ -84,9 +84,9 @@ def tilted(position, time):
 
 def test_it_converges_to_what_matching_meshes_give():
     def lowered(below, above):
-        found = solve_assembly(blocks((below,) * 3, (above,) * 3, top=(0.0, 0.0, tilted)))
-        top = np.isclose(found.position.values[:, 2], 2.0 * EDGE)
-        x, moved = found.position.values[top, 0], found.displacement.values[0, top, 2]
+        result = solve_assembly(blocks((below,) * 3, (above,) * 3, top=(0.0, 0.0, tilted)))
+        top = np.isclose(result.position.values[:, 2], 2.0 * EDGE)
+        x, moved = result.position.values[top, 0], result.displacement.values[0, top, 2]
         return np.polyfit(x, moved, 1) @ [EDGE, 1.0]  # at the side that is pressed more
 
     exact = lowered(9, 9)
@@ -100,17 +100,17 @@ def test_it_converges_to_what_matching_meshes_give():
 def test_every_method_finds_the_same_and_a_cut_changes_little(method):
     assembly = blocks((4, 2, 1), (6, 3, 1), top=(2e6, 0.0, tilted))
     steps = [0.5, 1.0]
-    once, cut, found = (
-        solve_assembly(assembly, steps, method=one)
-        for one in (AssembledNewton(), AssembledNewton(parts=(2, 1)), method(parts=(2, 1)))
+    once, cut, computed = (
+        solve_assembly(assembly, steps, method=entry)
+        for entry in (AssembledNewton(), AssembledNewton(parts=(2, 1)), method(parts=(2, 1)))
     )
-    assert found.converged.values.all()
+    assert computed.converged.values.all()
     size = float(abs(once.displacement).max())
-    np.testing.assert_allclose(found.displacement, cut.displacement, atol=1e-6 * size)
+    np.testing.assert_allclose(computed.displacement, cut.displacement, atol=1e-6 * size)
     # averages end at the cut, so that it counts as a change of the mesh
     np.testing.assert_allclose(cut.displacement, once.displacement, atol=2e-3 * size)
     for axis in range(3):
-        forces = [one.traction[..., axis] @ one.point_area for one in (once, cut)]
+        forces = [item.traction[..., axis] @ item.point_area for item in (once, cut)]
         np.testing.assert_allclose(*forces, atol=1e-9 * 20e6 * EDGE**2)
 
 
@@ -119,20 +119,20 @@ def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=3e-3)
     finer = replace(shape, element=2e-3)
     loading = JointLoading((40e6,))
-    alike = [lap_joint(one, (Elastic(210e9, 0.3),) * 2, LAW) for one in (shape, finer)]
+    alike = [lap_joint(item, (Elastic(210e9, 0.3),) * 2, LAW) for item in (shape, finer)]
     lower, upper = alike[0].bodies[0], alike[1].bodies[1]
     share = alike[0].areas[0] / alike[1].areas[0]  # of the washers, which must press alike
     pressed = (0.0, 0.0, lambda position, time: -share * (1.0 - time) + 0.0 * position[0])
     upper = replace(upper, tractions=dict(upper.tractions) | {"washer": pressed})
     apart = replace(alike[0], bodies=(lower, upper))
     assert lower.mesh.p.shape != upper.mesh.p.shape
-    results = [load_joint(one, loading, method=AssembledNewton()) for one in (*alike, apart)]
+    results = [load_joint(item, loading, method=AssembledNewton()) for item in (*alike, apart)]
     # with elements of 3, 2, 1.5 and 1.2 mm the approach is .430, .429, .450 and .456 um: about .46
     for name, error in (("joint_stiffness", 1e-3), ("tangential_stiffness", 0.012)):
-        coarse, fine, mixed = (one[name].item() for one in results)
+        coarse, fine, mixed = (result[name].item() for result in results)
         assert abs(mixed / coarse - 1.0) < error
         assert abs(mixed / fine - 1.0) < error
-    coarse, fine, mixed = (one["approach"].item() for one in results)
+    coarse, fine, mixed = (result["approach"].item() for result in results)
     assert abs(mixed - 0.46e-6) < abs(coarse - 0.46e-6)
 
 

@@ -32,12 +32,12 @@ def sheared_blocks(kinds, orders, elements):
     pressure, shear, bodies = 20e6, 3e6, []
     sides = {name: (0.0, 0.0, way * shear) for name, way in (("left", -1.0), ("right", 1.0))}
     top = {"top": (shear, 0.0, -pressure)}
-    held = {"bottom": (0.0, 0.0, 0.0)}
+    fixed = {"bottom": (0.0, 0.0, 0.0)}
     for k, (kind, order, count) in enumerate(zip(kinds, orders, elements, strict=True)):
         mesh = block(kind, count, (0.0, 0.0, k * EDGE), (EDGE, EDGE, (k + 1) * EDGE))
         element = ElementHexS2() if order == "serendipity" else element_of_order(mesh, order)
         loads = sides | (top if k else {})
-        bodies.append(Body(mesh, Elastic(210e9, 0.0), {} if k else held, loads, element))
+        bodies.append(Body(mesh, Elastic(210e9, 0.0), {} if k else fixed, loads, element))
     return Assembly(bodies, (Interface((0, 1), ("top", "bottom"), LAW),)), pressure, shear
 
 
@@ -57,17 +57,17 @@ def sheared_blocks(kinds, orders, elements):
     ],
 )
 def test_even_pressure_and_shear_pass_the_patch_test(kinds, orders, elements, method):
-    kinds = [{"t": MeshTet, "h": MeshHex}[one] for one in kinds]
+    kinds = [{"t": MeshTet, "h": MeshHex}[kind] for kind in kinds]
     assembly, pressure, shear = sheared_blocks(kinds, orders, elements)
-    found = solve_assembly(assembly, [0.4, 1.0], method=method)
-    assert found.converged.values.all()
+    result = solve_assembly(assembly, [0.4, 1.0], method=method)
+    assert result.converged.values.all()
     accuracy = 1e-7 if isinstance(method, LatinMethod) else 1e-9
-    traction, jump = found.traction.values[1], found.jump.values[1]
+    traction, jump = result.traction.values[1], result.jump.values[1]
     np.testing.assert_allclose(traction[:, 0], -pressure, rtol=accuracy)
     np.testing.assert_allclose(np.hypot(*traction[:, 1:].T), shear, rtol=accuracy)
     np.testing.assert_allclose(jump - jump[0], 0.0, atol=accuracy * abs(jump).max())
-    assert found.point_area.values.min() > 0.0
-    np.testing.assert_allclose(found.point_area.values.sum(), EDGE**2, rtol=1e-12)
+    assert result.point_area.values.min() > 0.0
+    np.testing.assert_allclose(result.point_area.values.sum(), EDGE**2, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -89,14 +89,14 @@ def test_a_bump_on_a_block_is_pressed_as_hertz_has_it(kind):
         element=element_of_order(mesh, 2),
     )
     line = np.linspace(0.0, axis[-1], 200)
-    x, y = (one.ravel() for one in np.meshgrid(line, line))
+    x, y = (entry.ravel() for entry in np.meshgrid(line, line))
     bump = GapMap(np.column_stack([x, y]), (x**2 + y**2) / (2.0 * radius))
     ground, face = GROUND
     interface = Interface((ground, 0), (face, "bottom"), RigidContact(), gap=bump)
-    found = solve_assembly(Assembly((quarter,), (interface,)), method=LatinMethod())
-    assert found.converged.values.all()
-    pressure, area = -found.traction.values[0, :, 0], found.point_area.values
-    distance = np.hypot(*found.point_position.values.T[:2])
+    result = solve_assembly(Assembly((quarter,), (interface,)), method=LatinMethod())
+    assert result.converged.values.all()
+    pressure, area = -result.traction.values[0, :, 0], result.point_area.values
+    distance = np.hypot(*result.point_position.values.T[:2])
     assert pressure @ area == pytest.approx(0.25 * force, rel=1e-6)
     assert moment_radius(distance, pressure, area) == pytest.approx(contact, rel=0.03)
     middle = pressure[np.argmin(distance)]

@@ -144,9 +144,9 @@ def test_a_free_bar_has_its_exact_frequencies_and_names_its_rigid_motions():
 
 
 def test_a_clamped_bar_has_its_exact_axial_frequency():
-    held = {"left": (0.0, 0.0, 0.0)}
+    fixed = {"left": (0.0, 0.0, 0.0)}
     mesh = box_mesh((0.2, 0.01, 0.01), (12, 1, 1))
-    bar = Body(mesh, Elastic(E, 0.0), held, element=ElementHex2())
+    bar = Body(mesh, Elastic(E, 0.0), fixed, element=ElementHex2())
     _, modes, _ = first_mode(Assembly((bar,)), 8)
     assert modes.rigid == ()
     np.testing.assert_allclose(modes.frequency[7], np.sqrt(E / DENSITY) / 0.8, rtol=1e-4)
@@ -174,8 +174,8 @@ def test_a_frictionless_face_neither_holds_nor_damps_a_mode():
     rest, modes, load = first_mode(block_between_friction(16, friction=0.0))
     # small, since the face that sticks rocks, which costs it a little
     backbone = follow_backbone(rest, modes, load, 0, Amplitudes((0.1 * UNIT, 0.5 * UNIT)))
-    held = RATIO * PRESSURE / DECAY * AREA  # the springs of the other face, N/m
-    expected = np.sqrt(held / (DENSITY * AREA * HEIGHT)) / (2.0 * np.pi)
+    fixed = RATIO * PRESSURE / DECAY * AREA  # the springs of the other face, N/m
+    expected = np.sqrt(fixed / (DENSITY * AREA * HEIGHT)) / (2.0 * np.pi)
     assert not backbone.failure
     np.testing.assert_allclose(modes.frequency, expected, rtol=2e-3)
     np.testing.assert_allclose(backbone.frequency, expected, rtol=2e-3)

@@ -22,16 +22,16 @@ def compliance(body, between):
     i, j = (np.rint(mesh.p[k] / spacing).astype(int) % n for k in (0, 1))
     level = mesh.p[2] / (1.0 + body.surface.heights[i, j] / body.depth)
     node = (i * n + j) * planes.size + np.argmin(np.abs(level[:, None] - planes), axis=1)
-    own = (3 * node[:, None] + np.arange(3)).ravel()
+    direct = (3 * node[:, None] + np.arange(3)).ravel()
     below = body.law.youngs_modulus, body.law.poissons_ratio
     middle = np.mean(level[mesh.t], axis=0)
     layer = np.searchsorted(planes, middle) - 1
     moduli = [value[layer] for value in moduli_by_layer(body.coating, below, planes)]
-    fold = csr_array((np.ones(own.size), (own, np.arange(own.size))))
+    fold = csr_array((np.ones(direct.size), (direct, np.arange(direct.size))))
     whole = assemble_elasticity(displacement_basis(mesh), *lame_parameters(*moduli))
     stiffness = fold @ whole @ fold.T
-    held = np.arange(fold.shape[0]).reshape(-1, 3) // 3 % planes.size == 0
-    free = np.flatnonzero(~held.ravel())
+    fixed = np.arange(fold.shape[0]).reshape(-1, 3) // 3 % planes.size == 0
+    free = np.flatnonzero(~fixed.ravel())
     slope_x, slope_y = surface_slopes(between, (spacing, spacing))
     normal = np.stack([-slope_x, -slope_y, np.ones((n, n))]) / np.sqrt(
         1.0 + slope_x**2 + slope_y**2
@@ -48,14 +48,16 @@ def compliance(body, between):
 
 def pressed_gap(bodies, between, load):
     """Mean gap of bodies in their own frames that touch on a surface between them."""
-    found = [compliance(body, sign * between) for body, sign in zip(bodies, (1, -1), strict=False)]
-    (along, up), shape = np.sum([one[:2] for one in found], axis=0), between.shape
+    results = [
+        compliance(body, sign * between) for body, sign in zip(bodies, (1, -1), strict=False)
+    ]
+    (along, up), shape = np.sum([item[:2] for item in results], axis=0), between.shape
     gap = -np.sum([body.surface.heights for body in bodies], axis=0)
     gap -= gap.min()
     contact = solve_flat(
         lambda force: (along @ force.ravel()).reshape(shape),
-        gap * found[0][2],
-        found[0][2],
+        gap * results[0][2],
+        results[0][2],
         load=load,
         max_iterations=20000,
         tolerance=1e-8,
@@ -67,11 +69,11 @@ def test_a_rough_coated_cell_has_the_gap_of_a_mesh_whose_planes_are_its_faces():
     surface, film = rough_square(8, 1.0, 0.5, 0.3, seed=2), (Coating(0.1, 5.0, 0.2),)
     cell = Cell(surface, 1.0, 8, 1.0, 0.3, coating=film)
     mesh, bare = (
-        pressed_gap((PeriodicLayer(surface, 1.0, 8, cell.law, coating=one),), np.zeros((8, 8)), f)
-        for one, f in ((film, 0.02), ((), 0.02))
+        pressed_gap((PeriodicLayer(surface, 1.0, 8, cell.law, coating=item),), np.zeros((8, 8)), f)
+        for item, f in ((film, 0.02), ((), 0.02))
     )
-    own = solve_cell(cell, Path(pressure=(0.02,)), tolerance=1e-9)["mean_gap"].item()
-    assert own == pytest.approx(mesh, rel=1e-6)
+    direct = solve_cell(cell, Path(pressure=(0.02,)), tolerance=1e-9)["mean_gap"].item()
+    assert direct == pytest.approx(mesh, rel=1e-6)
     assert abs(bare - mesh) > 0.05 * mesh
 
 
@@ -82,9 +84,9 @@ def test_two_rough_bodies_are_flat_ones_to_second_order_in_the_slope():
     rows = []
     for slope in slopes:
         pair = [rough_square(n, 1.0, 0.5, slope, seed=seed) for seed in (3, 13)]
-        heights = [one.heights for one in pair]
+        heights = [surface.heights for surface in pair]
         between = 0.5 * (heights[0] - heights[1])
-        bodies = [PeriodicLayer(one, 1.0, 8, law) for one in pair]
+        bodies = [PeriodicLayer(surface, 1.0, 8, law) for surface in pair]
         under, second = Surface(-heights[1], (1.0, 1.0)), SecondBody(1.0, 8, law)
         rows.append([pressed_gap(bodies, between, 0.1 * slope) / slope])
         for order in (1, 2):

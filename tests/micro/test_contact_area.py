@@ -43,10 +43,10 @@ def test_two_forces_find_where_the_square_root_ends(a, share):
     square = (force[-1] / force[-2]) ** 2  # (n - 1 + s) / (n - 2 + s)
     place = 1.0 / (square - 1.0) - (n - 2)
     strip = np.concatenate([force, force[::-1], np.zeros(n)])[:, None]
-    found = contact_fraction(
+    fraction = contact_fraction(
         strip, np.ones_like(strip), edges=(edge_layer(compliance_ratio(a)),) * 2
     )
-    assert 0.5 * found * len(strip) - n + 0.5 == pytest.approx(place, abs=0.03)
+    assert 0.5 * fraction * len(strip) - n + 0.5 == pytest.approx(place, abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -104,8 +104,8 @@ def test_an_even_pressure_that_drops_at_once_covers_its_load(share):
     force = np.zeros((20, 1))
     force[3:9] = 2.0
     force[9] = 2.0 * share
-    found = contact_fraction(force, np.ones_like(force), flowing=True)
-    assert found == pytest.approx((6.0 + share) / 20.0)
+    fraction = contact_fraction(force, np.ones_like(force), flowing=True)
+    assert fraction == pytest.approx((6.0 + share) / 20.0)
 
 
 @pytest.mark.parametrize("n", [16, 32])
@@ -142,8 +142,8 @@ def test_rubber_that_slides_has_the_area_of_a_fine_grid():
         x = 2.0 * np.pi * np.arange(n) / n
         heights = 2e-5 * np.tile(np.cos(x)[:, None], (1, 4))
         velocity = 1e-3 / (2.0 * np.pi)
-        found = solve_sliding(Surface(heights, (1e-3, 1e-3)), rubber, 0.5e6, velocity)
-        return found.contact_fraction, float((found.pressure > 0.0).mean())
+        result = solve_sliding(Surface(heights, (1e-3, 1e-3)), rubber, 0.5e6, velocity)
+        return result.contact_fraction, float((result.pressure > 0.0).mean())
 
     fine, _ = area(512)
     errors = np.array([area(n) for n in (31, 32, 33, 63, 64, 65)]) / fine - 1.0

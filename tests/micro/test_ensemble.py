@@ -151,10 +151,10 @@ def test_workers_of_others_have_one_thread_unless_their_user_set_a_number(
         monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     else:
         monkeypatch.setenv("OMP_NUM_THREADS", setting)
-    found = []
+    results = []
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        run_jobs(_threads, [(0, ())], executor, lambda key, threads: found.append(threads))
-    assert found == [expected]
+        run_jobs(_threads, [(0, ())], executor, lambda key, threads: results.append(threads))
+    assert results == [expected]
 
 
 def _die(*_):
@@ -177,8 +177,8 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     path = Path(pressure=(0.001, 0.002, 0.004, 0.008))
     flat = cells[0]
     kind = {"flat": FlatCell, "conforming": GraphCell}[geometry]
-    one = [kind(flat.surface, flat.depth, flat.layers, flat.law)]
-    whole = run_ensemble(one, path)
+    first = [kind(flat.surface, flat.depth, flat.layers, flat.law)]
+    whole = run_ensemble(first, path)
     monkeypatch.setattr(steps_module, "WORTH", 0.0)
     average, solved = steps_module.average_surface, []
 
@@ -190,40 +190,40 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
 
     monkeypatch.setattr(steps_module, "average_surface", killed)
     with pytest.raises(KeyboardInterrupt):
-        run_ensemble(one, path, folder=tmp_path, identity="a")
+        run_ensemble(first, path, folder=tmp_path, identity="a")
     monkeypatch.setattr(
         steps_module,
         "average_surface",
         lambda *given: solved.append(0) or average(*given),
     )
     timed = ["wall_time"]
-    other = run_ensemble(one, path, folder=tmp_path / "other", identity="b")
+    other = run_ensemble(first, path, folder=tmp_path / "other", identity="b")
     assert len(solved) == 3 + 4
-    response = run_ensemble(one, path, folder=tmp_path, identity="a")
+    response = run_ensemble(first, path, folder=tmp_path, identity="a")
     assert len(solved) == 3 + 4 + 1
-    for found in (response, other):
-        xr.testing.assert_identical(found.drop_vars(timed), whole.drop_vars(timed))
+    for answer in (response, other):
+        xr.testing.assert_identical(answer.drop_vars(timed), whole.drop_vars(timed))
     assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["realisation-0000.nc"]
 
 
 @pytest.mark.parametrize("content", [b"", b"PK no archive", None])
 def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path, monkeypatch):
     monkeypatch.setattr(steps_module, "WORTH", 0.0)
-    kept = Checkpoint(tmp_path / "steps.npz", "a")
+    stored = Checkpoint(tmp_path / "steps.npz", "a")
     state = ContactState(np.ones(3), np.ones(2), 1.0, np.array([True, False]), np.zeros(2))
-    kept.write([{"wall_time": 1.0, "ended": "step 0"}], state)
+    stored.write([{"wall_time": 1.0, "ended": "step 0"}], state)
     rest = replace(state, displacement=np.zeros(3), force=np.zeros(2))
-    steps, found = kept.read(rest)
+    steps, computed = stored.read(rest)
     assert steps == [{"wall_time": 1.0, "ended": "step 0"}]
-    np.testing.assert_array_equal(found.displacement, np.ones(3))
-    assert found.status is Status.CONVERGED
-    steps, found = kept.read(replace(rest, displacement=np.zeros(4)))
-    assert (steps, found.displacement.size) == ([], 4)
+    np.testing.assert_array_equal(computed.displacement, np.ones(3))
+    assert computed.status is Status.CONVERGED
+    steps, computed = stored.read(replace(rest, displacement=np.zeros(4)))
+    assert (steps, computed.displacement.size) == ([], 4)
     if content is not None:
-        kept.file.write_bytes(content)
-    steps, found = replace(kept, identity="b").read(rest)
+        stored.file.write_bytes(content)
+    steps, computed = replace(stored, identity="b").read(rest)
     assert not steps
-    assert found is rest
+    assert computed is rest
 
 
 def test_a_realisation_says_why_it_lacks_steps(cells, tmp_path, monkeypatch):

@@ -83,14 +83,14 @@ def test_a_cell_tells_what_its_gap_lets_through(geometry):
     waves = {"hurst_exponent": 0.8, "long_cutoff": 0.5, "short_cutoff": 0.25, "rms_slope": 0.05}
     surface = self_affine((16, 24), (1.0, 1.5), 3, **waves)
     cell = Cell(surface, 1.5, 4, 1.0, 0.3, geometry=geometry)
-    found = solve_cell(cell, Path(pressure=(1e-4, 1e-3, 3e-3)), keep_fields=True, keep_flow=True)
-    aperture = found["hydraulic_aperture"].to_numpy()[0]
-    gaps, pressures = (found[name].to_numpy()[0].swapaxes(1, 2) for name in ("gap", "pressure"))
+    response = solve_cell(cell, Path(pressure=(1e-4, 1e-3, 3e-3)), keep_fields=True, keep_flow=True)
+    aperture = response["hydraulic_aperture"].to_numpy()[0]
+    gaps, pressures = (response[name].to_numpy()[0].swapaxes(1, 2) for name in ("gap", "pressure"))
     for step, (gap, pressure) in enumerate(zip(gaps, pressures, strict=True)):
         free = open_gap(gap, pressure)
         for axis in (0, 1):
             assert aperture[step, axis] == gap_flow(free, surface.spacing, axis).aperture
     assert np.all(np.diff(aperture, axis=0) < 0.0)
-    assert np.all(aperture <= found["mean_gap"].to_numpy().T)
+    assert np.all(aperture <= response["mean_gap"].to_numpy().T)
     alone = solve_cell(cell, Path(pressure=(1e-4,)), keep_flow=True)
     assert "gap" not in alone

@@ -61,18 +61,20 @@ KINDS = [
     pytest.param(mesh(), 40, 8, id="multigrid"),
     pytest.param(mesh(more=", friction_coefficient=0.3"), 16, 8, id="rubbing mesh"),
 ]
-KINDS[1:] = [pytest.param(*one.values, id=one.id, marks=pytest.mark.slow) for one in KINDS[1:]]
+KINDS[1:] = [pytest.param(*kind.values, id=kind.id, marks=pytest.mark.slow) for kind in KINDS[1:]]
 
 
 @pytest.mark.parametrize(("make", "n", "layers"), KINDS)
 def test_a_cell_takes_the_memory_and_the_libraries_that_it_states(make, n, layers):
     code = CODE.format(make=make, n=n, layers=layers, pressure=0.002)
     # the first process may compile kernels of the larger cell
-    found = [json.loads(run_python(code).stdout.splitlines()[-1]) for _ in range(2)][-1]
-    assert found["stated"] / 2.0 < found["taken"] < 2.0 * found["stated"], found["stated"]
-    loaded = {name.partition(".")[0] for name in found["modules"]}
-    stated = {NAMES.get(name, name) for name in found["libraries"]}
+    computed = [json.loads(run_python(code).stdout.splitlines()[-1]) for _ in range(2)][-1]
+    assert computed["stated"] / 2.0 < computed["taken"] < 2.0 * computed["stated"], computed[
+        "stated"
+    ]
+    loaded = {name.partition(".")[0] for name in computed["modules"]}
+    stated = {NAMES.get(name, name) for name in computed["libraries"]}
     assert stated <= loaded
     assert HEAVY & loaded <= stated
-    finite = "multiscale.micro.finite.equations" in found["modules"]
+    finite = "multiscale.micro.finite.equations" in computed["modules"]
     assert finite == ("friction" in make)

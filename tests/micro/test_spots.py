@@ -29,31 +29,31 @@ CELLS = {
 
 @pytest.mark.parametrize("kind", CELLS)
 def test_sums_over_spots_are_the_averages(kind):
-    found = solve_cell(CELLS[kind](), PATH, keep_spots=True)
-    traction = found["traction"].values
+    response = solve_cell(CELLS[kind](), PATH, keep_spots=True)
+    traction = response["traction"].values
     np.testing.assert_allclose(
-        found["spot_traction"].sum("spot"), traction, atol=1e-12 * np.abs(traction).max()
+        response["spot_traction"].sum("spot"), traction, atol=1e-12 * np.abs(traction).max()
     )
     nominal = 1.0
     np.testing.assert_allclose(
-        found["spot_area"].sum("spot") / nominal, found["contact_fraction"], rtol=1e-12
+        response["spot_area"].sum("spot") / nominal, response["contact_fraction"], rtol=1e-12
     )
-    count = np.isfinite(found["spot_area"].values[0]).sum(axis=1)
+    count = np.isfinite(response["spot_area"].values[0]).sum(axis=1)
     assert count.max() > 1
-    assert np.all(found["spot_traction"].values[0, 1, : count[1], 0] < 0.0)
+    assert np.all(response["spot_traction"].values[0, 1, : count[1], 0] < 0.0)
 
 
 def test_friction_parts_each_spot_into_normal_and_tangential_tractions():
     cell = Cell(rough(), 1.0, 6, 1.0, 0.3, friction_coefficient=0.2)
     path = Path(pressure=(1e-2, 1e-2), slide=((0.0, 0.0), (2e-3, 0.0)))
-    found = solve_cell(cell, path, keep_spots=True)
-    by_normal = found["traction_by_normal"].values
+    response = solve_cell(cell, path, keep_spots=True)
+    by_normal = response["traction_by_normal"].values
     np.testing.assert_allclose(
-        found["spot_traction_by_normal"].sum("spot"),
+        response["spot_traction_by_normal"].sum("spot"),
         by_normal,
         atol=1e-12 * np.abs(by_normal).max(),
     )
-    shear = found["spot_traction"] - found["spot_traction_by_normal"]
+    shear = response["spot_traction"] - response["spot_traction_by_normal"]
     assert float(np.abs(shear[0, 1, :, 1]).sum()) > 0.1 * 0.2 * 1e-2
 
 
@@ -64,10 +64,10 @@ def test_a_spot_goes_on_across_the_periodic_edge():
     up[:, 2] = 1.0
     force, area = -pressing[:, None] * up, np.ones((6, 4))
     surface = ContactSurface(force, up, pressing, area, area, area, np.zeros(3), 1.0)
-    found = average_surface(surface, Keep(spots=True))
-    assert len(found["spot_area"]) == 3
-    assert np.argmax(found["spot_area"]) == 0
-    np.testing.assert_allclose(found["spot_traction"][:, 0], [-4 / 24, -1 / 24, -1 / 24])
+    averages = average_surface(surface, Keep(spots=True))
+    assert len(averages["spot_area"]) == 3
+    assert np.argmax(averages["spot_area"]) == 0
+    np.testing.assert_allclose(averages["spot_traction"][:, 0], [-4 / 24, -1 / 24, -1 / 24])
 
 
 def test_an_ensemble_keeps_the_spots_of_all_realisations(tmp_path):
@@ -75,10 +75,10 @@ def test_an_ensemble_keeps_the_spots_of_all_realisations(tmp_path):
         Cell(rough_square(16, 0.5, 0.25, 0.1, seed=k), 1.0, 6, 1.0, 0.3, geometry="flat")
         for k in (1, 2)
     ]
-    found = run_ensemble(cells, PATH, folder=tmp_path, keep_spots=True)
+    response = run_ensemble(cells, PATH, folder=tmp_path, keep_spots=True)
     alone = [solve_cell(cell, PATH, keep_spots=True) for cell in cells]
-    assert found.sizes["spot"] == max(one.sizes["spot"] for one in alone)
+    assert response.sizes["spot"] == max(item.sizes["spot"] for item in alone)
     assert alone[0].sizes["spot"] != alone[1].sizes["spot"]
     np.testing.assert_allclose(
-        found["spot_area"].sum("spot"), found["contact_fraction"], rtol=1e-12
+        response["spot_area"].sum("spot"), response["contact_fraction"], rtol=1e-12
     )

@@ -23,8 +23,8 @@ SHEAR = Path(approach=(0.005, 0.01), slide=((0.0, 0.0), (0.005, 0.0)))
 )
 def test_a_cell_has_the_same_answer_on_one_thread_and_on_two(body, path):
     cell = Cell(egg_box(16, 0.02), 0.5, 6, 1.0, 0.3, **body)
-    found = []
+    results = []
     for count in (1, 2):
         with threads(count):
-            found.append(solve_cell(cell, path, tolerance=1e-10)["traction"].values)
-    np.testing.assert_allclose(*found, rtol=1e-8, atol=1e-12)
+            results.append(solve_cell(cell, path, tolerance=1e-10)["traction"].values)
+    np.testing.assert_allclose(*results, rtol=1e-8, atol=1e-12)

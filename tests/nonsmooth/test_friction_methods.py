@@ -25,12 +25,12 @@ def test_every_method_finds_the_same_velocity_and_energy(method, rank):
     rng = np.random.default_rng(seed=3)
     W, q, mu = random_problem(20, rng, rank=rank, friction=0.1)
     reference = solve_friction(W, q, mu, tolerance=1e-11)
-    found = solve_friction(W, q, mu, method=method)
-    r, s = reference.unwrap(), found.unwrap()
+    result = solve_friction(W, q, mu, method=method)
+    r, s = reference.unwrap(), result.unwrap()
     scale = np.linalg.norm(q)
     assert np.linalg.norm(W @ (r - s)) < 1e-6 * scale
     assert s @ (W @ s) == pytest.approx(r @ (W @ r), rel=1e-6)
-    assert found.trail in ((method,), ())
+    assert result.trail in ((method,), ())
 
 
 @pytest.mark.parametrize("method", sorted(FRICTION_METHODS))

@@ -304,8 +304,8 @@ def test_an_indefinite_matrix_is_refused_with_its_eigenvalue(large, sentence):
 
 def test_a_known_error_is_measured():
     # min(z, w) = min(1.1, 0.2) in the first row of scale 1/sqrt(2); data 2 / sqrt(2)
-    found = verify_lcp(np.diag([2.0, 1.0]), np.array([-2.0, 1.0]), np.array([1.1, 0.0]))
-    assert found == pytest.approx(0.1)
+    residual = verify_lcp(np.diag([2.0, 1.0]), np.array([-2.0, 1.0]), np.array([1.1, 0.0]))
+    assert residual == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("huge", [-1e10, 1e10])

@@ -133,12 +133,12 @@ def test_bodies_side_by_side_have_the_compliance_that_each_has_alone():
     rng = np.random.default_rng(seed=3)
     springs = [csr_array(a @ a.T) for a in (rng.normal(size=(n, n)) for n in (4, 90))]
     faces = [rng.normal(size=(m, n)) for m, n in ((2, 4), (70, 90))]  # more than one block
-    found = compliances(
+    compliance = compliances(
         factorise(on_diagonal(springs)),
         on_diagonal(faces),
         np.array([0, 2, 72]),
     )
-    for soft, K, F in zip(found, springs, faces, strict=True):
+    for soft, K, F in zip(compliance, springs, faces, strict=True):
         np.testing.assert_allclose(soft, F @ np.linalg.solve(K.toarray(), F.T), rtol=1e-8)
         np.testing.assert_array_equal(soft, soft.T)
 

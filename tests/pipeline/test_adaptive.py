@@ -89,7 +89,7 @@ def test_inside_the_data_the_adaptive_way_presses_nothing(tmp_path):
         run(steel((5.0, 40.0, 160.0), way), tmp_path / way).macro_result
         for way in ("adaptive", "sequential")
     ]
-    np.testing.assert_array_equal(*(found["joint_stiffness"].values for found in results))
+    np.testing.assert_array_equal(*(result["joint_stiffness"].values for result in results))
     assert results[0].attrs["cautions"] == results[1].attrs["cautions"]
     assert not (tmp_path / "adaptive" / "adaptive").exists()
 

@@ -47,11 +47,11 @@ def test_a_case_that_cannot_be_meant_is_refused_at_once(command, tmp_path, base,
 
 
 def refused(answer, sentence, status=1):
-    code, out, said = answer
-    assert code == status, (out, said)
-    assert "Traceback" not in said
-    assert sentence in said, said
-    assert "=True" not in said  # no advice for scripts
+    code, out, text = answer
+    assert code == status, (out, text)
+    assert "Traceback" not in text
+    assert sentence in text, text
+    assert "=True" not in text  # no advice for scripts
 
 
 def bumps():

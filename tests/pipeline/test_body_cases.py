@@ -97,9 +97,9 @@ WASHERS = [
 ]
 
 
-@pytest.mark.parametrize(("base", "patches", "said"), refused_rows("bodies"))
-def test_what_does_not_fit_is_refused_in_a_sentence(meshes, base, patches, said):
-    with pytest.raises((CaseError, ConvergenceError), match=said) as refused:
+@pytest.mark.parametrize(("base", "patches", "message"), refused_rows("bodies"))
+def test_what_does_not_fit_is_refused_in_a_sentence(meshes, base, patches, message):
+    with pytest.raises((CaseError, ConvergenceError), match=message) as refused:
         run_macro(load_case(write_scene(meshes, TEXT, *patches)), meshes / "found.nc")
     sentence, *excerpt = str(refused.value).split("\n")
     assert sentence
@@ -110,20 +110,20 @@ def test_what_does_not_fit_is_refused_in_a_sentence(meshes, base, patches, said)
 def test_a_patch_of_faces_that_do_not_match_is_even(meshes):
     """Springs in series: housing, interface, cover; see Exponential (1) for the middle one."""
     even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
-    found = solve(meshes, *even)
-    assert found.converged.values.all()
-    np.testing.assert_allclose(found.traction[0, :, 0], -10e6, rtol=1e-6)
-    np.testing.assert_allclose(found.interface_pressure[:, 0], 10e6, rtol=1e-6)
+    result = solve(meshes, *even)
+    assert result.converged.values.all()
+    np.testing.assert_allclose(result.traction[0, :, 0], -10e6, rtol=1e-6)
+    np.testing.assert_allclose(result.interface_pressure[:, 0], 10e6, rtol=1e-6)
     area = LONG * WIDE
     springs = area * np.array([210e9 / HIGH, 10e6 / 0.3e-6, 210e9 / HIGH])
-    stiffness = float(found.load_stiffness.sel(load="press")[0])
+    stiffness = float(result.load_stiffness.sel(load="press")[0])
     assert stiffness == pytest.approx(1.0 / np.sum(1.0 / springs), rel=1e-6)
     share = stiffness / springs[1]
-    assert float(found.interface_compliance.sel(load="press")[0]) == pytest.approx(share, rel=1e-6)
-    secant = found.load_secant.sel(load="pull").values
+    assert float(result.interface_compliance.sel(load="press")[0]) == pytest.approx(share, rel=1e-6)
+    secant = result.load_secant.sel(load="pull").values
     assert np.isnan(secant[0])
     stuck, slips = (
-        float(found[name].sel(load="pull")[1]) for name in ("stuck_stiffness", "load_stiffness")
+        float(result[name].sel(load="pull")[1]) for name in ("stuck_stiffness", "load_stiffness")
     )
     assert slips < secant[1] < stuck < 1.25 * secant[1]
 
@@ -135,7 +135,7 @@ def turned(folder, turn, elements):
         mesh = box_mesh(size, number, origin=origin)
         moved = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
         write_body(folder / f"{name}.msh", moved)
-    along = ", ".join(f'"{one!r} kN"' for one in turn[:, 0].tolist())
+    along = ", ".join(f'"{value!r} kN"' for value in turn[:, 0].tolist())
     return [
         ('mesh = "housing.msh"', 'mesh = "lower.msh"'),
         (COVER, 'mesh = "upper.msh"'),
@@ -143,11 +143,11 @@ def turned(folder, turn, elements):
     ]
 
 
-def same_answers(one, other):
+def same_answers(item, other):
     """Loads and interfaces answer alike."""
     for name in ("load_stiffness", "load_displacement", "interface_pressure", "interface_slip"):
-        scale = float(abs(one[name]).max())
-        np.testing.assert_allclose(other[name], one[name], atol=1e-5 * scale, err_msg=name)
+        scale = float(abs(item[name]).max())
+        np.testing.assert_allclose(other[name], item[name], atol=1e-5 * scale, err_msg=name)
 
 
 @pytest.mark.slow
@@ -160,9 +160,9 @@ def test_bodies_that_are_cut_answer_the_same(meshes):
 def test_bodies_that_are_turned_answer_the_same(meshes):
     """An oblique interface, whose faces do not match."""
     turn = Rotation.from_euler("xyz", [0.4, -0.3, 0.9]).as_matrix()
-    found = solve(meshes, *turned(meshes, turn, [(3, 2, 1), (2, 3, 1)]))
-    same_answers(solve(meshes), found)
-    pictures = load_pictures(found)
+    result = solve(meshes, *turned(meshes, turn, [(3, 2, 1), (2, 3, 1)]))
+    same_answers(solve(meshes), result)
+    pictures = load_pictures(result)
     assert set(pictures) == {"loads", "contact_zones_0", "pressure_0"}
     ax = Figure().add_subplot()
     pictures["pressure_0"](ax=ax)
@@ -170,10 +170,12 @@ def test_bodies_that_are_turned_answer_the_same(meshes):
 
 
 def test_a_load_beyond_friction_ends_the_path_with_its_capacity(meshes):
-    found = solve(meshes, ("{ pull = 1 }", "{ pull = 4 }, { pull = 6 }"))
-    np.testing.assert_array_equal(found.converged, [1, 1, 0])
-    said = r"slide on interface 0 under a load of (\S+) N, of which friction carries about (\S+) N"
-    load, carried = map(float, re.search(said, found.attrs["failure"]).groups())
+    result = solve(meshes, ("{ pull = 1 }", "{ pull = 4 }, { pull = 6 }"))
+    np.testing.assert_array_equal(result.converged, [1, 1, 0])
+    sentence = (
+        r"slide on interface 0 under a load of (\S+) N, of which friction carries about (\S+) N"
+    )
+    load, carried = map(float, re.search(sentence, result.attrs["failure"]).groups())
     assert carried == pytest.approx(0.2 * 10e6 * LONG * WIDE, rel=0.01)  # they may turn a little
     assert carried < load <= 6e3
 
@@ -185,13 +187,13 @@ def test_a_bolt_that_the_load_opens_ends_the_path(meshes):
         ("{ pull = 1 }", "{ press = 1, pull = 1 }, { press = 20, pull = 20 }"),
     ]
     stiff = BOLT.replace('diameter = "8 mm"', 'stiffness = "3 kN/um"')
-    found = solve(meshes, *WASHERS, *squeezed, more=stiff)
-    np.testing.assert_array_equal(found.converged, [1, 1, 0])
+    result = solve(meshes, *WASHERS, *squeezed, more=stiff)
+    np.testing.assert_array_equal(result.converged, [1, 1, 0])
     assert (
         "the load leaves the bolt from cover.washer_0 to housing.washer_0 loose"
-        in found.attrs["failure"]
+        in result.attrs["failure"]
     )
-    assert found.bolt_force[0, 0] == pytest.approx(20e3)
+    assert result.bolt_force[0, 0] == pytest.approx(20e3)
 
 
 STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[structure.loads]]")]
@@ -205,11 +207,11 @@ BEAM = case_text("cantilever")
 def test_three_hexahedra_bend_as_a_beam(meshes, order, error):
     """Deflection of Timoshenko's beam; first order without further modes reaches a third of it."""
     case = load_case(write_scene(meshes, BEAM, ("order = 2\n", order)))
-    found = run_macro(case, meshes / "found.nc")
-    assert "the error of the meshes is unknown" in found.attrs["cautions"]
+    result = run_macro(case, meshes / "found.nc")
+    assert "the error of the meshes is unknown" in result.attrs["cautions"]
     inertia, area = WIDE * HIGH**3 / 12.0, WIDE * HIGH
     bent = 1e3 * (LONG**3 / (3.0 * 210e9 * inertia) + LONG / (5.0 / 6.0 * 105e9 * area))
-    assert float(found["load_displacement"].values[-1, 0]) == pytest.approx(bent, rel=error)
+    assert float(result["load_displacement"].values[-1, 0]) == pytest.approx(bent, rel=error)
 
 
 def test_tetrahedra_are_of_second_order_and_a_quick_case_says_that_they_are_not(meshes):
@@ -236,29 +238,29 @@ def test_nodes_of_faces_of_any_order_are_counted_before_a_body_is_built(meshes, 
 def test_a_coarser_mesh_tells_the_error_of_the_mesh_whatever_else_is_known(meshes):
     write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (1, 1, 1)))
     given = ('"housing.msh"', '"housing.msh"\ncoarser = "coarse.msh"')
-    found = run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
-    half = found["error_half_width"].sel(quantity="load_stiffness lift").squeeze("step")
+    result = run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
+    half = result["error_half_width"].sel(quantity="load_stiffness lift").squeeze("step")
     assert 1e-3 < float(half.sel(error_term="macro discretisation")) < 0.5
-    low, high = found["load_stiffness_mean_law"].values.ravel()
-    assert low < float(found["load_stiffness"].squeeze()) < high
-    assert "unknown" not in found.attrs.get("cautions", "")
+    low, high = result["load_stiffness_mean_law"].values.ravel()
+    assert low < float(result["load_stiffness"].squeeze()) < high
+    assert "unknown" not in result.attrs.get("cautions", "")
 
 
 def test_cycles_without_slip_lose_nothing_whatever_their_rounding(meshes):
     write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (1, 1, 1)))
     given = ('"housing.msh"', '"housing.msh"\ncoarser = "coarse.msh"')
     cycles = '[cycles]\nload = "lift"\ncycles = 2\nsteps = 3\n'
-    found = run_macro(load_case(write_scene(meshes, BEAM + cycles, given)), meshes / "found.nc")
-    np.testing.assert_array_equal(found["cycle_energy"], 0.0)
-    assert "cycle 1: 0 mJ dissipated" in "\n".join(LOADED_BODIES.lines(found))
+    result = run_macro(load_case(write_scene(meshes, BEAM + cycles, given)), meshes / "found.nc")
+    np.testing.assert_array_equal(result["cycle_energy"], 0.0)
+    assert "cycle 1: 0 mJ dissipated" in "\n".join(LOADED_BODIES.lines(result))
 
     linear = '[structure.interfaces.linear]\nstiffness = "1e13 Pa/m +- 10 %"\n'
     cycles = cycles.replace("lift", "pull")
     steps = ("{ press = 1 }, { pull = 1 }", "{ press = 1 }")
     strong = ("friction = 0.2", "friction = 9.0")
-    found = solve(meshes, (STATED, linear), steps, strong, more=cycles)
-    np.testing.assert_array_equal(found["interface_energy"], 0.0)
-    assert np.isfinite(found["load_stiffness_mean_law"].sel(load="pull")).any()
+    result = solve(meshes, (STATED, linear), steps, strong, more=cycles)
+    np.testing.assert_array_equal(result["interface_energy"], 0.0)
+    assert np.isfinite(result["load_stiffness_mean_law"].sel(load="pull")).any()
 
 
 def test_a_coarser_mesh_that_is_none_is_refused_with_both_numbers_of_elements(meshes):
@@ -295,13 +297,13 @@ yield_stress = "400 MPa"
 
 @pytest.mark.slow
 def test_asperities_are_pressed_between_bodies_as_their_statistics_say(meshes):
-    found = solve(meshes, (STATED, ASPERITIES))
-    one = Asperities(*gaussian_asperities(1e-6, 1e9), 1e-4, 210e9, 0.3, 400e6)
-    law = AsperityLaw(one, friction=0.2, stiffness_ratio=0.8)
-    jump = np.moveaxis(found["jump"].values[0], 1, 0)
+    result = solve(meshes, (STATED, ASPERITIES))
+    single_law = Asperities(*gaussian_asperities(1e-6, 1e9), 1e-4, 210e9, 0.3, 400e6)
+    law = AsperityLaw(single_law, friction=0.2, stiffness_ratio=0.8)
+    jump = np.moveaxis(result["jump"].values[0], 1, 0)
     traction = law.respond(jump, np.zeros((law.n_state, jump.shape[1]))).traction
-    np.testing.assert_allclose(traction.T, found["traction"].values[0], rtol=1e-6, atol=1.0)
-    assert found["interface_pressure"].values[0, 0] == pytest.approx(10e6, rel=1e-6)
+    np.testing.assert_allclose(traction.T, result["traction"].values[0], rtol=1e-6, atol=1.0)
+    assert result["interface_pressure"].values[0, 0] == pytest.approx(10e6, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -309,11 +311,11 @@ def test_a_table_tells_the_initial_gap_of_an_interface(meshes):
     rows = [f"{x},{y},{1e-4 * x}" for x in range(-2, 64, 2) for y in range(-2, 44, 2)]
     (meshes / "gap.csv").write_text("\n".join(["x,y,gap", *rows]), encoding="utf-8")
     stated = 'gap = { form = "map", file = "gap.csv", unit = "mm" }\n'
-    found = solve(meshes, (STATED, stated + STATED))
-    x = found["point_position"].values[:, 0]
-    gap = found["jump"].values[0, :, 0] + 1e-4 * x
+    result = solve(meshes, (STATED, stated + STATED))
+    x = result["point_position"].values[:, 0]
+    gap = result["jump"].values[0, :, 0] + 1e-4 * x
     expected = 1e9 * np.exp(-gap / 0.3e-6)
-    np.testing.assert_allclose(-found["traction"].values[0, :, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose(-result["traction"].values[0, :, 0], expected, rtol=1e-6)
     with pytest.raises(CaseError, match=r"gap.csv covers 0 of the interface"):
         solve(meshes, (STATED, stated.replace('"mm"', '"m"') + STATED))
 
@@ -322,11 +324,11 @@ def test_a_table_tells_the_initial_gap_of_an_interface(meshes):
 def test_a_law_comes_from_a_dataset_or_from_the_folder_of_a_run(meshes):
     file = write_law(meshes / "interface_law.nc")  # in the folder of a run it has this name
     shared = f'[interface]\nlaw = "{file.name}"\n'
-    found = [
+    results = [
         run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
         for text in (TEXT.replace(STATED, 'law = "."\n'), TEXT.replace(STATED, "") + shared)
     ]
-    np.testing.assert_array_equal(found[0].load_stiffness, found[1].load_stiffness)
+    np.testing.assert_array_equal(results[0].load_stiffness, results[1].load_stiffness)
 
 
 @pytest.mark.slow
@@ -389,21 +391,23 @@ def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
         '[[structure.interfaces]]\nsides = ["ground", "housing.bottom"]\nlaw = "{}"\n'
         "friction = 0.2\nstiffness_ratio = 0.8\n"
     )
-    found = {}
+    results = {}
     for name in ("law.nc", "other.nc"):
-        one = text.replace("[[structure.loads]]", below.format(name) + "[[structure.loads]]", 1)
+        changed = text.replace("[[structure.loads]]", below.format(name) + "[[structure.loads]]", 1)
         even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
-        found[name] = run_macro(load_case(write_scene(meshes, one, *even)), meshes / "found.nc")
+        results[name] = run_macro(
+            load_case(write_scene(meshes, changed, *even)), meshes / "found.nc"
+        )
     together, apart = (
-        one["error_half_width"].sel(quantity="load_stiffness press", step=0, error_term="fit")
-        for one in found.values()
+        value["error_half_width"].sel(quantity="load_stiffness press", step=0, error_term="fit")
+        for value in results.values()
     )
     assert float(together / apart) == pytest.approx(np.sqrt(2.0), rel=0.01)  # differences
-    real = found["other.nc"]
+    real = results["other.nc"]
     half = real["error_half_width"].sel(error_term="fit", step=0)
     assert real["interface_real_pressure"][0].to_numpy() == pytest.approx(5e9, rel=0.1)
-    one, two = (float(half.sel(quantity=f"real pressure of interface {k}")) for k in (0, 1))
-    assert one == pytest.approx(two, rel=1e-6)  # each has the error of its own law alone
+    changed, two = (float(half.sel(quantity=f"real pressure of interface {k}")) for k in (0, 1))
+    assert changed == pytest.approx(two, rel=1e-6)  # each has the error of its own law alone
     low, high = real["interface_real_pressure_one_part"][:, 0, 1].to_numpy()
     assert low < float(real["interface_real_pressure"][0, 1]) < high
     compared = LOADED_BODIES.compared(real)
@@ -421,9 +425,9 @@ def test_workers_solve_bodies_again_for_the_intervals_of_stated_values(meshes):
     changes += [('"0.3 um"', '"0.3 um +- 4 %"'), (", { pull = 1 }", "")]
     case = load_case(write_scene(meshes, TEXT, *changes))
     with process_pool(2) as executor:
-        found = run(case, meshes / "intervals", executor=executor)["macro_result"]
-    half = found.error_half_width.sel(quantity="load_stiffness press", step=0)
-    expected = np.log1p(0.04 * float(found.interface_compliance.sel(load="press")[0]))
+        result = run(case, meshes / "intervals", executor=executor)["macro_result"]
+    half = result.error_half_width.sel(quantity="load_stiffness press", step=0)
+    expected = np.log1p(0.04 * float(result.interface_compliance.sel(load="press")[0]))
     assert float(half.sel(error_term="stated values")) == pytest.approx(expected, rel=1e-4)
 
 
@@ -435,14 +439,14 @@ def test_a_frictionless_ground_holds_no_push(tmp_path):
     size = (0.03, 0.02, 0.01)
     write_body(tmp_path / "block.msh", box_mesh(size, (3, 2, 1)))
     (tmp_path / "case.toml").write_text(SMOOTH)
-    found = run(load_case(tmp_path / "case.toml"), tmp_path / "results")["macro_result"]
+    result = run(load_case(tmp_path / "case.toml"), tmp_path / "results")["macro_result"]
     push, area = 70e9 * size[1] * size[2] / size[0], size[0] * size[1]
     press = 1.0 / (0.5e-6 / (10e6 * area) + size[2] / (70e9 * area))
-    np.testing.assert_allclose(found.load_stiffness[1], [press, push], rtol=1e-6)
-    np.testing.assert_allclose(found.stuck_stiffness[1], [press, push], rtol=1e-6)
-    np.testing.assert_allclose(found.interface_compliance[1, 1], 0.0, atol=1e-6)
-    said = "small increase of push at step 1 is 466.7 N/µm; 0 % of the"
-    assert said in " ".join(LOADED_BODIES.summary(found).answer)
+    np.testing.assert_allclose(result.load_stiffness[1], [press, push], rtol=1e-6)
+    np.testing.assert_allclose(result.stuck_stiffness[1], [press, push], rtol=1e-6)
+    np.testing.assert_allclose(result.interface_compliance[1, 1], 0.0, atol=1e-6)
+    sentence = "small increase of push at step 1 is 466.7 N/µm; 0 % of the"
+    assert sentence in " ".join(LOADED_BODIES.summary(result).answer)
 
 
 def test_vibration_on_a_frictionless_ground_has_an_answer_at_every_amplitude(tmp_path):
@@ -450,10 +454,10 @@ def test_vibration_on_a_frictionless_ground_has_an_answer_at_every_amplitude(tmp
     vibrates = SMOOTH.replace("steps = [{ press = 1 }, { push = 1 }]", "steps = [{ press = 1 }]")
     vibrates += '[vibration]\nmodes = [1]\namplitudes = ["1 nm", "20 nm"]\n'
     (tmp_path / "case.toml").write_text(vibrates)
-    found = run(load_case(tmp_path / "case.toml"), tmp_path / "results")["vibration"]
-    assert found.converged.values.all()
-    np.testing.assert_allclose(found.frequency, found.mode_frequency[0], rtol=1e-3)
-    np.testing.assert_allclose(found.damping, 0.0, atol=1e-6)
+    result = run(load_case(tmp_path / "case.toml"), tmp_path / "results")["vibration"]
+    assert result.converged.values.all()
+    np.testing.assert_allclose(result.frequency, result.mode_frequency[0], rtol=1e-3)
+    np.testing.assert_allclose(result.damping, 0.0, atol=1e-6)
 
 
 STEPS = "steps = [{ press = 1 }, { pull = 1 }]"
@@ -462,17 +466,17 @@ STEPS = "steps = [{ press = 1 }, { pull = 1 }]"
 def test_statics_choose_their_solver(meshes):
     answers = []
     for method, name in (("newton", "Newton's method on the whole"), ("latin", "LATIN")):
-        found = solve(meshes, (STEPS, f'{STEPS}\nmethod = "{method}"'))
-        assert f"Solved by {name}: the case asks for it." in found.attrs["facts"]
-        answers.append(found)
+        result = solve(meshes, (STEPS, f'{STEPS}\nmethod = "{method}"'))
+        assert f"Solved by {name}: the case asks for it." in result.attrs["facts"]
+        answers.append(result)
     same_answers(*answers)
 
 
 def test_the_time_of_all_load_steps_follows_from_the_first(meshes):
-    told = []
+    lines = []
     case = load_case(write_scene(meshes, TEXT))
-    run(case, meshes / "told", progress=lambda *one: told.append(one))
-    assert [one for one in told if one[2] == "load steps"] == [
+    run(case, meshes / "told", progress=lambda *one: lines.append(one))
+    assert [line for line in lines if line[2] == "load steps"] == [
         (k, 2, "load steps") for k in range(3)
     ]
 
@@ -480,10 +484,10 @@ def test_the_time_of_all_load_steps_follows_from_the_first(meshes):
 def test_the_figure_and_the_answer_are_those_of_the_last_step_that_is_known(meshes, tmp_path):
     """The last step is far below the pressures of the law; in a linear law it has no load."""
     low = "{ press = 1 }, { pull = 1 }", "{ press = 1 }, { press = 0.001 }"
-    found = solve(meshes, low)
-    assert np.isnan(found["equivalent_stress"][-1]).all()
-    sections = LOADED_BODIES.sections({LOADED_BODIES.name: found}, tmp_path)
-    figures = {name: draw for one in sections for name, draw in one.figures.items()}
+    result = solve(meshes, low)
+    assert np.isnan(result["equivalent_stress"][-1]).all()
+    sections = LOADED_BODIES.sections({LOADED_BODIES.name: result}, tmp_path)
+    figures = {name: draw for section in sections for name, draw in section.figures.items()}
     figures["body_stress"](tmp_path / "stress.png")
     at_rest = low[0], "{ press = 1 }, { press = 0 }"
     law = TEXT[TEXT.index("[structure.interfaces.exp") : TEXT.index("[[structure.loads]]")]
@@ -494,20 +498,20 @@ def test_the_figure_and_the_answer_are_those_of_the_last_step_that_is_known(mesh
     assert re.search(
         r"At step 0 the largest mean stress .* \(von Mises\), in (housing|cover)\.", once
     )
-    assert "or state a law that holds there" in found.attrs["cautions"]
+    assert "or state a law that holds there" in result.attrs["cautions"]
 
 
 def test_slip_and_loss_of_a_stated_law_have_the_intervals_of_its_values(meshes):
     text = TEXT.replace("friction = 0.2", 'friction = "0.2 +- 10 %"').replace('"1 kN"', '"1.8 kN"')
     text += '[cycles]\nload = "pull"\ncycles = 1\nsteps = 4\n'
-    found = run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
+    result = run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
     more = text.replace('"0.2 +- 10 %"', "0.22")
     changed = run_macro(load_case(write_scene(meshes, more)), meshes / "more.nc")
-    terms = found["error_half_width"].isel(step=-1)
+    terms = result["error_half_width"].isel(step=-1)
     for name in ("cycle_energy", "slipping_load"):
-        below, above = found[f"{name}_mean_law"].values[..., -1]
-        assert below < float(found[name][-1]) < above
+        below, above = result[f"{name}_mean_law"].values[..., -1]
+        assert below < float(result[name][-1]) < above
         assert 0.0 < float(terms.sel(error_term="friction bed", quantity=name)) < 0.1
-    change = abs(float(changed["cycle_energy"][-1] / found["cycle_energy"][-1]) - 1.0)
+    change = abs(float(changed["cycle_energy"][-1] / result["cycle_energy"][-1]) - 1.0)
     stated = float(terms.sel(error_term="stated values", quantity="cycle_energy"))
     assert stated == pytest.approx(change, rel=0.1)  # of paths of fewer steps

@@ -140,11 +140,11 @@ def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks)
     assert done.exit_code == 0, done.output
     file = tmp_path / "grid-homogenised.nc"
     assert f"homogenised: {file}" in done.output
-    found = open_dataset(file, HOMOGENISED)
-    assert found.sizes["substructure"] == 4
+    dataset = open_dataset(file, HOMOGENISED)
+    assert dataset.sizes["substructure"] == 4
     slack = open_dataset(out, MACRO_RESULT)["slack"].values[-1] > 0.0
-    assert found["slack_links"].sum() == np.count_nonzero(slack) > 0
-    taut, slackened = found["stiffness"].values
+    assert dataset["slack_links"].sum() == np.count_nonzero(slack) > 0
+    taut, slackened = dataset["stiffness"].values
     assert np.trace(slackened[0]) < np.trace(taut[0])
 
     text = BLOCKS + "[substructures]\nparts = [1, 1]\nhomogenise = true\n"
@@ -198,9 +198,9 @@ def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
     given = 'rve = "rve.nc"\ndamage = [0.3, 0]\n'
     scene = load_case(write_scene(folder, BLOCKS, (moduli, given)))
     run_macro(scene, folder / "out.nc")
-    found = open_dataset(folder / "out.nc", MACRO_RESULT)
+    dataset = open_dataset(folder / "out.nc", MACRO_RESULT)
     expected = expected_stiffness(folder / "law.nc", [5e6, 20e6], (0.72, 0.0, 0.6))
-    np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-6)
+    np.testing.assert_allclose(dataset["joint_stiffness"], expected, rtol=1e-6)
 
 
 def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
@@ -217,7 +217,7 @@ def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("highest", "more", "status", "said"),
+    ("highest", "more", "status", "sentence"),
     [
         (10e6, "", 0, "the law extrapolates: up to 100 % of the load lies above the pressures"),
         (8e6, "", 0, "     20          unknown"),
@@ -225,13 +225,13 @@ def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
         (2e6, "", 1, "preloads in [statics] press the joints by about 5 MPa to 20 MPa, more"),
     ],
 )
-def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more, status, said):
+def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more, status, sentence):
     law = write_law(tmp_path / "law.nc", (1e5, highest))
     scene = write_scene(tmp_path, BLOCKS, ("friction = 0.2\n", f"friction = 0.2\n{more}"))
     arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc"), "--law", str(law)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == status
-    assert said in f"{done.output}{done.exception}"
+    assert sentence in f"{done.output}{done.exception}"
 
 
 @pytest.mark.slow
@@ -286,8 +286,10 @@ def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load
     out = tmp_path / "slid.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
     assert done.exit_code == 1
-    found = re.search(r"load of (\S+) N, .* carries about (\S+) N", str(done.exception))
-    np.testing.assert_allclose([float(one) for one in found.groups()], [1760.0, 1600.0], rtol=0.05)
+    match = re.search(r"load of (\S+) N, .* carries about (\S+) N", str(done.exception))
+    np.testing.assert_allclose(
+        [float(group) for group in match.groups()], [1760.0, 1600.0], rtol=0.05
+    )
     assert "cycle 0: not closed" in done.output
     assert "nan" not in done.output
     result = open_dataset(out, MACRO_RESULT)

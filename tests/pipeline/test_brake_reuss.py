@@ -20,8 +20,8 @@ def test_the_shipped_beam_has_its_asperities_and_modes():
     (law,) = _laws(case.structure, case, [None], Change())
     assert law.asperities.density.sum() == pytest.approx(1371333.5)
     # by the reference implementation for the whole table of heights
-    found = law.respond(np.array([[-1.5e-5], [0.0], [0.0]]), np.zeros((law.n_state, 1)))
-    assert -found.traction[0, 0] == pytest.approx(15.079e6, rel=0.01)
+    response = law.respond(np.array([[-1.5e-5], [0.0], [0.0]]), np.zeros((law.n_state, 1)))
+    assert -response.traction[0, 0] == pytest.approx(15.079e6, rel=0.01)
 
 
 @pytest.mark.slow
@@ -30,12 +30,12 @@ def test_a_quick_run_softens_and_damps_as_the_reference(shipped_run):
 
     Elements of first order are stiff in bending; the full model keeps the tolerances below.
     """
-    found = open_dataset(shipped_run("brake_reuss")[0] / "vibration.nc")
-    assert found.sizes["node"] < 5000  # elements of first order
-    softer = 1.0 - found["frequency"].values[-1] / found["frequency"].values[0]
+    dataset = open_dataset(shipped_run("brake_reuss")[0] / "vibration.nc")
+    assert dataset.sizes["node"] < 5000  # elements of first order
+    softer = 1.0 - dataset["frequency"].values[-1] / dataset["frequency"].values[0]
     assert softer == pytest.approx(0.0702, rel=0.08)
-    assert np.ptp(found["damping"].values) == pytest.approx(0.0298, rel=0.15)
-    seen = plot_vibrating_joint(found, ax=Figure().add_subplot()).get_xlim()
+    assert np.ptp(dataset["damping"].values) == pytest.approx(0.0298, rel=0.15)
+    seen = plot_vibrating_joint(dataset, ax=Figure().add_subplot()).get_xlim()
     assert np.ptp(seen) == pytest.approx(1.1 * 121.412, rel=0.05)  # mm, the lap and not the beam
 
 
@@ -49,14 +49,14 @@ def test_preloaded_frequencies_and_the_backbone_are_those_of_the_reference():
     asked = case.vibration.model_copy(update={"modes": (5,)})
     case = case.model_copy(update={"vibration": asked})
     still, _ = _press(case.structure, case, _laws(case.structure, case, [None], Change()))
-    found = still.modes.frequency[[0, 2, 4]]
-    np.testing.assert_allclose(found, [168.5026, 580.4082, 1177.6498], rtol=0.01)
+    computed = still.modes.frequency[[0, 2, 4]]
+    np.testing.assert_allclose(computed, [168.5026, 580.4082, 1177.6498], rtol=0.01)
     sizes = Amplitudes((2.43e-6, 8.94e-6, 3.25e-5, 6.99e-5))
     load = still.mass @ still.modes.shape
     backbone = follow_backbone(still.rest, still.modes, load, 0, sizes)
     damping = case.vibration.material_damping + backbone.damping
     np.testing.assert_allclose(damping, [0.001635, 0.00615, 0.01524, 0.03063], rtol=0.06)
-    fall = found[0] - backbone.frequency
+    fall = computed[0] - backbone.frequency
     np.testing.assert_allclose(fall[:2], [0.2092, 1.5837], atol=0.1)
     np.testing.assert_allclose(fall[2:], [5.877, 11.828], rtol=0.05)
 

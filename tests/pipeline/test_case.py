@@ -94,14 +94,14 @@ def test_a_fault_is_shown_in_its_line_with_a_caret(tmp_path):
     file = tmp_path / "case.toml"
     lines = ['title = "x"', "[body_1]", "  poissons_rato = 0.3", "[cell]", "layers = -1"]
     file.write_text("\n".join(lines), encoding="utf-8")
-    with pytest.raises(CaseError) as told:
+    with pytest.raises(CaseError) as raised:
         load_case(file)
-    said = str(told.value)
+    text = str(raised.value)
     for number, name in ((3, "poissons_rato"), (5, "layers")):
         begin = f"  line {number}: "
         at = len(begin) + lines[number - 1].index(name)
-        assert f"\n{begin}{lines[number - 1]}\n{' ' * at}{'^' * len(name)}" in said
-    assert said.count("^\n") + said.endswith("^") == 2  # what is missing has no line
+        assert f"\n{begin}{lines[number - 1]}\n{' ' * at}{'^' * len(name)}" in text
+    assert text.count("^\n") + text.endswith("^") == 2  # what is missing has no line
 
 
 def test_a_fault_of_a_list_of_tables_or_of_a_sweep_is_shown_where_it_stands(tmp_path):

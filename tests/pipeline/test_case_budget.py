@@ -10,12 +10,12 @@ from tests.support import TWO_BLOCKS, write_scene
 def test_every_term_that_is_not_known_names_a_key(run_folder):
     case = load_case(run_folder / "case.toml")
     response = open_response(run_folder / "micro_response.nc").isel(realisation=[0])
-    told = case_budget(case, response, fit_law(response, n_samples=0)).attrs
-    assert told["unknown"] == "sampling, cell size, micro discretisation"
-    assert "give realisations = 3 or more in [micro]" in told["how_sampling"]
-    assert "a target in [accuracy]" in told["how_cell_size"]
-    assert "give coarser = 1 in [micro]" in told["how_micro_discretisation"]
-    assert not told["how_scale_separation"].startswith("not known")
+    text = case_budget(case, response, fit_law(response, n_samples=0)).attrs
+    assert text["unknown"] == "sampling, cell size, micro discretisation"
+    assert "give realisations = 3 or more in [micro]" in text["how_sampling"]
+    assert "a target in [accuracy]" in text["how_cell_size"]
+    assert "give coarser = 1 in [micro]" in text["how_micro_discretisation"]
+    assert not text["how_scale_separation"].startswith("not known")
 
 
 def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):

@@ -53,8 +53,8 @@ def write_map(path, heights, spacing=4):
 
 def test_both_rough_bodies_are_in_the_composite_surface(case):
     both = make_cells(case)[0].surface
-    one = case.model_copy(update={"body_2": case.body_2.model_copy(update={"surface": None})})
-    single = make_cells(one)[0].surface
+    changed = case.model_copy(update={"body_2": case.body_2.model_copy(update={"surface": None})})
+    single = make_cells(changed)[0].surface
     assert rms_height(single) == pytest.approx(0.4e-6)
     # independent sides: ignoring the second would lose a factor sqrt 2
     assert rms_height(both) == pytest.approx(np.sqrt(2.0) * 0.4e-6, rel=0.1)
@@ -118,8 +118,8 @@ def test_a_measured_cutoff_finer_than_the_grid_is_refused(case, tmp_path):
 
 def both_measured(case, path):
     """Let both bodies have the same measured map."""
-    one = measured(case, path)
-    return one.model_copy(update={"body_2": one.body_1})
+    quantity = measured(case, path)
+    return quantity.model_copy(update={"body_2": quantity.body_1})
 
 
 def test_two_sides_from_one_map_read_it_once_and_share_no_window(case, tmp_path, monkeypatch):
@@ -202,10 +202,10 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
     printed = capsys.readouterr()
     response = open_response(tmp_path / "out" / "micro_response.nc")
     known = heights[np.isfinite(heights)]
-    held = response["body_rms_height"].sel(body="body_1")
-    assert float(held.sel(stage="map")) == pytest.approx(1e-6 * known.std(), rel=0.02)
+    part = response["body_rms_height"].sel(body="body_1")
+    assert float(part.sel(stage="map")) == pytest.approx(1e-6 * known.std(), rel=0.02)
     cells = np.sqrt(np.mean(response["rms_height"].values ** 2))
-    assert float(held.sel(stage="cells")) == pytest.approx(cells, rel=1e-9)
+    assert float(part.sel(stage="cells")) == pytest.approx(cells, rel=1e-9)
     assert float(response["map_filled_share"][0]) == pytest.approx(1500 / 20000)
     assert np.all(response["filled_share"].values == 0.0)
     assert "caution: body_1: the cells hold" in printed.err
@@ -226,12 +226,12 @@ MEASURED = case_text("measured")
 
 def test_a_case_of_second_order_expands_both_bodies_under_their_own_surfaces(case):
     cell = case.cell.model_copy(update={"geometry": "flat", "slope_order": 2})
-    one = make_cells(case.model_copy(update={"cell": cell}))[0]
+    first = make_cells(case.model_copy(update={"cell": cell}))[0]
     lower, upper = case_cells.two_surfaces(case)[0]
-    np.testing.assert_array_equal(one.surface.heights, lower.heights)
-    np.testing.assert_array_equal(one.obstacle.heights, -upper.heights)
-    assert one.second.law == one.law == Elastic(210e9, 0.3)
-    both = one.surface_record(heights=True)["height"][0].T
+    np.testing.assert_array_equal(first.surface.heights, lower.heights)
+    np.testing.assert_array_equal(first.obstacle.heights, -upper.heights)
+    assert first.second.law == first.law == Elastic(210e9, 0.3)
+    both = first.surface_record(heights=True)["height"][0].T
     np.testing.assert_allclose(both, lower.heights + upper.heights)
 
 
@@ -271,9 +271,9 @@ def test_one_body_for_two_errs_by_half_its_slope_correction_where_both_are_alike
     pair = FlatCell(surface, 1.0, 2, Elastic(1.0, 0.3), obstacle=smooth, second=second)
     response = run_ensemble([Cell(surface, 1.0, 6, 0.5, 0.3)], path)
     assert response.attrs["small_slopes"] == "nothing: the mesh follows the surface"
-    found = with_slope_errors(response, pair, tmp_path / "pair", "one", alone)
+    result = with_slope_errors(response, pair, tmp_path / "pair", "one", alone)
     bare = with_slope_errors(response, alone, tmp_path / "alone", "one")
     rest = 1.0 + 8.0 * 0.05
     expected = share * bare["mean_gap_slope_error"] * rest / (1.0 + 2.0 * 0.05)
-    np.testing.assert_allclose(found["mean_gap_slope_error"], expected, rtol=0.1, atol=1e-5)
-    assert found.attrs["small_slopes"].startswith("one body for two")
+    np.testing.assert_allclose(result["mean_gap_slope_error"], expected, rtol=0.1, atol=1e-5)
+    assert result.attrs["small_slopes"].startswith("one body for two")

@@ -49,9 +49,9 @@ def test_joints_take_the_law_of_another_case_which_is_run_before_them(chain, tmp
     needs = requirements(case)
     stages = [cost.stage for cost in needs.costs]
     assert stages == ["micro_response of cells", "interface_law of cells", "macro_result"]
-    found = run_macro(case, tmp_path / "found.nc")
+    result = run_macro(case, tmp_path / "found.nc")
     for name in ("joint_stiffness", "cycle_energy", "error_total"):
-        np.testing.assert_array_equal(found[name], results.macro_result[name])
+        np.testing.assert_array_equal(result[name], results.macro_result[name])
     (folder,) = (tmp_path / "laws").iterdir()
     assert folder.name.startswith("cells-")
     assert case.quick().interface.quick
@@ -59,19 +59,19 @@ def test_joints_take_the_law_of_another_case_which_is_run_before_them(chain, tmp
 
 
 @pytest.mark.parametrize(
-    ("law", "said"),
+    ("law", "sentence"),
     [
         ("tyre_on_road", "tyre_on_road.toml: the case has no cells, and so it makes no law"),
         ("ground_stel", "ground_stel"),
     ],
 )
-def test_a_case_without_a_law_is_refused_before_anything_is_solved(tmp_path, law, said):
+def test_a_case_without_a_law_is_refused_before_anything_is_solved(tmp_path, law, sentence):
     case = case_of(
         tmp_path,
         'title = "Blocks"\n' + ROUGH,
         (LAW_OF_CELLS[0], f'{LAW_OF_CELLS[0]}law = "{law}"\n'),
     )
-    with pytest.raises(MultiscaleError, match=said):
+    with pytest.raises(MultiscaleError, match=sentence):
         run_macro(case, tmp_path / "found.nc")
     assert not (tmp_path / "laws").exists()
 
@@ -96,9 +96,9 @@ def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
 
 def test_cells_alone_are_a_case_and_tell_the_interface(command, tmp_path):
     path = write_scene(tmp_path, CELLS + "[law]\nsamples = 0\n")
-    status, said, _ = command("run", path, "-o", "out", "--jobs", "1")
+    status, output, _ = command("run", path, "-o", "out", "--jobs", "1")
     assert status == 0
-    line = said.splitlines()[2]
+    line = output.splitlines()[2]
     law = open_law(tmp_path / "out" / "interface_law.nc")
     middle = law.isel(step=law.sizes["step"] // 2)
     assert line.startswith(f"At {1e-6 * float(middle['fit_pressure']):.4g} MPa the mean gap of ")
@@ -117,26 +117,26 @@ def test_blocks_take_a_law_from_a_file(run_folder, tmp_path, command):
     )
     text = 'title = "Blocks"\n' + bodies + BLOCKS
     path = write_scene(tmp_path, text)
-    status, said, _ = command("macro", path, "--law", law, "-o", "out.nc")
+    status, output, _ = command("macro", path, "--law", law, "-o", "out.nc")
     assert status == 0
-    assert said.splitlines()[0] == "Blocks"
-    found = open_dataset(tmp_path / "out.nc", MACRO_RESULT)
+    assert output.splitlines()[0] == "Blocks"
+    dataset = open_dataset(tmp_path / "out.nc", MACRO_RESULT)
     for name in ("joint_stiffness", "real_pressure", "error_total"):
-        np.testing.assert_allclose(found[name], whole[name], rtol=1e-12)
-    assert "A cell of 0.8 mm is 0.08 of the edge" in found.attrs["facts"]
-    status, _, said = command("macro", path, "-o", "none.nc")
+        np.testing.assert_allclose(dataset[name], whole[name], rtol=1e-12)
+    assert "A cell of 0.8 mm is 0.08 of the edge" in dataset.attrs["facts"]
+    status, _, output = command("macro", path, "-o", "none.nc")
     assert status == 1
-    assert "has joints but no law: name a case or a file by [interface] law, or a file" in said
+    assert "has joints but no law: name a case or a file by [interface] law, or a file" in output
     named = case_of(tmp_path, f'{text}[interface]\nlaw = "{law}"\n')
     np.testing.assert_array_equal(
-        run(named, tmp_path / "run").macro_result["joint_stiffness"], found["joint_stiffness"]
+        run(named, tmp_path / "run").macro_result["joint_stiffness"], dataset["joint_stiffness"]
     )
 
 
 @pytest.mark.usefixtures("without_pages")
 def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
-    one = CELLS.replace("realisations = 3", "realisations = 1")
-    path = write_scene(tmp_path, one + "[law]\nsamples = 0\n" + BLOCKS)
+    changed = CELLS.replace("realisations = 3", "realisations = 1")
+    path = write_scene(tmp_path, changed + "[law]\nsamples = 0\n" + BLOCKS)
     arguments = ("run", path, "-o", "out", "--jobs", "1")
     assert command(*arguments)[0] == 0
     files = [*(tmp_path / "out").glob("*.nc"), *(tmp_path / "out" / "micro").glob("*.nc")]
@@ -145,9 +145,9 @@ def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
     assert np.all(before == [file.stat().st_mtime_ns for file in files])
     assert command(*arguments, "--force")[0] == 0
     assert np.all(before < [file.stat().st_mtime_ns for file in files])
-    status, _, said = command(*arguments, "--force", "--resume")
+    status, _, output = command(*arguments, "--force", "--resume")
     assert status == 1
-    assert "--resume keeps what --force computes anew" in said
+    assert "--resume keeps what --force computes anew" in output
 
 
 def test_tables_of_earlier_versions_are_refused_in_sweeps(tmp_path):

@@ -56,29 +56,29 @@ def test_a_coated_case_has_a_law_with_bands_and_a_budget(tmp_path):
 
 def test_the_hardness_of_the_coating_caps_local_pressures(tmp_path):
     hard = COATING + 'hardness = "12 GPa"\n'
-    own = ("0.3\n[body_1.surface]", '0.3\nhardness = "2 GPa"\n[body_1.surface]')
-    case = case_of(tmp_path, TEXT, (COATING, hard), own)
+    direct = ("0.3\n[body_1.surface]", '0.3\nhardness = "2 GPa"\n[body_1.surface]')
+    case = case_of(tmp_path, TEXT, (COATING, hard), direct)
     assert case.hardness == 12e9
     assert cell_of(case, flat_surface(case)).hardness == 12e9
-    (told,) = (one for one in case.cautions() if "spots wider" in one)
-    assert "reach 12 GPa, above the hardness of body_1 below its coating" in told
-    assert "10 µm" in told
+    (text,) = (caution for caution in case.cautions() if "spots wider" in caution)
+    assert "reach 12 GPa, above the hardness of body_1 below its coating" in text
+    assert "10 µm" in text
     soft = case_of(
-        tmp_path, TEXT, (COATING, hard), own, METAL
+        tmp_path, TEXT, (COATING, hard), direct, METAL
     )  # body_2 of 2 GPa caps the pressures
     assert soft.hardness == 2e9
-    assert not [one for one in soft.cautions() if "spots wider" in one]
-    below = case_of(tmp_path, TEXT, own)
+    assert not [caution for caution in soft.cautions() if "spots wider" in caution]
+    below = case_of(tmp_path, TEXT, direct)
     assert below.hardness == 2e9
-    assert not [one for one in below.cautions() if "spots wider" in one]
+    assert not [caution for caution in below.cautions() if "spots wider" in caution]
 
 
 def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
     conforming = ('geometry = "flat"', 'geometry = "conforming"')
     assert coating_caution(case_of(tmp_path, TEXT)) == []
-    told = coating_caution(case_of(tmp_path, TEXT, conforming))
-    assert "gets 2 layer(s) of elements" in told[0]
-    assert "some wavelength is 0.4" in told[1]
+    caution = coating_caution(case_of(tmp_path, TEXT, conforming))
+    assert "gets 2 layer(s) of elements" in caution[0]
+    assert "some wavelength is 0.4" in caution[1]
     both = (COATING, COATING + COATING.replace("body_1", "body_2"))
     assert len(coating_caution(case_of(tmp_path, TEXT, conforming, both))) == 1  # alike bodies
 

@@ -21,10 +21,12 @@ def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
         for name in ("thermal_conductance", "interface_stiffness")
     }
     np.testing.assert_allclose(share["thermal_conductance"], share["interface_stiffness"])
-    cells = {one: one.stat().st_mtime_ns for one in (tmp_path / "out" / "micro").iterdir()}
+    cells = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "micro").iterdir()}
     better = case_of(tmp_path, TEXT, ('"200 W/m/K"', '"400 W/m/K"'))
     again = run(better, tmp_path / "out")["macro_result"]
     np.testing.assert_allclose(
         again["thermal_conductance"] / h, (1 / 200 + 1 / 50) / (1 / 400 + 1 / 50)
     )
-    assert {one: one.stat().st_mtime_ns for one in (tmp_path / "out" / "micro").iterdir()} == cells
+    assert {
+        path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "micro").iterdir()
+    } == cells

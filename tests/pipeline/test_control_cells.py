@@ -42,12 +42,12 @@ def test_the_first_flat_cells_have_the_surfaces_of_the_cells(found, tmp_path):
     assert control.sizes["realisation"] == 40
     assert control["converged"].all()
     np.testing.assert_array_equal(control["realisation"], range(40))
-    dear, cheap = (one["mean_gap"].to_numpy() for one in (response, control))
+    dear, cheap = (answer["mean_gap"].to_numpy() for answer in (response, control))
     for step in range(5):
         assert np.corrcoef(dear[:, step], cheap[:5, step])[0, 1] > 0.99
     case = load_case(write_scene(tmp_path, TEXT))
-    one, other = (make_surfaces(each)[4].heights for each in (case, case.control(40)))
-    np.testing.assert_array_equal(one, other)
+    first, other = (make_surfaces(each)[4].heights for each in (case, case.control(40)))
+    np.testing.assert_array_equal(first, other)
 
 
 def test_the_law_is_surer_by_them_and_single_cells_are_not(found, folder, tmp_path):
@@ -56,8 +56,8 @@ def test_the_law_is_surer_by_them_and_single_cells_are_not(found, folder, tmp_pa
     alone = run(load_case(plain), copytree(folder, tmp_path / "out"))
     assert "control_response" not in alone
     sure, unsure = (
-        one["error_half_width"].sel(error_term="sampling").to_numpy()
-        for one in (law, alone["interface_law"])
+        single_law["error_half_width"].sel(error_term="sampling").to_numpy()
+        for single_law in (law, alone["interface_law"])
     )
     assert np.all(sure[0] < 0.5 * unsure[0])
     assert np.all(sure[2, 1:4] < 0.6 * unsure[2, 1:4])
@@ -116,10 +116,10 @@ def test_their_number_follows_from_the_correlation():
         dear = response_of(gap * (scatter + noise * random.standard_normal((pairs, 1))))
         return best_count(pairs, normal_observations(dear, cheap).control)
 
-    count, told = counted(1e-4)
+    count, text = counted(1e-4)
     assert count == 256  # and no more
-    assert "a cost of 1/50 of a cell" in told
+    assert "a cost of 1/50 of a cell" in text
     assert 32 <= counted(0.1)[0] <= 128  # a correlation of .7, and a ratio of 7
-    count, told = counted(10.0)
+    count, text = counted(10.0)
     assert count == 12
-    assert "not significant" in told
+    assert "not significant" in text

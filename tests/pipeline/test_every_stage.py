@@ -100,7 +100,11 @@ def test_needs_of_all_stages_are_told(finished):
 def test_a_stage_is_out_of_date_by_its_own_tables_and_those_that_it_takes_from(finished):
     def closure(stage):
         read = {"structure"} if stage.reads is None else set(stage.reads)
-        taken = (one for one in stage.takes if one.asked_for(finished.case.tables))
+        taken = (
+            schema_name
+            for schema_name in stage.takes
+            if schema_name.asked_for(finished.case.tables)
+        )
         return read.union(*map(closure, taken))
 
     other = finished.case.model_copy(update={"title": f"{finished.case.title}, again"})
@@ -124,8 +128,8 @@ def test_print_and_download_have_the_table_of_the_page(finished):
     printed = [line.split() for line in finished.run.lines(details=True)]
     downloads = re.findall(r'csv" href="data:text/plain;base64,([^"]+)"', finished.page)
     files = [
-        [tuple(row) for row in csv.reader(StringIO(base64.b64decode(one).decode("utf-8-sig")))]
-        for one in downloads
+        [tuple(row) for row in csv.reader(StringIO(base64.b64decode(download).decode("utf-8-sig")))]
+        for download in downloads
     ]
     for section in finished.run.sections():
         rows = [tuple(map(str, row)) for row in section.rows]

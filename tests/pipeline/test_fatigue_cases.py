@@ -86,15 +86,15 @@ def test_structures_that_are_solved_again_keep_the_volumes_of_their_other_bodies
 
 
 def test_one_element_has_the_closed_form_of_reversed_tension(cube):
-    found = solve(cube)
-    life = float(found["cycles_to_crack"])
+    result = solve(cube)
+    life = float(result["cycles_to_crack"])
     assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
-    np.testing.assert_allclose(found["crack_position"], 0.005)
+    np.testing.assert_allclose(result["crack_position"], 0.005)
     drawn = meshio.read(next((cube / "out" / "fields").glob("fatigue_life-*.vtu")))
     np.testing.assert_allclose(drawn.cell_data["damage"], 0.3)
-    ax = plot_element_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
+    ax = plot_element_field(result, "equivalent_amplitude", ax=Figure().add_subplot())
     np.testing.assert_allclose(ax.collections[0].get_array(), 210.0)
-    inner, outer = (found[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))
+    inner, outer = (result[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))
     assert outer[0] < inner[0] < life < inner[1] < outer[1]
     # the limit 1.96 standard errors away has a closed form, too
     low = 200e6 * np.exp(-0.01 * 1.959964)
@@ -108,8 +108,8 @@ def test_a_plate_cracks_beside_its_hole(tmp_path):
     section, raises the stress by 1.7 % (R. B. Heywood, Designing by Photoelasticity, 1952).
     """
     write_body(tmp_path / "part.msh", holed_plate())
-    found = solve(tmp_path, ('"210 MPa"', '"85 MPa"'))
-    x, y, _ = found["crack_position"].values
+    result = solve(tmp_path, ('"210 MPa"', '"85 MPa"'))
+    x, y, _ = result["crack_position"].values
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
     assert radius < 1.1 * RADIUS
     assert angle > np.radians(80.0)
@@ -120,7 +120,7 @@ def test_a_plate_cracks_beside_its_hole(tmp_path):
     width = (2.0 + narrow**3) / narrow / 3.0
     local = 85e6 * width * np.array([hoop, radial, 0.0, 0.0, 0.0, 0.0])
     estimate = float(two_scale_fatigue(np.stack([local, -local]), MATERIAL)["cycles_to_rupture"])
-    assert float(found["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
+    assert float(result["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
 
 
 @pytest.mark.slow
@@ -133,10 +133,10 @@ def test_the_interval_of_a_plate_counts_its_mesh(tmp_path):
         write_body(folder / "part.msh", holed_plate(5 * along // 6, along))
         write_body(folder / "coarse.msh", holed_plate(5 * along // 12, along // 2))
         mesh = ('unit = "mm"', 'unit = "mm"\ncoarser = "coarse.msh"')
-        found = solve(folder, mesh, ('"210 MPa"', '"120 MPa"'))
-        lives.append(float(found["cycles_to_crack"]))
-        changes.append(float(found["mesh_error"]))
-        low, high = found["cycles_to_crack_mean_law"].to_numpy()
+        result = solve(folder, mesh, ('"210 MPa"', '"120 MPa"'))
+        lives.append(float(result["cycles_to_crack"]))
+        changes.append(float(result["mesh_error"]))
+        low, high = result["cycles_to_crack_mean_law"].to_numpy()
         assert low < lives[-1] * np.exp(-changes[-1]) < lives[-1] * np.exp(changes[-1]) < high
     finer = np.abs(np.log(np.array(lives[1:]) / lives[:-1]))
     np.testing.assert_allclose(finer, changes[1:], rtol=1e-6)
@@ -156,14 +156,14 @@ def test_what_is_left_of_an_element_bears_the_whole_load(cube):
         ("feedback = false", "feedback = false\nscatter = 0.04\ntolerance = 0.2"),
         ('"210 MPa"', '"225 MPa"'),
     )
-    found = solve(cube, *pairs)
-    assert int(found["solves"]) > 5
+    result = solve(cube, *pairs)
+    assert int(result["solves"]) > 5
     cycle = 225e6 * np.array([1.0, -1.0])[:, None, None] * np.eye(6)[0]
     alone = local_fatigue(
         lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=0.04, tolerance=0.2
     )
     for name in ("cycles_to_first", "cycles_to_crack"):
-        assert float(found[name]) == pytest.approx(float(alone[name]), rel=1e-6)
+        assert float(result[name]) == pytest.approx(float(alone[name]), rel=1e-6)
 
 
 @pytest.mark.slow
@@ -191,12 +191,12 @@ pressure = "20 MPa"
         ("threshold = 0.05", "threshold = 0.0"),
         ("limit_error = 0.01", "limit_error = 0.0"),
     ]
-    found = solve(tmp_path, *pairs)
-    life, (low, high) = (found[f"cycles_to_crack{k}"].values for k in ("", "_mean_law"))
+    result = solve(tmp_path, *pairs)
+    life, (low, high) = (result[f"cycles_to_crack{k}"].values for k in ("", "_mean_law"))
     assert np.isfinite(life)
     assert 0.8 * life < low < 0.9999 * life
     assert high == pytest.approx(life**2 / low)
-    assert float(found["crack_distance"]) < 0.006  # the same element, or its neighbour
+    assert float(result["crack_distance"]) < 0.006  # the same element, or its neighbour
 
 
 @pytest.mark.parametrize(("base", "pairs", "sentence"), refused_rows("fatigue"))

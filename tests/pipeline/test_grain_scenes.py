@@ -76,9 +76,9 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
     free = result.assign(stress=0.0 * result["stress"])
     assert "so that no stress ratio q/p is known" in " ".join(GRAINS.summary(free).answer)
     loosened = result.assign(stress=result["stress"].where(result["step"] < 2, 0.0))
-    told = " ".join(GRAINS.summary(loosened).answer)
-    assert "in the last step with stress" in told
-    assert "nan" not in told
+    text = " ".join(GRAINS.summary(loosened).answer)
+    assert "in the last step with stress" in text
+    assert "nan" not in text
 
 
 def test_steps_in_which_pressed_grains_would_pass_each_other_are_refused(tmp_path):
@@ -101,9 +101,9 @@ def test_the_floor_bears_the_weight_of_grains_that_touch_no_wall(tmp_path):
     result = run_macro(load_case(path).quick(), tmp_path / "result.nc")
     np.testing.assert_allclose(result["floor_share"][-5:], 1.0, atol=1e-3)
     np.testing.assert_array_equal(result["side_share"][-5:], 0.0)
-    said = GRAINS.summary(result)
-    assert said.answer[0].endswith("of the grains (0 to 0 %), the floor 100 %.")
-    assert said.question == "Which walls bear the weight of the grains, and what costs a step?"
+    text = GRAINS.summary(result)
+    assert text.answer[0].endswith("of the grains (0 to 0 %), the floor 100 %.")
+    assert text.question == "Which walls bear the weight of the grains, and what costs a step?"
 
 
 def test_the_run_out_counts_from_the_gate_to_the_farthest_edge(tmp_path):
@@ -114,8 +114,8 @@ def test_the_run_out_counts_from_the_gate_to_the_farthest_edge(tmp_path):
     assert answer[0] == "After 0.04 s no grain has passed the gate."
     assert "they run farther; take a longer duration" in answer[1]
     ran = result.assign(run_out=result["run_out"] + 0.1)
-    told = f"the farthest grain is {1e3 * float(ran['run_out'][-1]):.4g} mm beyond the gate"
-    assert told in GRAINS.summary(ran).answer[0]
+    sentence = f"the farthest grain is {1e3 * float(ran['run_out'][-1]):.4g} mm beyond the gate"
+    assert sentence in GRAINS.summary(ran).answer[0]
 
 
 def test_the_pressure_on_the_plate_is_the_pressure_of_the_scene(tmp_path):

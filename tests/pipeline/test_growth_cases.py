@@ -47,22 +47,22 @@ def test_volumes_have_strengths_and_energies_between_their_intervals(cracked):
     for name in ("strength", "fracture_energy"):
         low, high = growth[f"{name}_mean_law"].to_numpy()
         assert low < float(growth[name]) < high
-        one = np.log(growth[f"{name}_one_part"].to_numpy())
-        assert np.ptp(one) == pytest.approx(2.0 * np.log(high / low))  # sqrt(1 + 3)
+        exponent = np.log(growth[f"{name}_one_part"].to_numpy())
+        assert np.ptp(exponent) == pytest.approx(2.0 * np.log(high / low))  # sqrt(1 + 3)
 
 
 def test_a_bar_has_the_strength_and_the_energy_of_the_mean_law_on_every_mesh(cracked):
-    found, growth = cracked[0]["cracked_body"], cracked[0]["volume_growth"]
-    CRACKED_BODY.check(found)
-    assert int(found["converged"]) == 1
-    assert 1e6 * float(found["peak_load"]) == pytest.approx(float(growth["strength"]), rel=1e-6)
-    energy = float(found["work"]) / (SIZE[1] * SIZE[2])
+    computed, growth = cracked[0]["cracked_body"], cracked[0]["volume_growth"]
+    CRACKED_BODY.check(computed)
+    assert int(computed["converged"]) == 1
+    assert 1e6 * float(computed["peak_load"]) == pytest.approx(float(growth["strength"]), rel=1e-6)
+    energy = float(computed["work"]) / (SIZE[1] * SIZE[2])
     assert energy == pytest.approx(float(growth["fracture_energy"]), rel=0.03)
-    assert float(found["work_mesh"]) < 0.03
-    assert float(found["peak_load_mesh"]) < 1e-6
+    assert float(computed["work_mesh"]) < 0.03
+    assert float(computed["peak_load_mesh"]) < 1e-6
     whole = growth["share"].to_numpy() == 1.0
     np.testing.assert_allclose(
-        1e6 * found["peak_load_sample"], growth["volume_strength"].to_numpy()[whole], rtol=1e-6
+        1e6 * computed["peak_load_sample"], growth["volume_strength"].to_numpy()[whole], rtol=1e-6
     )
 
 

@@ -163,8 +163,8 @@ def test_a_reader_that_hangs_is_found(tmp_path):
     original = CASES[0].read_bytes()
 
     def read(file):
-        found = file.read_bytes()
-        while found != original:
+        content = file.read_bytes()
+        while content != original:
             pass
 
     with pytest.MonkeyPatch.context() as patch:

@@ -53,7 +53,8 @@ def rough():
 def case_of(surfaces, *, size="60 um", points=48, count=2):
     """A case whose bodies have these surface tables."""
     bodies = {
-        f"body_{k}": BODY | ({"surface": one} if one else {}) for k, one in enumerate(surfaces, 1)
+        f"body_{k}": BODY | ({"surface": surface} if surface else {})
+        for k, surface in enumerate(surfaces, 1)
     }
     cell = {"size": [size, size], "points": [points, points], "geometry": "flat"}
     micro = {"realisations": count, "pressures": ["10 MPa", "20 MPa", "40 MPa"]}
@@ -61,26 +62,26 @@ def case_of(surfaces, *, size="60 um", points=48, count=2):
 
 
 def test_statistics_of_a_synthetic_map_are_those_it_was_made_of(store, rough):
-    told = inspect_surface(store(rough), size=(384e-6, 320e-6), unit=1.0, detrend_order=1)
-    assert float(told["rms_height"]) == pytest.approx(1e-6, rel=0.1)
-    assert float(told["hurst_exponent"]) == pytest.approx(0.7, abs=0.15)
-    assert float(told["lay_ratio"]) == pytest.approx(3.0, rel=0.1)
-    assert np.rad2deg(float(told["lay_angle"])) == pytest.approx(30.0, abs=2.0)
+    inspection = inspect_surface(store(rough), size=(384e-6, 320e-6), unit=1.0, detrend_order=1)
+    assert float(inspection["rms_height"]) == pytest.approx(1e-6, rel=0.1)
+    assert float(inspection["hurst_exponent"]) == pytest.approx(0.7, abs=0.15)
+    assert float(inspection["lay_ratio"]) == pytest.approx(3.0, rel=0.1)
+    assert np.rad2deg(float(inspection["lay_angle"])) == pytest.approx(30.0, abs=2.0)
     heights = np.sort(rough.ravel())[::-1]
-    share = told["bearing_share"].values
-    middle = told["bearing_height"].values[np.isclose(share, 0.5)]
+    share = inspection["bearing_share"].values
+    middle = inspection["bearing_height"].values[np.isclose(share, 0.5)]
     assert middle == pytest.approx(np.median(heights) - heights.mean(), abs=2e-8)
-    assert float(told["shortest_reliable"]) == pytest.approx(4 * PIXEL)
+    assert float(inspection["shortest_reliable"]) == pytest.approx(4 * PIXEL)
 
 
 def test_spectrum_of_a_map_adds_up_to_its_mean_square_height(store):
     whole, size = (512, 512), (512 * PIXEL, 512 * PIXEL)
     band = {"long_cutoff": 30 * PIXEL, "short_cutoff": 5 * PIXEL, "rms_height": 1e-6}  # many waves
     heights = self_affine(whole, size, 3, hurst_exponent=0.7, **band).heights[:384, :320]
-    told = inspect_surface(store(heights), size=(384e-6, 320e-6), unit=1.0, detrend_order=1)
-    q, density = told["wavenumber"].values, told["power_spectral_density"].values
+    inspection = inspect_surface(store(heights), size=(384e-6, 320e-6), unit=1.0, detrend_order=1)
+    q, density = inspection["wavenumber"].values, inspection["power_spectral_density"].values
     total = np.trapezoid(q * density, q) / (2.0 * np.pi)
-    assert total / float(told["rms_height"]) ** 2 == pytest.approx(1.0, abs=0.08)
+    assert total / float(inspection["rms_height"]) ** 2 == pytest.approx(1.0, abs=0.08)
 
 
 def test_waves_below_instrument_noise_are_not_reliable(store):
@@ -88,16 +89,16 @@ def test_waves_below_instrument_noise_are_not_reliable(store):
     band = {"long_cutoff": 256 * PIXEL, "short_cutoff": 5 * PIXEL, "rms_height": 1e-6}
     smooth = self_affine((512, 512), size, 1, hurst_exponent=0.8, **band).heights
     noise = 5e-7 * np.random.default_rng(2).standard_normal(smooth.shape)
-    told = inspect_surface(store(smooth + noise), size=size, unit=1.0)
+    inspection = inspect_surface(store(smooth + noise), size=size, unit=1.0)
     # noise of variance s^2 has the density s^2 dx^2, which the surface meets at about 16 pixels
-    assert 8 * PIXEL < float(told["shortest_reliable"]) < 30 * PIXEL
+    assert 8 * PIXEL < float(inspection["shortest_reliable"]) < 30 * PIXEL
     clean = inspect_surface(store(smooth, "clean.npy"), size=size, unit=1.0)
     assert float(clean["shortest_reliable"]) == pytest.approx(4 * PIXEL)
 
 
 def test_the_proposed_case_runs(store, rough, command, tmp_path):
     file = store(rough)
-    status, said, _ = command(
+    status, output, _ = command(
         "inspect",
         file,
         "--size",
@@ -110,9 +111,9 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
         "page",
     )
     assert status == 0
-    assert "The cells hold" in said
+    assert "The cells hold" in output
     case = tomllib.loads((tmp_path / "proposed.toml").read_text())
-    height = float(said.split("The cells hold ")[1].split()[0])
+    height = float(output.split("The cells hold ")[1].split()[0])
     assert 0.8 < height < 1.2
     page = (tmp_path / "page" / "report.html").read_text()
     for name in ("measured heights", "spectral density", "bearing curve"):
@@ -123,8 +124,8 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
     import tomli_w
 
     (tmp_path / "small.toml").write_text(tomli_w.dumps(case))
-    status, said, _ = command("run", "small.toml", "-o", "out", "--jobs", "1")
-    assert (status, "MPa" in said) == (0, True)
+    status, output, _ = command("run", "small.toml", "-o", "out", "--jobs", "1")
+    assert (status, "MPa" in output) == (0, True)
 
 
 @pytest.mark.parametrize(
@@ -140,8 +141,8 @@ def test_a_case_for_two_faces_is_pressed_by_its_preload(
 ):
     files = [store(rough, "a.npy"), store(rough[::-1], "b.npy")]
     known = ("--size", "384 um x 320 um", "--unit", "m", "--case", "joint.toml")
-    said = ("inspect", *files, "--structure", structure, "--preload", preload, *known)
-    assert command(*said)[0] == 0
+    text = ("inspect", *files, "--structure", structure, "--preload", preload, *known)
+    assert command(*text)[0] == 0
     case = load_case(tmp_path / "joint.toml")
     assert case.statics.preloads[-1] == pytest.approx(1e6 * pressed, rel=1e-2)
     assert [body.surface.file for body in case.bodies] == files
@@ -177,22 +178,22 @@ def test_spikes_are_the_points_that_stand_out(rough, spiked):
 def test_inspect_counts_spikes_and_removes_them(store, rough, spiked):
     known = {"size": (384e-6, 320e-6), "unit": 1.0}
     heights, spikes = spiked
-    said = inspect_surface(store(heights), **known)
+    inspection = inspect_surface(store(heights), **known)
     number = int(spikes.sum())
     assert (
         f'{number} spikes go with --remove-spikes, and with spikes = "remove"'
-        in (said.attrs["cautions"])
+        in (inspection.attrs["cautions"])
     )
-    clean, told = (
-        inspect_surface(store(one), **known, spikes=spikes)
-        for one, spikes in ((rough, "keep"), (heights, "remove"))
+    clean, text = (
+        inspect_surface(store(item), **known, spikes=spikes)
+        for item, spikes in ((rough, "keep"), (heights, "remove"))
     )
-    assert f"{number} of {heights.size} points (0.049 %) stood out" in told.attrs["cautions"]
-    assert "few points have" not in told.attrs["cautions"]
-    assert float(said["kurtosis"]) > 10 * float(told["kurtosis"])
+    assert f"{number} of {heights.size} points (0.049 %) stood out" in text.attrs["cautions"]
+    assert "few points have" not in text.attrs["cautions"]
+    assert float(inspection["kurtosis"]) > 10 * float(text["kurtosis"])
     for name in ("rms_height", "rms_slope"):
-        assert float(told[name]) == pytest.approx(float(clean[name]), rel=1e-2)
-    table = tomllib.loads(told.attrs["proposal"])["body_1"]["surface"]
+        assert float(text[name]) == pytest.approx(float(clean[name]), rel=1e-2)
+    table = tomllib.loads(text.attrs["proposal"])["body_1"]["surface"]
     assert table["spikes"] == "remove"
     assert "fill_undefined" not in table
 
@@ -201,8 +202,8 @@ def test_cells_leave_out_spikes_and_say_how_many(store, rough, spiked):
     heights, spikes = spiked
     table = {"size": ["384 um", "320 um"], "unit": "1 m"}
     sides = [
-        rough_sides(case_of([table | {"file": str(store(one, name))} | more, None]))[0]
-        for one, name, more in (
+        rough_sides(case_of([table | {"file": str(store(item, name))} | more, None]))[0]
+        for item, name, more in (
             (rough, "clean.npy", {}),
             (heights, "spiked.npy", {"spikes": "remove"}),
         )
@@ -210,7 +211,7 @@ def test_cells_leave_out_spikes_and_say_how_many(store, rough, spiked):
     clean, filled = (side.measured.stages[0].rms_height for side in sides)  # of the maps
     assert filled == pytest.approx(clean, rel=1e-3)
     assert sides[1].measured.cautions[0].startswith(f"{spikes.sum()} of {heights.size} points")
-    assert not any("spikes" in one for one in sides[0].measured.cautions)
+    assert not any("spikes" in caution for caution in sides[0].measured.cautions)
 
 
 def test_too_many_spikes_are_no_spikes(store):
@@ -240,13 +241,13 @@ def test_a_closed_pipe_leaves_the_case_file(store, tmp_path, rough):
 
 
 def test_the_share_that_proposed_cells_hold_is_the_share_of_their_surfaces(store, rough):
-    told = inspect_surface(store(rough), size=(384e-6, 320e-6), unit=1.0)
-    case = validate_case(tomllib.loads(told.attrs["proposal"]), Path("case.toml"))
+    inspection = inspect_surface(store(rough), size=(384e-6, 320e-6), unit=1.0)
+    case = validate_case(tomllib.loads(inspection.attrs["proposal"]), Path("case.toml"))
     side = rough_sides(case)[0]
-    share = np.sqrt(np.mean([one.heights.var() for one in side.surfaces])) / float(
-        told["rms_height"]
+    share = np.sqrt(np.mean([surface.heights.var() for surface in side.surfaces])) / float(
+        inspection["rms_height"]
     )
-    assert f"hold {share:.2f} of the rms height" in told.attrs["held"]
+    assert f"hold {share:.2f} of the rms height" in inspection.attrs["held"]
 
 
 # Surface keys
@@ -255,10 +256,10 @@ def test_the_share_that_proposed_cells_hold_is_the_share_of_their_surfaces(store
 def test_two_maps_are_turned_against_each_other(store, rough):
     table = {"file": str(store(rough)), "size": ["384 um", "320 um"], "unit": "m"}
     other = table | {"file": str(store(rough, "other.npy")), "rotate": "90 deg"}
-    kept = {"short_cutoff": "8 um"}
-    (lower, upper), *_ = two_surfaces(case_of([table | kept, other | kept]))
+    stored = {"short_cutoff": "8 um"}
+    (lower, upper), *_ = two_surfaces(case_of([table | stored, other | stored]))
     slopes = [
-        [np.abs(np.diff(one.heights, axis=k)).mean() for k in range(2)] for one in (lower, upper)
+        [np.abs(np.diff(item.heights, axis=k)).mean() for k in range(2)] for item in (lower, upper)
     ]
     assert slopes[0][0] < slopes[0][1]  # ridges at 30 degrees to x
     assert slopes[1][0] > slopes[1][1]
@@ -349,9 +350,9 @@ def test_a_profile_where_cells_need_an_area_is_refused_with_the_key(store, rough
 )
 def test_arrays_that_are_no_rough_map_are_refused(store, command, heights, sentence):
     file = store(heights)
-    status, _, said = command("inspect", file, "--size", "1 um x 1 um", "--unit", "um")
+    status, _, output = command("inspect", file, "--size", "1 um x 1 um", "--unit", "um")
     assert status == 1
-    assert len(said.strip().splitlines()) == 1
+    assert len(output.strip().splitlines()) == 1
     with pytest.raises(CaseError, match=sentence):
         inspect_surface(file, size=(1e-6, 1e-6), unit=1e-6)
 
@@ -412,7 +413,9 @@ def library_rms_height(file, given):
 SLOW = {"sur-3.sur": pytest.mark.slow}  # nine tenths of its points are filled
 
 
-@pytest.mark.parametrize("name", [pytest.param(one, marks=SLOW.get(one, ())) for one in FILES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(entry, marks=SLOW.get(entry, ())) for entry in FILES]
+)
 def test_every_file_has_the_rms_height_of_the_library_or_a_sentence(reference_data, name):
     file = reference_data / "topography" / name
     if name in REFUSED:
@@ -421,34 +424,34 @@ def test_every_file_has_the_rms_height_of_the_library_or_a_sentence(reference_da
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        told = inspect_surface(file, **FILES[name], detrend_order=1)
+        inspection = inspect_surface(file, **FILES[name], detrend_order=1)
     expected = library_rms_height(file, FILES[name])
-    assert float(told["rms_height"]) == pytest.approx(expected, rel=1e-6, abs=0.0)
-    if told.attrs["proposal"]:
-        case = validate_case(tomllib.loads(told.attrs["proposal"]), Path("case.toml"))
+    assert float(inspection["rms_height"]) == pytest.approx(expected, rel=1e-6, abs=0.0)
+    if inspection.attrs["proposal"]:
+        case = validate_case(tomllib.loads(inspection.attrs["proposal"]), Path("case.toml"))
         surface = rough_sides(case)[0].surfaces[0]
         assert surface.heights.shape == case.cell.points
         assert surface.heights.std() > 0.0
     else:
-        assert "no case is proposed" in told.attrs["cautions"]
+        assert "no case is proposed" in inspection.attrs["cautions"]
 
 
 def test_cells_of_a_line_scan_have_the_spectrum_that_is_shown(reference_data):
     # whose reliable waves begin where the uneven points of the file are far apart
-    told = inspect_surface(reference_data / "topography" / "dektak-1.csv")
-    shown = f"fitted with a Hurst exponent of {float(told['hurst_exponent']):.2g} and"
-    assert shown in told.attrs["cautions"]
+    inspection = inspect_surface(reference_data / "topography" / "dektak-1.csv")
+    shown = f"fitted with a Hurst exponent of {float(inspection['hurst_exponent']):.2g} and"
+    assert shown in inspection.attrs["cautions"]
 
 
 def test_a_map_of_few_points_has_no_reliable_wave_and_no_case(store, command):
     heights = 1e-6 * np.random.default_rng(4).standard_normal((7, 4))
-    status, said, cautions = command(
+    status, output, cautions = command(
         "inspect", store(heights), "--size", "7 um x 4 um", "--unit", "m"
     )
     assert status == 0
-    rows = {line[: line.find("  ")]: line.split("  ")[-1] for line in said.splitlines()}
+    rows = {line[: line.find("  ")]: line.split("  ")[-1] for line in output.splitlines()}
     assert rows["reliable wavelengths"] == "none"
-    assert "not known decades" not in said
+    assert "not known decades" not in output
     assert "no case is proposed: the map has too few points for any reliable wave" in cautions
     assert "short_cutoff" not in cautions  # which nobody has given
 

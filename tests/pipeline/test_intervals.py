@@ -110,15 +110,15 @@ def test_cycles_at_every_preload_have_both_intervals_and_stand_in_a_table(joint)
         assert np.all((value < mean[1, 1]) & (mean[1, 1] < part[1, 1])), name
         assert np.isnan(joint[name].values[0]).all()  # a shear of mu p
     at_end = joint["cycle_loss_mean_law"].values[:, -1, -1] / joint["cycle_loss"].values[-1, -1]
-    own = joint["cycle_energy_mean_law"].values[:, -1] / joint["cycle_energy"].values[-1]
-    np.testing.assert_allclose(at_end, own, rtol=1e-12)
+    direct = joint["cycle_energy_mean_law"].values[:, -1] / joint["cycle_energy"].values[-1]
+    np.testing.assert_allclose(at_end, direct, rtol=1e-12)
     head, rows = CYCLE_TABLE.rows(joint)
     assert [row[:2] for row in rows] == [("5", "1.5"), ("20", "1.5")]
     assert rows[0][2] == "unknown"
     assert "preload 5 MPa have no answer from the amplitude 1.5 MPa" in joint.attrs["cautions"]
     half = 1e3 * np.ptp(joint["cycle_loss_mean_law"].values[:, 1, 0]) / 2.0
-    said = round_by(1e3 * float(joint["cycle_loss"][1, 0]), half)
-    assert rows[1][head.index("loss per cycle (mJ)")] == said
+    text = round_by(1e3 * float(joint["cycle_loss"][1, 0]), half)
+    assert rows[1][head.index("loss per cycle (mJ)")] == text
 
 
 def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
@@ -129,8 +129,8 @@ def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
     scatter = float(sampling.mean()) * np.sqrt(12) / t.ppf(0.975, 11)
     expected = 1.96 * scatter / 10.0
     np.testing.assert_allclose(half[:2], expected, rtol=0.1)
-    told = joint.attrs["how_few_cells"]
-    assert float(re.search(r"of which (\S+) or more", told)[1]) == pytest.approx(100.0, rel=0.02)
+    text = joint.attrs["how_few_cells"]
+    assert float(re.search(r"of which (\S+) or more", text)[1]) == pytest.approx(100.0, rel=0.02)
 
 
 def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp_path):
@@ -142,11 +142,11 @@ def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp
         loading = JointLoading((20e6,), 1.5e6, cycles=1, steps=steps)
         bodies, laws = joints_of(case)
         assembly = bodies.build(case, bodies.sliders(case, laws)).assembly
-        found = load_joint(assembly, loading)
-        lost = found["dissipation"].values
+        result = load_joint(assembly, loading)
+        lost = result["dissipation"].values
         assert np.all(lost >= -1e-12 * lost.max())
-        last = float(lost[-4 * steps :].sum(axis=0) @ found["point_area"].values)
-        apart.append(last / float(found["cycle_energy"][-1]) - 1.0)
+        last = float(lost[-4 * steps :].sum(axis=0) @ result["point_area"].values)
+        apart.append(last / float(result["cycle_energy"][-1]) - 1.0)
     assert apart[0] > apart[1] > 0.0
     assert apart[0] / apart[1] == pytest.approx(2.0, rel=0.2)
 
@@ -168,8 +168,8 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint, tmp_
     row = dict(zip(table.head, table.rows[1], strict=True))
     ends = 1e-12 * joint["joint_stiffness_mean_law"].values[:, 1]
     half = 0.5 * np.ptp(ends)
-    said = " ... ".join(round_by(end, half) for end in ends)
-    assert row["mean law, 95 %"] == f"{said} + ?"  # scenes compare no cells of other sizes
+    text = " ... ".join(round_by(end, half) for end in ends)
+    assert row["mean law, 95 %"] == f"{text} + ?"  # scenes compare no cells of other sizes
     assert row["joint stiffness (MPa/µm)"] == round_by(1e-12 * joint["joint_stiffness"][1], half)
     assert " ± " in row["tangential, no slip (MPa/µm)"]
     assert " ± " in row["real pressure (MPa)"]
@@ -186,8 +186,8 @@ def test_the_headline_gives_a_share_its_interval_and_no_per_cent_of_per_cent(joi
     cycle = ROUGH_JOINTS.summary(joint).answer[1]
     number, kinds = r"([\d.]+)", "mean law(?: and one part)?"
     share = f"{number} % of the contact force is at sliding"
-    said = re.search(rf"{share} \({kinds} {number} ... {number}", cycle)
-    share, low, high = map(float, said.groups())
+    match = re.search(rf"{share} \({kinds} {number} ... {number}", cycle)
+    share, low, high = map(float, match.groups())
     assert low < share < high
     ends = 100.0 * joint["slipping_load_mean_law"].values[:, -1]
     np.testing.assert_allclose([low, high], ends, rtol=0.01)
@@ -198,7 +198,7 @@ def test_the_headline_gives_a_share_its_interval_and_no_per_cent_of_per_cent(joi
 
 
 @pytest.mark.parametrize(
-    ("value", "half", "said"),
+    ("value", "half", "sentence"),
     [
         (18.7, 0.14, "18.70"),
         (17.893, 0.8, "17.9"),
@@ -208,8 +208,8 @@ def test_the_headline_gives_a_share_its_interval_and_no_per_cent_of_per_cent(joi
         (0.00018784, 2e-6, "0.0001878"),
     ],
 )
-def test_a_value_has_the_digits_of_its_error(value, half, said):
-    assert round_by(value, half) == said
+def test_a_value_has_the_digits_of_its_error(value, half, sentence):
+    assert round_by(value, half) == sentence
 
 
 def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
@@ -226,12 +226,12 @@ def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
     }
     values = {"shear_stiffness_ratio": [0.8, 0.8], "shear_friction": 0.2, **drawn}
     known = INTERFACE_LAW.assign(law, values).assign_attrs(n_sheared=9, cell_ratio=0.1)
-    found = shear_errors(known, PRESSURE[:2])
-    np.testing.assert_allclose(found["friction"]["sampling"], 0.0095, rtol=1e-6)
-    np.testing.assert_allclose(found["stiffness_ratio"]["sampling"], 0.019, rtol=1e-6)
+    result = shear_errors(known, PRESSURE[:2])
+    np.testing.assert_allclose(result["friction"]["sampling"], 0.0095, rtol=1e-6)
+    np.testing.assert_allclose(result["stiffness_ratio"]["sampling"], 0.019, rtol=1e-6)
     scatter = 0.019 * 3.0 / 2.306  # Student's factor of nine cells
     np.testing.assert_allclose(
-        found["stiffness_ratio"]["few cells"], 0.1 * 1.96 * scatter, rtol=1e-3
+        result["stiffness_ratio"]["few cells"], 0.1 * 1.96 * scatter, rtol=1e-3
     )
     case = load_case(write_scene(tmp_path, SCENE))
     bodies, laws = joints_of(case)
@@ -250,9 +250,9 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     values |= {"shear_cycle_pressure": [1e7, 2e7], "shear_cycle_amplitude": [0.5, 0.6]}
     values |= {"shear_cycle_loss_ratio": [[1.08, 1.08], [1.12, 1.12]]}
     save_law(INTERFACE_LAW.assign(law, values), tmp_path / "law.nc")
-    found = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
+    result = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
     bias, half = (
-        found[name].sel(error_term="friction bed") for name in ("error_bias", "error_half_width")
+        result[name].sel(error_term="friction bed") for name in ("error_bias", "error_half_width")
     )
     assert float(bias.sel(quantity="cycle_energy")[-1]) == pytest.approx(-0.1)
     at = {"quantity": "cycle_energy", "error_term": "friction bed"}
@@ -261,19 +261,21 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     parts = np.linalg.norm([0.0095, 0.01, 0.02, beds])  # samples, two controls, two pressures
     assert float(half.sel(quantity="cycle_energy")[-1]) == pytest.approx(parts, rel=1e-6)
     assert not np.nan_to_num(bias.drop_sel(quantity="cycle_energy")).any()
-    told = "in cycles to 55 % of full slip the cells lose 1.09 times as much as the bed that slips"
-    assert told in found.attrs["how_friction_bed"]
-    wider = np.ptp(found["cycle_energy_mean_law"].values[:, -1])
+    sentence = (
+        "in cycles to 55 % of full slip the cells lose 1.09 times as much as the bed that slips"
+    )
+    assert sentence in result.attrs["how_friction_bed"]
+    wider = np.ptp(result["cycle_energy_mean_law"].values[:, -1])
     assert wider > np.ptp(joint["cycle_energy_mean_law"].values[:, -1])
 
     save_law(law, tmp_path / "law.nc")  # of cells that were not cycled
-    found = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
-    assert found["error_total"].sel(quantity="cycle_energy").isnull().all()
-    less = np.ptp(found["cycle_energy_mean_law"].values[:, -1])  # a lower bound
+    result = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
+    assert result["error_total"].sel(quantity="cycle_energy").isnull().all()
+    less = np.ptp(result["cycle_energy_mean_law"].values[:, -1])  # a lower bound
     assert 0.0 < less < np.ptp(joint["cycle_energy_mean_law"].values[:, -1])
-    assert np.isfinite(found["slipping_load_mean_law"].values[:, -1]).all()
-    assert "error of the loss of a cycle is not known" in found.attrs["cautions"]
-    cycle = list_cycles(found)[0]
+    assert np.isfinite(result["slipping_load_mean_law"].values[:, -1]).all()
+    assert "error of the loss of a cycle is not known" in result.attrs["cautions"]
+    cycle = list_cycles(result)[0]
     assert re.search(r"J dissipated \(mean .* or wider: .*friction bed.* not known", cycle)
 
 
@@ -289,11 +291,11 @@ def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path
     drawn = [load_joint(bodies.build(case, bed).assembly, loading) for bed in beds]
     for name in ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy"):
         column, alone = (1, 0) if name.endswith("stiffness") else (-1, -1)
-        samples = [float(one[name][alone]) for one in drawn]
+        samples = [float(sample[name][alone]) for sample in drawn]
         half = 0.5 * np.ptp(np.percentile(samples, [2.5, 97.5])) / float(result[name][column])
-        found = result["error_half_width"].sel(quantity=name, error_term="sampling")
+        part = result["error_half_width"].sel(quantity=name, error_term="sampling")
         # under an exponential law the load that slips hardly depends on its length
         alike = 1e-3 if name == "slipping_load" else 0.0
         # law and friction add as if they were independent: too much where a sample moves both
         limit = 0.4 if name == "cycle_energy" else 0.35
-        assert float(found[column]) == pytest.approx(half, rel=limit, abs=alike), name
+        assert float(part[column]) == pytest.approx(half, rel=limit, abs=alike), name

@@ -30,8 +30,8 @@ def result(run_folder):
 
 
 def test_the_print_names_the_errors_that_are_not_counted(result):
-    told = "Error terms that are unknown and not included (+ ?): "
-    assert f"{told}cell size, micro discretisation." in list(JOINT.lines(result))
+    sentence = "Error terms that are unknown and not included (+ ?): "
+    assert f"{sentence}cell size, micro discretisation." in list(JOINT.lines(result))
 
 
 def test_interface_and_bodies_stand_beside_the_joint_each_with_its_error(result):
@@ -81,19 +81,19 @@ def test_blocks_are_sheared_in_series_with_the_tangential_branch_of_their_law(ru
     """At a given pressure dk_T/k_T = k_T/(kappa K) dK/K; a ratio that is assumed adds nothing."""
     law = assume_shear(open_law(run_folder / "interface_law.nc"), stiffness_ratio=0.8)
     case = case_of(run_folder)
-    told = solve_joint(case, law)
+    text = solve_joint(case, law)
     K = result["interface_stiffness"].values[:3]
     body, height = case.body_1, case.structure.height
     shear_modulus = body.youngs_modulus / 2.0 / (1.0 + body.poissons_ratio)
     expected = 1.0 / (1.0 / (0.8 * K) + 2.0 * height / shear_modulus)
-    np.testing.assert_allclose(told["tangential_stiffness"][:3], expected, rtol=1e-12)
-    assert np.isnan(told["tangential_stiffness"][3])
-    known = told["error_half_width"].isel(step=slice(2)).sel(error_term="fit")
+    np.testing.assert_allclose(text["tangential_stiffness"][:3], expected, rtol=1e-12)
+    assert np.isnan(text["tangential_stiffness"][3])
+    known = text["error_half_width"].isel(step=slice(2)).sel(error_term="fit")
     shares = known.sel(quantity="tangential_stiffness") / known.sel(quantity="interface_stiffness")
     np.testing.assert_allclose(shares, (expected / (0.8 * K))[:2], rtol=0.05)
-    head, rows = JOINT_TABLE.rows(told)
+    head, rows = JOINT_TABLE.rows(text)
     assert " ± " in rows[1][head.index("tangential, no slip (MPa/µm)")]
-    assert "shear branch of the law: assumed, stiffness ratio 0.8" in list_facts(told)[-1]
+    assert "shear branch of the law: assumed, stiffness ratio 0.8" in list_facts(text)[-1]
     assert "tangential_stiffness" not in result
 
 
@@ -109,10 +109,10 @@ def test_a_measured_stiffness_ratio_adds_its_own_error(run_folder, result):
     law = INTERFACE_LAW.assign(law, values).assign_attrs(n_sheared=9, branches="shear: measured")
     half = solve_joint(case_of(run_folder), law)["error_half_width"].sel(error_term="sampling")
     assumed = assume_shear(open_law(run_folder / "interface_law.nc"), stiffness_ratio=0.8)
-    told = solve_joint(case_of(run_folder), assumed)
-    without = told["error_half_width"].sel(error_term="sampling")
+    text = solve_joint(case_of(run_folder), assumed)
+    without = text["error_half_width"].sel(error_term="sampling")
     name, at = "tangential_stiffness", slice(2)
-    share = told[name].values / (0.8 * told["interface_stiffness"].values)  # of the compliance
+    share = text[name].values / (0.8 * text["interface_stiffness"].values)  # of the compliance
     added = np.sqrt(half.sel(quantity=name) ** 2 - without.sel(quantity=name) ** 2)[at]
     np.testing.assert_allclose(added, 0.05 * 0.95 * share[at], rtol=1e-6)
     np.testing.assert_array_equal(
@@ -136,11 +136,11 @@ def test_a_preload_far_beyond_the_cells_has_no_answer_and_no_error(result):
 
 
 def test_what_is_extrapolated_on_demand_has_no_error(run_folder, result):
-    told = solve(run_folder, extrapolate=True)
-    np.testing.assert_array_equal(told["joint_stiffness"][:3], result["joint_stiffness"][:3])
-    assert np.isfinite(told["joint_stiffness"][3])
-    assert np.isnan(told["error_total"].values[:, -1]).all()
-    _, rows = JOINT_TABLE.rows(told)
+    outcome = solve(run_folder, extrapolate=True)
+    np.testing.assert_array_equal(outcome["joint_stiffness"][:3], result["joint_stiffness"][:3])
+    assert np.isfinite(outcome["joint_stiffness"][3])
+    assert np.isnan(outcome["error_total"].values[:, -1]).all()
+    _, rows = JOINT_TABLE.rows(outcome)
     assert rows[-1][4] == "unknown"
 
 
@@ -149,7 +149,7 @@ def test_a_preload_that_begins_to_fall_meets_the_unloading_branch(run_folder, ex
     law = open_law(run_folder / "interface_law.nc")
     spread = np.linspace(0.9, 1.1, law.sizes["sample"] - 3)  # some fits did not settle
     values = {"unloading_stiffness_ratio": 1.4, "unloading_exponent": 2.0}
-    values |= {f"{name}_sample": one * spread for name, one in values.items()}
+    values |= {f"{name}_sample": value * spread for name, value in values.items()}
     law = INTERFACE_LAW.assign(law, values)
     case = case_of(run_folder, extrapolate=extrapolate)
     result = solve_joint(case, law)

@@ -66,10 +66,10 @@ def test_a_block_that_slides_vibrates_with_stiffness_and_loss_of_its_cycles(tmp_
     secant, loss = (float(pressed[name].squeeze()) for name in ("secant_stiffness", "cycle_loss"))
     moved = 2e6 / secant
     asked = f'[vibration]\namplitudes = ["{moved:.9g} m"]\npreload_friction = false\n'
-    found = run(case_of(tmp_path, STIFF + asked), tmp_path / "vibration")["vibration"]
+    result = run(case_of(tmp_path, STIFF + asked), tmp_path / "vibration")["vibration"]
     k = secant * EDGE**2
-    assert float(found["frequency"][0]) == pytest.approx(np.sqrt(k / MASS) / (2 * np.pi), rel=2e-3)
-    assert float(found["damping"][0]) == pytest.approx(loss / (2 * np.pi * k * moved**2), rel=0.03)
+    assert float(result["frequency"][0]) == pytest.approx(np.sqrt(k / MASS) / (2 * np.pi), rel=2e-3)
+    assert float(result["damping"][0]) == pytest.approx(loss / (2 * np.pi * k * moved**2), rel=0.03)
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ poissons_ratio = 0
 supports = { HELD }
 """
     both = [("lower", 'bottom = "clamped"'), ("upper", 'front = "y"')]
-    parts = "".join(body.replace("NAME", name).replace("HELD", held) for name, held in both)
+    parts = "".join(body.replace("NAME", name).replace("HELD", item) for name, item in both)
     loads = """
 [[structure.interfaces]]
 sides = ["lower.top", "upper.bottom"]

@@ -57,9 +57,9 @@ def begin(folder, *arguments):
 
 def finish(folder, *more):
     """Run the case of a folder to its end."""
-    said = begin(folder, "run", "case.toml", "-o", "out", "--jobs", "1", *more)
-    errors = said.communicate()[1]
-    assert said.returncode == 0, errors
+    output = begin(folder, "run", "case.toml", "-o", "out", "--jobs", "1", *more)
+    errors = output.communicate()[1]
+    assert output.returncode == 0, errors
 
 
 def with_case(folder, text=SWEEP):
@@ -71,15 +71,15 @@ def with_case(folder, text=SWEEP):
 
 def workers_of(parent):
     """Children of a process, without the one that tracks resources."""
-    found = []
+    results = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             stat, line = (folder / "stat").read_text(), (folder / "cmdline").read_bytes()
         except OSError:  # it has just ended
             continue
         if int(stat.rpartition(")")[2].split()[1]) == parent and b"resource_tracker" not in line:
-            found.append(int(folder.name))
-    return found
+            results.append(int(folder.name))
+    return results
 
 
 def kill(group, what, rng):
@@ -131,46 +131,46 @@ def cells(out):
 
 def contents(out):
     """Everything that a run leaves in datasets, without what tells the time."""
-    found = {}
+    results = {}
     for file in sorted(out.rglob("*.nc")):
         if file.parent.name == "points":  # answers of a point, which the sweep has
             continue
         dataset = open_dataset(file).drop_vars(TIMED, errors="ignore")
         for name in DATED:
             del dataset.attrs[name]
-        found[str(file.relative_to(out))] = dataset
-    return found
+        results[str(file.relative_to(out))] = dataset
+    return results
 
 
 def assert_identical(out, reference):
-    found = contents(out)
-    assert list(found) == list(reference)
+    files = contents(out)
+    assert list(files) == list(reference)
     for name, dataset in reference.items():
-        for attributes in (found[name].attrs, dataset.attrs):
+        for attributes in (files[name].attrs, dataset.attrs):
             attributes.pop("seconds", None)  # the time of a stage
-        xr.testing.assert_identical(found[name], dataset)
+        xr.testing.assert_identical(files[name], dataset)
 
 
 def begun(out):
     return ["--resume"] if (out / "log.txt").exists() else []
 
 
-def go_on(folder, kept):
+def go_on(folder, stored):
     """End a run; what was kept is not computed again."""
     out = folder / "out"
     finish(folder, *begun(out))
     after = cells(out)
-    assert {file: after[file] for file in kept} == kept
+    assert {file: after[file] for file in stored} == stored
 
 
-def check_after_kill(out, what, status, said):
+def check_after_kill(out, what, status, sentence):
     """What must hold after a kill, before anything goes on; gives the finished cells."""
-    assert "Traceback" not in said, said
+    assert "Traceback" not in sentence, sentence
     if what == "run":
         assert status == -signal.SIGKILL
     else:
         assert status == 1
-        assert said.count("multiscale: a worker process died after") == 1, said
+        assert sentence.count("multiscale: a worker process died after") == 1, sentence
     check_whole(out)
     return cells(out)
 
@@ -191,7 +191,7 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_pat
         runs += 1
         assert runs <= 50, kills
         folder = with_case(tmp_path / str(runs), text)
-        kept, out = {}, folder / "out"
+        stored, out = {}, folder / "out"
         for _ in range(KILLS_OF_ONE):
             done = len(files(out))
             if done == total:
@@ -202,15 +202,15 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_pat
             wait_for(rng.integers(done, count if early else total), out, process)
             sleep(rng.uniform(0.0, 0.2))
             hit = kill(process.pid, what, rng)
-            said = process.communicate()[1]
+            output = process.communicate()[1]
             if not hit or process.returncode == 0:  # it had ended, or did not need the worker
                 break
             kills[what] += 1
-            found = check_after_kill(out, what, process.returncode, said)
-            assert {file: found[file] for file in kept} == kept
-            kept = found
-            lost.append(count - len(kept))
-        go_on(folder, kept)
+            outcome = check_after_kill(out, what, process.returncode, output)
+            assert {file: outcome[file] for file in stored} == stored
+            stored = outcome
+            lost.append(count - len(stored))
+        go_on(folder, stored)
         assert_identical(out, expected)
     logging.getLogger(__name__).info("%s; cells left to compute: %s", kills, lost)
 
@@ -239,11 +239,11 @@ def test_workers_leave_a_killed_parent_and_its_cells_stay(swept, tmp_path):
     workers = workers_of(begun.pid)
     assert len(workers) == 2
     begun.kill()
-    said = begun.communicate()[1]
+    output = begun.communicate()[1]
     wait_for_the_end_of(workers)
-    kept = check_after_kill(tmp_path / "out", "run", begun.returncode, said)
-    assert kept
-    go_on(tmp_path, kept)
+    outcome = check_after_kill(tmp_path / "out", "run", begun.returncode, output)
+    assert outcome
+    go_on(tmp_path, outcome)
     assert_identical(tmp_path / "out", swept)
 
 
@@ -285,9 +285,9 @@ def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp
     address, (_, worker, _) = dask
     begun = start(tmp_path, "--dask", address)
     worker.kill()
-    said = begun.communicate()[1]
-    assert begun.returncode == 0, said
-    assert "Traceback" not in said
+    output = begun.communicate()[1]
+    assert begun.returncode == 0, output
+    assert "Traceback" not in output
     assert_identical(tmp_path / "out", swept)
 
 
@@ -325,14 +325,14 @@ def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(dask, swept, tmp_pat
     address, (scheduler, *_) = dask
     begun = start(tmp_path, "--dask", address)
     scheduler.kill()
-    said = begun.communicate()[1]
+    output = begun.communicate()[1]
     assert begun.returncode == 1
-    assert "Traceback" not in said, said
-    assert said.count("multiscale: the workers were lost after") == 1
+    assert "Traceback" not in output, output
+    assert output.count("multiscale: the workers were lost after") == 1
     check_whole(tmp_path / "out")
-    kept = cells(tmp_path / "out")
-    assert kept
-    go_on(tmp_path, kept)
+    stored = cells(tmp_path / "out")
+    assert stored
+    go_on(tmp_path, stored)
     assert_identical(tmp_path / "out", swept)
 
 

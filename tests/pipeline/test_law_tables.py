@@ -52,7 +52,7 @@ def test_the_law_of_a_table_is_linear_between_its_rows(folder):
 def test_a_rounded_table_of_a_constant_stiffness_has_that_stiffness(tmp_path, digits):
     """Chords of 3 MPa/um between thirds: rounded, every third one is softer than the one before."""
     closed = [f"{k / 3.0:.{digits}f}" for k in range(10)]
-    rows = "\n".join(f"{k}, {one}" for k, one in enumerate(closed))
+    rows = "\n".join(f"{k}, {item}" for k, item in enumerate(closed))
     (tmp_path / "rounded.csv").write_text(f"pressure (MPa), overclosure (um)\n{rows}\n")
     law = law_from_dataset(read_law(tmp_path / "rounded.csv"))
     p = np.linspace(0.1e6, 9e6, 50)
@@ -63,15 +63,15 @@ def test_a_rounded_table_of_a_constant_stiffness_has_that_stiffness(tmp_path, di
 def test_a_table_that_softens_little_by_little_is_refused(tmp_path):
     """The pressure is the square root of the overclosure, in rows of less than 1 % each."""
     p = np.append(0.0, np.geomspace(1.0, 2.0, 200))
-    rows = "\n".join(f"{one:.9g}, {one**2:.9g}" for one in p)
+    rows = "\n".join(f"{pressure:.9g}, {pressure**2:.9g}" for pressure in p)
     (tmp_path / "soft.csv").write_text(f"pressure (MPa), overclosure (um)\n{rows}\n")
     with pytest.raises(CaseError, match=r"row \d+: the stiffness falls from"):
         read_law(tmp_path / "soft.csv")
 
 
 def test_what_a_table_does_not_tell_has_no_column_and_its_gap_is_the_overclosure(folder):
-    found = solve(folder, BLOCKS)
-    lines = "\n".join(JOINT.lines(found))
+    result = solve(folder, BLOCKS)
+    lines = "\n".join(JOINT.lines(result))
     assert "nan" not in lines
     assert "contact" not in lines.splitlines()[1]
     assert "it is the overclosure, negative" in lines
@@ -82,8 +82,8 @@ def test_errors_of_a_table_and_of_a_body_share_the_rows_that_say_nothing(folder)
     cover = BODIES.index('name = "cover"')
     text = BODIES[:cover] + BODIES[cover:].replace('youngs_modulus = "210 GPa"\n', "", 1)
     stated = ('law = "table.csv"', 'law = "table.csv"\nlaw_error = "10 %"')
-    found = solve(folder, text, modulus, stated)
-    rows = tabulate_budget(found)[1]
+    result = solve(folder, text, modulus, stated)
+    rows = tabulate_budget(result)[1]
     assert [row[0] for row in rows][:3] == ["stated values", "macro discretisation", "all others"]
     assert "law_error = 10 %" in rows[0][-1]
 
@@ -98,23 +98,23 @@ def test_a_table_without_units_is_read_in_si_and_cautioned(tmp_path):
 
 def test_blocks_have_the_stiffness_of_a_table_and_its_stated_error(folder):
     """1/K = 1/K_i + 1/K_s, and K_i errs by 10 %."""
-    found = solve(folder, BLOCKS)
-    np.testing.assert_allclose(found["interface_stiffness"], CHORDS, rtol=1e-9)
-    solid = found["solid_stiffness"].to_numpy()
+    result = solve(folder, BLOCKS)
+    np.testing.assert_allclose(result["interface_stiffness"], CHORDS, rtol=1e-9)
+    solid = result["solid_stiffness"].to_numpy()
     K = 1.0 / (1.0 / CHORDS + 1.0 / solid)
-    np.testing.assert_allclose(found["joint_stiffness"], K, rtol=1e-9)
-    low, high = found["joint_stiffness_mean_law"].to_numpy()
+    np.testing.assert_allclose(result["joint_stiffness"], K, rtol=1e-9)
+    low, high = result["joint_stiffness_mean_law"].to_numpy()
     np.testing.assert_allclose(high, 1.0 / (1.0 / (1.1 * CHORDS) + 1.0 / solid), rtol=2e-3)
     np.testing.assert_allclose(low, 1.0 / (1.0 / (0.9 * CHORDS) + 1.0 / solid), rtol=2e-3)
-    assert found.attrs["how_stated_values"] == "law_error = 10 %"
+    assert result.attrs["how_stated_values"] == "law_error = 10 %"
 
 
 def test_the_error_of_a_table_is_unknown_if_it_is_not_stated(folder):
-    found = solve(folder, BLOCKS, ('law_error = "10 %"', ""))
-    assert "joint_stiffness_mean_law" not in found
-    assert "the error of a table is not known" in found.attrs["cautions"]
-    assert "not count the error of the law of interface" not in found.attrs["cautions"]
-    assert "cells" not in found.attrs["facts"]
+    result = solve(folder, BLOCKS, ('law_error = "10 %"', ""))
+    assert "joint_stiffness_mean_law" not in result
+    assert "the error of a table is not known" in result.attrs["cautions"]
+    assert "not count the error of the law of interface" not in result.attrs["cautions"]
+    assert "cells" not in result.attrs["facts"]
 
 
 def test_the_error_of_a_law_of_measurements_is_unknown_in_blocks(folder):
@@ -123,19 +123,19 @@ def test_the_error_of_a_law_of_measurements_is_unknown_in_blocks(folder):
     (folder / "stiffness.csv").write_text(text)
     seen = read_observations(folder / "stiffness.csv", "normal_stiffness")
     save_law(fit_law(seen), folder / "measured.nc")
-    found = solve(folder, BLOCKS, ('"table.csv"\nlaw_error = "10 %"', '"measured.nc"'))
-    assert "joint_stiffness_mean_law" not in found
-    assert "not count the error of the law of interface 0, which is not" in found.attrs["cautions"]
-    assert "cells" not in found.attrs["facts"]
+    result = solve(folder, BLOCKS, ('"table.csv"\nlaw_error = "10 %"', '"measured.nc"'))
+    assert "joint_stiffness_mean_law" not in result
+    assert "not count the error of the law of interface 0, which is not" in result.attrs["cautions"]
+    assert "cells" not in result.attrs["facts"]
 
 
 def test_bodies_close_by_the_table(folder):
     """Without Poisson's effect the pressure of 4 MPa is even, which the table reaches at
     0.1 um + 3 MPa over the second chord.
     """
-    found = solve(folder, BODIES)
-    np.testing.assert_allclose(found["traction"][0, :, 0], -4e6, rtol=1e-6)
-    np.testing.assert_allclose(found["jump"][0, :, 0], -(1e-7 + 3e6 / CHORDS[1]), rtol=1e-6)
+    result = solve(folder, BODIES)
+    np.testing.assert_allclose(result["traction"][0, :, 0], -4e6, rtol=1e-6)
+    np.testing.assert_allclose(result["jump"][0, :, 0], -(1e-7 + 3e6 / CHORDS[1]), rtol=1e-6)
 
 
 def test_a_table_of_two_rows_is_a_constant_stiffness(folder):
@@ -154,12 +154,12 @@ def test_loads_far_beyond_a_table_are_refused_before_anything_is_solved(folder):
 
 def test_a_constant_stiffness_is_stated_with_its_error(folder):
     """The compliance 1/K A beside the compliance 2 h / (E A) of both bodies."""
-    found = solve(folder, BODIES, LINEAR)
-    np.testing.assert_allclose(found["jump"][0, :, 0], -4e-7, rtol=1e-6)
+    result = solve(folder, BODIES, LINEAR)
+    np.testing.assert_allclose(result["jump"][0, :, 0], -4e-7, rtol=1e-6)
     area, bodies = 4e-4, 2.0 * 0.01 / 210e9
     stiffness = area / (1e-13 + bodies)
-    assert float(found["load_stiffness"][0, 0]) == pytest.approx(stiffness, rel=1e-6)
-    low, high = found["load_stiffness_mean_law"][:, 0, 0].to_numpy()
+    assert float(result["load_stiffness"][0, 0]) == pytest.approx(stiffness, rel=1e-6)
+    low, high = result["load_stiffness_mean_law"][:, 0, 0].to_numpy()
     half = 0.1 * 1e-13 / (1e-13 + bodies) * stiffness
     np.testing.assert_allclose([low, high], [stiffness - half, stiffness + half], rtol=2e-3)
 

@@ -67,11 +67,11 @@ def run(command, tmp_path):
 
 
 def test_a_case_has_the_critical_load_with_a_caution_of_the_indefinite_tangent(run):
-    status, said, warned, out = run(DOME)
+    status, result, warned, out = run(DOME)
     assert status == 0, warned
     limit = resist(3, 0.2, np.hypot(1.0, 0.2) ** (1.0 / 3.0)) / FORCE
-    assert f"The links snap through at the load factor {limit:.4g}, where node 3" in said
-    assert "the tangent is indefinite beyond the limit point" in said + warned
+    assert f"The links snap through at the load factor {limit:.4g}, where node 3" in result
+    assert "the tangent is indefinite beyond the limit point" in result + warned
     solved = open_dataset(out / "macro_result.nc", MACRO_RESULT)
     assert float(solved.critical_factor) == pytest.approx(limit, rel=1e-8)
 

@@ -56,15 +56,15 @@ def of_file(path, **settings):
 
 
 def test_a_case_of_meshes_has_the_response_of_conforming_cells(tmp_path):
-    found = {}
+    results = {}
     for geometry in ("mesh", "conforming"):
         case = load_case(written(tmp_path / f"{geometry}.toml", CELL | {"geometry": geometry}))
         path = Path(pressure=case.micro.path)
-        found[geometry] = run_ensemble(make_cells(case), path, folder=tmp_path / geometry)
+        results[geometry] = run_ensemble(make_cells(case), path, folder=tmp_path / geometry)
     for name in ("mean_gap", "contact_fraction", "rms_slope", "traction"):
-        other = found["conforming"][name].values
+        other = results["conforming"][name].values
         np.testing.assert_allclose(
-            found["mesh"][name].values, other, atol=1e-6 * np.max(np.abs(other))
+            results["mesh"][name].values, other, atol=1e-6 * np.max(np.abs(other))
         )
 
 
@@ -102,20 +102,20 @@ def test_a_mesh_with_overhang_and_inclusion_goes_through_the_chain(tmp_path):
 def test_pores_of_a_recipe_lie_below_the_cover_and_differ_between_cells(tmp_path):
     cell = CELL | {"layers": 8, "depth": "1.2 um"}
     solid, porous = (
-        make_cells(load_case(written(tmp_path / "case.toml", one)))
-        for one in (cell, cell | {"pores": PORES})
+        make_cells(load_case(written(tmp_path / "case.toml", entry)))
+        for entry in (cell, cell | {"pores": PORES})
     )
     lost = []
-    for one in porous:
-        void = one.law.youngs_modulus < 0.5 * one.law.youngs_modulus.max()
-        middle = one.mesh.p[:, one.mesh.t].mean(axis=1)
+    for member in porous:
+        void = member.law.youngs_modulus < 0.5 * member.law.youngs_modulus.max()
+        middle = member.mesh.p[:, member.mesh.t].mean(axis=1)
         assert 0.01 < void.mean() < 0.12
         assert middle[2, void].max() < 1.02e-6
         lost.append(void)
     assert np.any(lost[0] != lost[1])
     gap = [
-        solve_cell(one, Path(pressure=(1e8,)))["mean_gap"].values[0, 0]
-        for one in (porous[0], solid[0])
+        solve_cell(item, Path(pressure=(1e8,)))["mean_gap"].values[0, 0]
+        for item in (porous[0], solid[0])
     ]
     assert gap[0] < gap[1]
 
@@ -215,13 +215,13 @@ def test_the_shipped_cell_on_quadratic_elements_is_close_to_the_conforming_kerne
         "mesh": case.cell,
         "conforming": case.cell.model_copy(update={"geometry": "conforming", "element": None}),
     }
-    found = {}
+    results = {}
     for name, cell in cells.items():
-        one = case.model_copy(update={"micro": micro, "cell": cell})
+        changed = case.model_copy(update={"micro": micro, "cell": cell})
         path = Path(pressure=micro.pressures[::2])
-        found[name] = run_ensemble(make_cells(one), path, folder=tmp_path / name)
+        results[name] = run_ensemble(make_cells(changed), path, folder=tmp_path / name)
     for name, rtol in (("mean_gap", 0.03), ("contact_fraction", 0.15)):
-        np.testing.assert_allclose(found["mesh"][name], found["conforming"][name], rtol=rtol)
+        np.testing.assert_allclose(results["mesh"][name], results["conforming"][name], rtol=rtol)
 
 
 @pytest.mark.slow

@@ -80,14 +80,14 @@ def test_halved_increments_tell_the_error_that_the_increments_leave():
         *(1.0, 6, 1.0, 0.3),
         bulk=J2(1.0, 0.3, 0.01, 0.05),
     )
-    one, half, eighth = (
+    first, half, eighth = (
         solve_cell(cell, Path(pressure=(0.01,), refinement=k), tolerance=1e-6) for k in (1, 2, 8)
     )
-    assert half["increments"].item() > one["increments"].item()
-    found = increment_errors(one, half)["mean_gap_increment_error"][0]
-    exact = one["mean_gap"].item() / eighth["mean_gap"].item() - 1.0
+    assert half["increments"].item() > first["increments"].item()
+    computed = increment_errors(first, half)["mean_gap_increment_error"][0]
+    exact = first["mean_gap"].item() / eighth["mean_gap"].item() - 1.0
     assert 0.005 < abs(exact) < 0.03
-    assert found == pytest.approx(exact, rel=0.35)
-    response = MICRO_RESPONSE.assign(one, increment_errors(one, half))
+    assert computed == pytest.approx(exact, rel=0.35)
+    response = MICRO_RESPONSE.assign(first, increment_errors(first, half))
     (caution,) = _increments(response)
-    assert f"cause errors of up to {100.0 * abs(found):.2g} % in the mean gap" in caution
+    assert f"cause errors of up to {100.0 * abs(computed):.2g} % in the mean gap" in caution

@@ -36,13 +36,13 @@ STRUCTURES = {
 }
 
 
-@pytest.mark.parametrize(("text", "said", "ends"), STRUCTURES.values(), ids=STRUCTURES)
-def test_loads_far_from_the_data_of_the_law_are_refused(tmp_path, text, said, ends):
+@pytest.mark.parametrize(("text", "sentence", "ends"), STRUCTURES.values(), ids=STRUCTURES)
+def test_loads_far_from_the_data_of_the_law_are_refused(tmp_path, text, sentence, ends):
     case = case_of(tmp_path, text)
     low, high = 1e6 * np.array(ends)
     for data in ((2.2 * high, 1e9), (1e3, 0.45 * low)):
         write_law(tmp_path / "law.nc", data)
-        with pytest.raises(CaseError, match=rf"{said}.* \(law\.nc\).* in \[interface\]"):
+        with pytest.raises(CaseError, match=rf"{sentence}.* \(law\.nc\).* in \[interface\]"):
             prepare(case)
     for data in ((1.9 * high, 1e9), (1e3, 0.55 * low)):
         write_law(tmp_path / "law.nc", data)
@@ -112,10 +112,10 @@ def test_a_law_of_another_case_is_known_by_its_cells(meshes):  # noqa: F811
     text = small_steel(2).split("[structure]")[0]
     (meshes / "cells.toml").write_text(text)
     stated = TEXT[TEXT.index("[structure.interfaces.exp") : TEXT.index("[[structure.loads]]")]
-    own = (stated, ""), ("friction = 0.2", 'friction = 0.2\nlaw = "cells.toml"')
-    prepare(case_of(meshes, TEXT, *own))
+    direct = (stated, ""), ("friction = 0.2", 'friction = 0.2\nlaw = "cells.toml"')
+    prepare(case_of(meshes, TEXT, *direct))
     with pytest.raises(CaseError, match=r"5 GPa, .* 2 MPa to 240 MPa \(cells\.toml\)"):
-        prepare(case_of(meshes, TEXT, *own, ('"10 MPa"', '"5 GPa"')))
+        prepare(case_of(meshes, TEXT, *direct, ('"10 MPa"', '"5 GPa"')))
 
 
 def explain(path):
@@ -138,18 +138,18 @@ def test_what_a_run_refuses_its_explanation_refuses(tmp_path):
         "holds 4 separate windows .* but 5 are needed": few,
         "cannot carry short_cutoff": [("[36, 36]", "[20, 20]")],
     }
-    for said, pairs in scenes.items():
+    for sentence, pairs in scenes.items():
         error = explain(write_scene(tmp_path, text, *pairs))
         assert error is not None
-        with pytest.raises(CaseError, match=said):
+        with pytest.raises(CaseError, match=sentence):
             raise error
     assert explain(write_scene(tmp_path, text)) is None
     tyre = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
-    for said, pair in (
+    for sentence, pair in (
         ("cannot carry short_cutoff", ('"1 mm"', '"0.1 mm"')),
         (r"presses the road by about 3 MPa.* in \[sliding\]", ('"300 kPa"', '"3 MPa"')),
     ):
-        with pytest.raises(CaseError, match=said):
+        with pytest.raises(CaseError, match=sentence):
             prepare(case_of(tmp_path, tyre, pair))
 
 

@@ -44,11 +44,11 @@ def answers(tmp_path_factory):
         folder = tmp_path_factory.mktemp("case")
         case = case_of(folder, text, *pairs)
         case = case if case.micro else case.quick()
-        found = run(case, folder / "out")
+        result = run(case, folder / "out")
         return {
             f"{stage.name}.{name}": (values.values, values.attrs["units"])
             for stage in stages_of(case.tables)
-            for name, values in stage.compared(found[stage.name]).items()
+            for name, values in stage.compared(result[stage.name]).items()
             if name in stage.answers
         }
 
@@ -57,9 +57,9 @@ def answers(tmp_path_factory):
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_answers_scale_with_lengths_and_stresses(answers, name):
-    one, other = answers(TEXTS[name]), answers(scaled(TEXTS[name]))
-    assert one
-    for key, (values, unit) in one.items():
+    first, other = answers(TEXTS[name]), answers(scaled(TEXTS[name]))
+    assert first
+    for key, (values, unit) in first.items():
         by = factor(re.sub(r"(?<=[a-z])(-?\d)", r"**\1", unit).replace(" ", "*"))
         np.testing.assert_allclose(other[key][0], by * values, rtol=1e-4, err_msg=key)
 
@@ -78,10 +78,10 @@ def test_answers_scale_with_lengths_and_stresses(answers, name):
     ],
 )
 def test_answers_rise_or_fall_as_they_should(answers, name, pair, answer, rises):
-    one, other = (answers(TEXTS[name], *pairs)[answer][0] for pairs in ((), (pair,)))
-    open_or_loaded = one > 0.0
+    first, other = (answers(TEXTS[name], *pairs)[answer][0] for pairs in ((), (pair,)))
+    open_or_loaded = first > 0.0
     assert open_or_loaded.any()
-    assert np.all((other > one)[open_or_loaded] == rises), (one, other)
+    assert np.all((other > first)[open_or_loaded] == rises), (first, other)
 
 
 @pytest.mark.parametrize(

@@ -34,34 +34,34 @@ def metal(first, second, geometry="conforming"):
 
 
 def test_the_real_pressure_is_the_load_over_the_area_that_touches():
-    found = with_real_pressure(steel(), response(0.1, 0.0, 0.5))
-    MICRO_RESPONSE.check(found)
+    changed = with_real_pressure(steel(), response(0.1, 0.0, 0.5))
+    MICRO_RESPONSE.check(changed)
     expected = [[1e6 / 0.09, np.nan, 3e6 / 0.45], [1e6 / 0.11, np.nan, 3e6 / 0.55]]
-    np.testing.assert_allclose(found["real_pressure"], expected)
+    np.testing.assert_allclose(changed["real_pressure"], expected)
     np.testing.assert_array_equal(real_pressure(2e6, np.array([0.0, 0.5])), [np.nan, 4e6])
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.0099, False), (0.0101, True)])
-def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(share, told):
+@pytest.mark.parametrize(("share", "sentence"), [(0.0099, False), (0.0101, True)])
+def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(share, sentence):
     touching = 1e6 / (share * MODULUS)
-    found = with_real_pressure(steel(), response(touching))
-    assert found.attrs["behaviour"] == (
+    changed = with_real_pressure(steel(), response(touching))
+    assert changed.attrs["behaviour"] == (
         "The answer is elastic: no body has a hardness, and nothing flows."
     )
-    assert ("give its hardness, or set elastic = true" in found.attrs["cautions"]) == told
+    assert ("give its hardness, or set elastic = true" in changed.attrs["cautions"]) == sentence
     meant = with_real_pressure(steel(elastic=True), response(touching))
     assert meant.attrs["cautions"] == ""
     assert "elastic" in meant.attrs["behaviour"]
 
 
 def test_a_hardness_is_compared_with_the_real_pressure_and_says_who_flows():
-    told = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
-    assert told.attrs["behaviour"] == (
+    changed = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
+    assert changed.attrs["behaviour"] == (
         "The composite body flows from a yield stress of 0.5 GPa on, the hardness "
         "of 1.4 GPa of body_2, the softer body over 2.8 less what hardening adds. The mean "
         "real pressure reaches 0.90 of that hardness."
     )
-    assert told.attrs["cautions"] == ""
+    assert changed.attrs["cautions"] == ""
     above = with_real_pressure(metal(2e9, 2e9), response(1e6 / 3e9))
     assert "of both bodies over 2.8" in above.attrs["behaviour"]
     assert "3 GPa, 1.50 of the hardness" in above.attrs["cautions"]

@@ -48,11 +48,11 @@ def fill(folder):
 
 def refused(answer, message):
     """Whether an answer is one sentence with a message."""
-    status, _, said = answer
-    assert status == 1, said
-    assert "Traceback" not in said
-    sentences = [line for line in said.splitlines() if line.startswith("multiscale: ")]
-    assert len(sentences) == 1, said
+    status, _, text = answer
+    assert status == 1, text
+    assert "Traceback" not in text
+    sentences = [line for line in text.splitlines() if line.startswith("multiscale: ")]
+    assert len(sentences) == 1, text
     assert message in sentences[0]
 
 
@@ -65,14 +65,14 @@ def test_a_run_on_a_disk_that_fills_keeps_its_cells_and_goes_on_with_more_room(c
         "no space left on device; finished results stay",
     )
     check_whole(out)
-    kept = cells(out)
-    assert 0 < len(kept) < 8
+    stored = cells(out)
+    assert 0 < len(stored) < 8
     change("size=20m")
-    status, _, said = command("run", "case.toml", "-o", out, "--jobs", "1", "--resume")
-    assert status == 0, said
+    status, _, output = command("run", "case.toml", "-o", out, "--jobs", "1", "--resume")
+    assert status == 0, output
     after = cells(out)
     assert len(after) == 10  # with one realisation to both orders in the slope
-    assert {file: after[file] for file in kept} == kept
+    assert {file: after[file] for file in stored} == stored
     assert (out / "report.html").exists()
 
 
@@ -186,8 +186,8 @@ def test_what_was_written_before_stays_when_its_new_version_finds_no_room(comman
     folder, change = disk
     change("size=2m")
     out = folder / "out.nc"
-    status, _, said = command("macro", "scene.toml", "-o", out)
-    assert status == 0, said
+    status, _, output = command("macro", "scene.toml", "-o", out)
+    assert status == 0, output
     before = out.read_bytes()
     fill(folder)
     refused(command("macro", "scene.toml", "-o", out), "no space left on device")

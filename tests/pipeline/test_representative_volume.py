@@ -81,7 +81,7 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
 
 # spheres of radius r in a cube of edge L: each is 4/3 pi (r/L)^3 of it
 @pytest.mark.parametrize(
-    ("pairs", "porosity", "said"),
+    ("pairs", "porosity", "sentence"),
     [
         pytest.param([], 0.115, [], id="enough"),
         pytest.param([], 0.105, ["porosity of 10.5 %, and 12 % is asked"], id="too sound"),
@@ -100,12 +100,12 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
     ],
 )
 def test_volumes_that_differ_from_what_is_asked_are_not_representative(
-    tmp_path, pairs, porosity, said
+    tmp_path, pairs, porosity, sentence
 ):
     rve = load_case(write_scene(tmp_path, TEXT + RECIPE, *pairs)).rve
     limits = list(rve.limits(porosity))
-    assert len(limits) == len(said)
-    assert all(part in limit for part, limit in zip(said, limits, strict=True))
+    assert len(limits) == len(sentence)
+    assert all(part in limit for part, limit in zip(sentence, limits, strict=True))
 
 
 def test_a_size_study_says_which_of_its_volumes_hold_no_pore(tmp_path):
@@ -196,17 +196,17 @@ def bar(tmp_path_factory):
 
 
 def test_a_bar_has_the_stiffness_of_its_volume_along_the_turned_axis(bar):
-    _, found = bar
-    C = found["rve"]["stiffness"].to_numpy()
+    _, computed = bar
+    C = computed["rve"]["stiffness"].to_numpy()
     along_x, along_z = youngs_modulus_along(C, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     assert along_x < 0.8 * along_z
-    stiffness = float(found["macro_result"]["load_stiffness"][-1, 0])
+    stiffness = float(computed["macro_result"]["load_stiffness"][-1, 0])
     assert stiffness == pytest.approx(along_x * 12e-6 / 9e-3, rel=1e-9)
 
 
 def test_the_errors_of_the_volume_reach_the_bar(bar):
-    _, found = bar
-    rve, result = found["rve"], found["macro_result"]
+    _, computed = bar
+    rve, result = computed["rve"], computed["macro_result"]
     budget = result["error_half_width"].isel(quantity=0, step=-1)
     largest = rve["modulus_error"].max("direction")
     for term, cause in (
@@ -236,18 +236,18 @@ pressures = ["0.1 MPa", "100 MPa"]
     text = TEXT + "parts = []" + RECIPE + BAR.replace('bottom = "z", ', "") + law
     text = text.replace('[0, 0, "1 kN"]', '[0, 0, "-1 kN"]')
     case = load_case(write_scene(tmp_path, text))
-    found = run(case, tmp_path / "out")
-    rve = found["rve"]
-    known = case.structure.with_volumes(case, found, lambda file, quick: rve)
+    result = run(case, tmp_path / "out")
+    rve = result["rve"]
+    known = case.structure.with_volumes(case, result, lambda file, quick: rve)
     whole = rve["share"].to_numpy() == 1.0
     along_x = int(np.argmax(np.abs(rve["normal"].to_numpy()[:, 0])))  # which is along z
     damage = rve["mean_damage"].to_numpy()[whole, along_x].mean()
     assert known.interfaces[0].damage == pytest.approx(damage, rel=1e-12)
-    assert float(found["macro_result"]["point_damage"].mean()) == pytest.approx(damage)
+    assert float(result["macro_result"]["point_damage"].mean()) == pytest.approx(damage)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "sentence"),
     [
         pytest.param(
             TEXT + RECIPE.replace("0.12", "0.6"), "too much for random addition", id="packing"
@@ -259,9 +259,9 @@ pressures = ["0.1 MPa", "100 MPa"]
         ),
     ],
 )
-def test_what_cannot_be_made_is_refused_before_anything_is_computed(tmp_path, text, said):
+def test_what_cannot_be_made_is_refused_before_anything_is_computed(tmp_path, text, sentence):
     case = load_case(write_scene(tmp_path, text))
-    with pytest.raises(CaseError, match=said):
+    with pytest.raises(CaseError, match=sentence):
         run(case, tmp_path / "out")
 
 
@@ -276,5 +276,5 @@ def test_a_body_with_a_volume_that_is_cut_through_is_refused(tmp_path):
 def test_a_volume_larger_than_its_body_is_said(tmp_path):
     write_body(tmp_path / "bar.msh", box_mesh((4e-4, 3e-4, 9e-4), (1, 1, 2)))
     case = load_case(write_scene(tmp_path, TEXT + "parts = []" + CRACK + BAR))
-    found = run(case, tmp_path / "out")
-    assert "is larger than the body is thick" in found["macro_result"].attrs["cautions"]
+    result = run(case, tmp_path / "out")
+    assert "is larger than the body is thick" in result["macro_result"].attrs["cautions"]

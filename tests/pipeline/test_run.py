@@ -22,10 +22,10 @@ FLAT = steel_text().replace("[128, 128]", '[128, 128]\ngeometry = "flat"')
 @pytest.fixture(scope="module", params=["flat_cells", *slow("ground_steel")])
 def finished(request, shipped_run):
     """Folder and print of the shipped case, or of flat cells on its surfaces, which take less."""
-    out, said, cautions = shipped_run(request.param, FLAT if "flat" in request.param else None)
+    out, output, cautions = shipped_run(request.param, FLAT if "flat" in request.param else None)
     # a caution with a semicolon is one caution
     assert "caution: the shortest wavelength of body_1 has 4.0 points; gap and contact" in cautions
-    return out, said
+    return out, output
 
 
 def test_the_run_folder_holds_everything(finished):
@@ -126,11 +126,11 @@ def test_a_second_run_keeps_the_cells_and_gives_the_same_law(shipped_run, comman
     out = copytree(shipped_run("ground_steel")[0], tmp_path / "again")
     before = (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns
     law = open_law(out / "interface_law.nc")
-    status, _, said = command(
+    status, _, output = command(
         "run", "ground_steel", "-o", out, "--quick", "--jobs", "1", "--resume"
     )
-    assert status == 0, said
-    assert "0 of 4 realisations" not in said
+    assert status == 0, output
+    assert "0 of 4 realisations" not in output
     assert (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns == before
     xr.testing.assert_equal(law, open_law(out / "interface_law.nc"))
 
@@ -138,10 +138,10 @@ def test_a_second_run_keeps_the_cells_and_gives_the_same_law(shipped_run, comman
 def test_micro_and_fit_do_the_first_half_alone(command, tmp_path):
     small = FLAT.replace("[128, 128]", "[64, 64]").replace("realisations = 5", "realisations = 2")
     (tmp_path / "small.toml").write_text(small, encoding="utf-8")
-    status, _, said = command("micro", "small.toml", "-o", "a/response.nc", "--jobs", "1")
-    assert status == 0, said
-    status, _, said = command("fit", "a/response.nc", "-o", "law.nc")
-    assert status == 0, said
+    status, _, output = command("micro", "small.toml", "-o", "a/response.nc", "--jobs", "1")
+    assert status == 0, output
+    status, _, output = command("fit", "a/response.nc", "-o", "law.nc")
+    assert status == 0, output
     assert open_law(tmp_path / "law.nc").attrs["n_realisations"] == 2
 
 
@@ -203,7 +203,7 @@ def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     np.testing.assert_allclose(-result["traction"][:, 0, 0], result["preload"], rtol=1e-6)
     of_law = open_law(file).attrs["cautions"].splitlines()
     *of_structure, of_mesh = result.attrs["cautions"].splitlines()
-    assert of_structure == [f"its law: {one}" for one in of_law]
+    assert of_structure == [f"its law: {item}" for item in of_law]
     assert of_mesh.startswith("the error of the mesh is unknown")  # one element a block
     # one cell of .8 mm in a joint of 20 mm, and the parts of the law that a run knows
     total = result["error_total"].drop_sel(quantity="solid_stiffness")  # hangs on no law

@@ -35,8 +35,8 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     other = case.model_copy(
         update={"statics": case.statics.model_copy(update={"preloads": (12.5e6, 50e6)})}
     )
-    kept = ("micro_response", "interface_law")
-    before = [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept]
+    stored = ("micro_response", "interface_law")
+    before = [(folder / f"{name}.nc").stat().st_mtime_ns for name in stored]
     claim_folder(folder, other)  # the run is killed here
     for show in (draw_figures, write_report):
         with pytest.raises(SchemaError, match=r"not finished, as \S+nc is missing; run its case"):
@@ -44,7 +44,7 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     cells = (folder / "micro" / "realisation-0000.nc").stat().st_mtime_ns
     run(other, folder)
     assert (folder / "micro" / "realisation-0000.nc").stat().st_mtime_ns == cells
-    assert [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept] == before
+    assert [(folder / f"{name}.nc").stat().st_mtime_ns for name in stored] == before
     page = write_report(folder).read_text(encoding="utf-8")
     assert "At a preload of 50 MPa" in page
 
@@ -101,7 +101,9 @@ def test_a_stage_is_computed_again_after_what_it_depends_on_and_no_earlier_one(f
     def out_of_date(**changes):
         other = case.model_copy(update=changes)
         return [
-            one.name for one in stages_of(case.tables) if one.identity(case) != one.identity(other)
+            stage.name
+            for stage in stages_of(case.tables)
+            if stage.identity(case) != stage.identity(other)
         ]
 
     law = case.law.model_copy(update={"samples": 7})

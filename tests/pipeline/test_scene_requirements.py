@@ -116,8 +116,8 @@ def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
     [
         "grid",
         *(
-            pytest.param(one, marks=pytest.mark.slow)
-            for one in ("deposit", "motion", "plate", "smooth grains")
+            pytest.param(entry, marks=pytest.mark.slow)
+            for entry in ("deposit", "motion", "plate", "smooth grains")
         ),
     ],
 )
@@ -142,8 +142,8 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
         "mpi4py": "mpi4py",
         "SurfaceTopography": "SurfaceTopography",
     }
-    found = {heavy[module] for module in loaded & set(heavy)}
-    assert found == set(requirements(load_case(file)).libraries)
+    results = {heavy[module] for module in loaded & set(heavy)}
+    assert results == set(requirements(load_case(file)).libraries)
 
 
 @pytest.mark.slow
@@ -163,8 +163,8 @@ def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_pa
     small = write(SMALL[name], tmp_path / "small.toml")
     large = write(LARGE[name], tmp_path / "large.toml")
     before, after = run(code, small, large, tmp_path / "out.nc")
-    said = requirements(load_case(large)).memory
-    assert 0.5 <= said / (after - before) <= 2.0, (said, after - before)
+    text = requirements(load_case(large)).memory
+    assert 0.5 <= text / (after - before) <= 2.0, (text, after - before)
 
 
 def test_a_scene_says_what_its_options_add():
@@ -262,7 +262,7 @@ def test_grains_take_the_unknowns_and_the_spins_that_they_need(law, changes, unk
 
 
 def test_a_step_without_friction_holds_less_memory():
-    held = []
+    fixed = []
     places = np.stack(np.meshgrid(*[np.arange(10)] * 3), axis=-1).reshape(-1, 3)
     for friction in (0.0, 0.5, 0.0, 0.5):  # the first two import and compile
         walls = box((0, 0, 0), (0.202, 0.202, np.inf))
@@ -272,9 +272,9 @@ def test_a_step_without_friction_holds_less_memory():
         state, _ = step_grains(model, state, 2e-3, sweeps)
         tracemalloc.start()
         state, _ = step_grains(model, state, 2e-3, sweeps)
-        held.append(tracemalloc.get_traced_memory()[0])  # the search for contacts has the peak
+        fixed.append(tracemalloc.get_traced_memory()[0])  # the search for contacts has the peak
         tracemalloc.stop()
-    assert held[2] < 0.75 * held[3]
+    assert fixed[2] < 0.75 * fixed[3]
 
 
 def count(monkeypatch, owner, name):
@@ -315,9 +315,9 @@ def test_impulses_are_sought_where_a_link_has_a_fixed_length(monkeypatch, rigid)
     solve_step = dynamics_module.limited_motion
 
     def counted(*arguments):
-        before, found = len(sought), solve_step(*arguments)
-        steps.append((len(sought) - before, len(found.residuals)))
-        return found
+        before, computed = len(sought), solve_step(*arguments)
+        steps.append((len(sought) - before, len(computed.residuals)))
+        return computed
 
     monkeypatch.setattr(dynamics_module, "limited_motion", counted)
     simulate(grid, np.array([0.0, 1e-3, 2e-3]), 2.0)
@@ -341,7 +341,7 @@ def test_a_coarse_problem_and_a_bound_are_built_where_they_are_wanted(monkeypatc
 
 def test_more_load_factors_take_more_memory(tmp_path):
     scene = load_case(write(GRID, tmp_path / "scene.toml"))
-    one, more, most = (
+    first, more, most = (
         requirements(
             scene.model_copy(
                 update={
@@ -353,6 +353,6 @@ def test_more_load_factors_take_more_memory(tmp_path):
     )
     system = scene.structure.build()
     fields = system.n_links + np.count_nonzero(~system.fixed)  # tension and displacement
-    assert more.memory - one.memory == most.memory - more.memory > 9 * 8 * fields
+    assert more.memory - first.memory == most.memory - more.memory > 9 * 8 * fields
     same = {"memory": 0, "costs": (), "seconds": 0.0}
-    assert replace(more, **same) == replace(one, **same)
+    assert replace(more, **same) == replace(first, **same)

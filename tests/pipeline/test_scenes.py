@@ -40,9 +40,9 @@ def hanging(tmp_path):
     ],
 )
 def test_an_arrow_takes_cases_that_have_its_tables(command, arrow, case, table):
-    status, _, said = command(arrow, case)
+    status, _, output = command(arrow, case)
     assert status == 1
-    assert f"{case}: has no [{table}], at which the command begins; use multiscale run" in said
+    assert f"{case}: has no [{table}], at which the command begins; use multiscale run" in output
 
 
 @pytest.mark.parametrize("name", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
@@ -113,8 +113,8 @@ def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hangi
     assert sound.attrs["cautions"] == ""
     nodes = hanging / "nodes.csv"
     nodes.write_text(NODES.replace("-50", "-1e30"), encoding="utf-8")
-    found = run_macro(load_case(write_scene(hanging, HANGING)), hanging / "out.nc")
-    assert "nodes move by up to 1e+25 m, more than the structure measures (2 m)" in found.cautions
+    result = run_macro(load_case(write_scene(hanging, HANGING)), hanging / "out.nc")
+    assert "nodes move by up to 1e+25 m, more than the structure measures (2 m)" in result.cautions
 
 
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
@@ -227,8 +227,8 @@ def test_links_strained_beyond_their_linear_law_are_a_caution_with_the_worst(
     """The upper link bears both weights: its strain is their sum over the rigidity."""
     pairs = (('"100 kN"', f'"{rigidity}"'), ("[statics]\n", "[statics]\nexact = true\n"))
     result = run_macro(load_case(write_scene(hanging, HANGING, *pairs)), hanging / "out.nc")
-    said = f"link 0 has a strain of up to {strain:.2g}," if strain else ""
-    assert result.attrs.get("cautions", "").startswith(said)
+    sentence = f"link 0 has a strain of up to {strain:.2g}," if strain else ""
+    assert result.attrs.get("cautions", "").startswith(sentence)
     assert bool(result.attrs.get("cautions")) == bool(strain)
 
 
@@ -263,9 +263,9 @@ def tables(tmp_path):
 
 def test_tables_without_prestress_get_their_state_of_self_stress(tables):
     module = free_module(prestress=1.0)
-    found = load_case(write_scene(tables(module), MODULE)).structure.build()
+    result = load_case(write_scene(tables(module), MODULE)).structure.build()
     scaled = 1000.0 * module.prestress / np.abs(module.prestress).max()
-    np.testing.assert_allclose(found.prestress, scaled, rtol=1e-9)
+    np.testing.assert_allclose(result.prestress, scaled, rtol=1e-9)
 
 
 def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(tables):
@@ -273,13 +273,13 @@ def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(table
     grid = tensegrity_grid(2)
     folder = tables(grid)
     case = load_case(write_scene(folder, MODULE))
-    found = case.structure.build()
-    cable = found.kind == 0
+    outcome = case.structure.build()
+    cable = outcome.kind == 0
     alike = 1000.0 * grid.prestress / np.abs(grid.prestress).max()
-    assert np.abs(found.prestress).max() == pytest.approx(1000.0)
-    assert found.prestress[cable].min() >= alike[cable].min() * (1.0 - 1e-9) > 0.0
+    assert np.abs(outcome.prestress).max() == pytest.approx(1000.0)
+    assert outcome.prestress[cable].min() >= alike[cable].min() * (1.0 - 1e-9) > 0.0
     result = run_macro(case, folder / "out.nc")
-    np.testing.assert_allclose(result["tension"][0], found.prestress, atol=1e-6)
+    np.testing.assert_allclose(result["tension"][0], outcome.prestress, atol=1e-6)
 
 
 @pytest.mark.parametrize(

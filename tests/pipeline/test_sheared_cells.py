@@ -51,8 +51,8 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     assert law.attrs["branches"].endswith("shear: measured")
     assert float(law["shear_friction"]) == pytest.approx(0.2, rel=0.02)
     np.testing.assert_allclose(law["shear_stiffness_ratio"], THEORY, rtol=0.2)  # a coarse grid
-    own = law["error_half_width"].sel(quantity="tangential_traction", error_term="friction bed")
-    assert np.all(own.values > 0.0)
+    part = law["error_half_width"].sel(quantity="tangential_traction", error_term="friction bed")
+    assert np.all(part.values > 0.0)
     assert np.all(np.abs(law["shear_loss_ratio"] - 1.0) < 0.5)
     assert np.isfinite(results.macro_result["cycle_energy_mean_law"].values).all()
     bodies, (taken,) = joints_of(case, results)
@@ -73,8 +73,8 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
 
 def test_sheared_cells_have_both_bodies_and_the_surfaces_of_the_pressed_ones(finished):
     case, _, results = finished
-    for one, (lower, upper) in zip(make_cells(case), two_surfaces(case), strict=True):
-        np.testing.assert_allclose(lower.heights + upper.heights, one.surface.heights, atol=1e-18)
+    for item, (lower, upper) in zip(make_cells(case), two_surfaces(case), strict=True):
+        np.testing.assert_allclose(lower.heights + upper.heights, item.surface.heights, atol=1e-18)
     shear = results["shear_response"]
     SHEAR_RESPONSE.check(shear)
     assert shear["converged"].values.all()
@@ -106,11 +106,11 @@ def test_other_loads_shear_no_cell_and_another_shear_presses_none(finished, tmp_
 
 def test_the_command_fits_the_same_law_from_files_and_exports_it(finished, command, tmp_path):
     _, out, results = finished
-    status, said, _ = command(
+    status, output, _ = command(
         "fit", out / "micro_response.nc", "--shear", out / "shear_response.nc", "-o", "law.nc"
     )
     assert status == 0
-    assert "shear: measured" in said
+    assert "shear: measured" in output
     fitted = open_law("law.nc")
     for name in ("coefficient", "shear_stiffness_ratio", "shear_friction"):
         np.testing.assert_array_equal(fitted[name], results.interface_law[name])
@@ -158,8 +158,10 @@ def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
     text = PLAIN.replace("[interface]", '[interface]\nlaw = "law.nc"\nfriction = 0.3')
     text = text.replace("poissons_ratio = 0", "poissons_ratio = 0.3")
     result = run_macro(case_of(tmp_path, text), tmp_path / "out.nc")
-    said = "its law: the tangential stiffness ratio of 0.824 is assumed; shear the cells to measure"
-    assert said in result.attrs["cautions"]
+    sentence = (
+        "its law: the tangential stiffness ratio of 0.824 is assumed; shear the cells to measure"
+    )
+    assert sentence in result.attrs["cautions"]
     strict = case_of(tmp_path, "strict = true\n" + text)
     with pytest.raises(
         CaseError, match=r"no stiffness_ratio, and neither .* strict = true assumes nothing"
@@ -185,9 +187,9 @@ def seconds_of(needs, stage):
 def test_needs_and_quick_tell_the_sheared_cells(tmp_path):
     case = case_of(tmp_path, CHAIN)
     needs = requirements(case)
-    told = needs.built["sheared cells"]
-    assert "3 of two bodies with friction, 20 x 20 points and 9600 unknowns" in told
-    assert "each in 33 steps" in told
+    text = needs.built["sheared cells"]
+    assert "3 of two bodies with friction, 20 x 20 points and 9600 unknowns" in text
+    assert "each in 33 steps" in text
     assert seconds_of(needs, "shear_response") < 60.0
     more = case.micro.shear.model_copy(update={"pressures": (8e6, 20e6, 60e6), "points": None})
     quick = case.model_copy(update={"micro": case.micro.model_copy(update={"shear": more})}).quick()
@@ -219,8 +221,8 @@ def slid_cells(steady):
     """Cells that slid under 20 and 40 MPa, of which only the steady friction is told."""
     sizes = {"load": 2, "step": 3}
     values = {
-        name: np.ones([*sizes.values(), 3][: len(one.dims)])
-        for name, one in SLIDING_RESPONSE.variables.items()
+        name: np.ones([*sizes.values(), 3][: len(value.dims)])
+        for name, value in SLIDING_RESPONSE.variables.items()
     }
     return SLIDING_RESPONSE.build(
         values | {"steady_friction": steady, "nominal_pressure": [2e7, 4e7]}
@@ -248,16 +250,18 @@ def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
         .replace('"flat"', '"conforming"')
     )
     case = case_of(tmp_path, text)
-    found = {
+    entry = {
         "micro_response": results["micro_response"],
         "sliding_response": slid_cells([0.2, 0.3]),
     }
-    found["interface_law"] = FITTED_LAW.run(case, found, None)
-    bodies, (law,) = joints_of(case, found)
+    entry["interface_law"] = FITTED_LAW.run(case, entry, None)
+    bodies, (law,) = joints_of(case, entry)
     (bed,) = bodies.sliders(case, [law])
     assert bed.friction == pytest.approx(0.3)
-    told = "shear: measured by sliding at 40 MPa, friction 0.3, but stiffness ratio 1 assumed; slid"
-    assert told in law.attrs["branches"]
+    sentence = (
+        "shear: measured by sliding at 40 MPa, friction 0.3, but stiffness ratio 1 assumed; slid"
+    )
+    assert sentence in law.attrs["branches"]
     assert "friction coefficient of 0.3 comes from the slide of one cell" in law.attrs["cautions"]
     assert np.isnan(shear_errors(law, np.array([2e7]))["friction"]["sampling"][0])
     with pytest.raises(CaseError, match=r"slide them over their length or more by \[slide\]"):
@@ -267,7 +271,7 @@ def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
 @pytest.mark.slow
 def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(shipped_run):
     pytest.importorskip("gmsh", exc_type=Exception)
-    out, said, _ = shipped_run("bolted_lap")
+    out, output, _ = shipped_run("bolted_lap")
     law = open_law(out / "interface_law.nc")
     np.testing.assert_allclose(law["shear_stiffness_ratio"], THEORY, rtol=0.12)
     assert float(law["shear_friction"]) == pytest.approx(0.2, rel=0.02)
@@ -278,7 +282,7 @@ def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(shipped_r
         f"Bolt 0 is tightened to {force[2]:.4g} kN, then carries {force[3:].min():.4g}"
         in result.facts
     )
-    assert "assumed" not in said
+    assert "assumed" not in output
 
 
 @pytest.mark.slow
@@ -300,10 +304,10 @@ def test_the_first_cell_on_half_of_its_points_tells_the_error_of_the_grid(finish
     assert np.all(grid.values > 0.0)
     assert "spacing 2 times" in law.attrs["how_micro_discretisation"]
     assert "micro discretisation" not in law.attrs["unknown"]
-    told = results.macro_result["error_half_width"].sel(error_term="micro discretisation")
-    alone = told.sel(quantity="cycle_energy").values[-1]
+    part = results.macro_result["error_half_width"].sel(error_term="micro discretisation")
+    alone = part.sel(quantity="cycle_energy").values[-1]
     assert alone >= float(law["shear_loss_grid_error"]) > 0.0
-    assert np.all(told.sel(quantity="tangential_stiffness").dropna("step") > 0.0)
+    assert np.all(part.sel(quantity="tangential_stiffness").dropna("step") > 0.0)
     assert case.quick().micro.coarser == 0
 
 

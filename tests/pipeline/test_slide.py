@@ -43,15 +43,15 @@ def finished(text_run):
 
 def test_the_two_bodies_have_the_gaps_of_their_composite_surface(tmp_path):
     case = case_of(tmp_path, ELASTIC + SLIDE)
-    pair, one = make_pair(case), make_cells(case)[0]
+    pair, first = make_pair(case), make_cells(case)[0]
     np.testing.assert_allclose(
-        pair.surface.heights - pair.obstacle.heights, one.surface.heights, rtol=0.0, atol=1e-18
+        pair.surface.heights - pair.obstacle.heights, first.surface.heights, rtol=0.0, atol=1e-18
     )
     assert pair.second is not None
     assert isinstance(pair.law, NeoHookean)
     # at small slopes two bodies press as the one that stands for both
     path = Path(pressure=(20e6, 80e6))
-    gaps = [solve_cell(cell, path)["mean_gap"].values[0] for cell in (pair, one)]
+    gaps = [solve_cell(cell, path)["mean_gap"].values[0] for cell in (pair, first)]
     np.testing.assert_allclose(*gaps, rtol=0.02)
 
 
@@ -87,8 +87,8 @@ def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finish
     assert file.stat().st_mtime_ns == before
     shorter = case.slide.model_copy(update={"distance": 20e-6, "pressures": (20e6,), "steps": 1})
     run(case.model_copy(update={"slide": shorter}), out)
-    found = open_dataset(file, SLIDING_RESPONSE)
-    assert float(found["sliding_distance"][-1]) == pytest.approx(20e-6)
+    dataset = open_dataset(file, SLIDING_RESPONSE)
+    assert float(dataset["sliding_distance"][-1]) == pytest.approx(20e-6)
     assert (out / "micro" / "realisation-0000.nc").stat().st_mtime_ns == cells.st_mtime_ns
     run(case, out)
 

@@ -20,9 +20,9 @@ MEAN_PRESSURE = Schema(
 )
 
 
-def press(case, found, job):
+def press(case, outcome, job):
     """Mean real pressure of the cells: nominal pressure over the share that touches."""
-    response = found[MICRO_RESPONSE.name]
+    response = outcome[MICRO_RESPONSE.name]
     share = response["contact_fraction"].mean("realisation").values
     values = {"mean_real_pressure": response["nominal_pressure"].values / share}
     result = MEAN_PRESSURE.build(values)
@@ -30,8 +30,8 @@ def press(case, found, job):
     return result
 
 
-def show(found, out):
-    pressure = 1e-6 * found["mean_pressure"]["mean_real_pressure"].values
+def show(result, out):
+    pressure = 1e-6 * result["mean_pressure"]["mean_real_pressure"].values
     yield Section("Mean real pressure", remarks=[f"At most {pressure.max():.4g} MPa."])
 
 
@@ -92,9 +92,9 @@ def test_figures_of_stages_that_are_not_asked_for_go_and_others_stay(run_folder,
 
 def test_needs_of_stages_are_joined_and_the_largest_memory_counts():
     choices = Choice("a", "why"), Choice("b", "why not", built=False), Choice("c", "too")
-    one = Needs(1, "small strain", choices[:2], libraries=("x", "y"), memory=3)
+    need = Needs(1, "small strain", choices[:2], libraries=("x", "y"), memory=3)
     other = Needs(3, choices=choices[2:], fields=("gap",), libraries=("y",), memory=2)
-    joined = replace(join_needs([one, other]), seconds=0.0)  # NaN equals nothing
+    joined = replace(join_needs([need, other]), seconds=0.0)  # NaN equals nothing
     assert joined == Needs(
         3,
         "small strain",

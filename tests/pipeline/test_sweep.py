@@ -41,8 +41,8 @@ def write(tmp_path):
 def test_points_are_all_combinations_and_the_last_key_is_fastest(write):
     sweep = load_sweep(write(SMALL + SWEEP))
     assert sweep.parameters == ("body_1.youngs_modulus", "cell.layers")
-    found = [(case.body_1.youngs_modulus, case.cell.layers) for case in sweep.points]
-    assert found == [(70e9, 8), (70e9, 14), (210e9, 8), (210e9, 14)]
+    results = [(case.body_1.youngs_modulus, case.cell.layers) for case in sweep.points]
+    assert results == [(70e9, 8), (70e9, 14), (210e9, 8), (210e9, 14)]
     assert sweep.settings[1] == ("70 GPa", "14")
     assert len(set(sweep.folders(write("")))) == 4
     quick = sweep.quick()
@@ -106,8 +106,8 @@ def test_a_sweep_of_a_truss_has_the_numbers_of_its_table(write, tmp_path):
     sweep = load_sweep(write(GRID))
     result = run_sweep(sweep, tmp_path / "out")
     tension = [
-        float(solve_static(one.structure.build(), 0.5 * steps).tension.max())
-        for steps, one in zip((1, 1, 2, 2), sweep.points, strict=True)
+        float(solve_static(item.structure.build(), 0.5 * steps).tension.max())
+        for steps, item in zip((1, 1, 2, 2), sweep.points, strict=True)
     ]
     ends = sweep_ends(result, "largest_tension")
     np.testing.assert_allclose(ends["value"], tension, rtol=1e-6)
@@ -143,22 +143,22 @@ def test_each_point_is_the_run_of_its_case_and_a_failure_is_a_sentence(write, tm
 
 def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     run_sweep(load_sweep(write(SMALL + "[sweep]\ncell.layers = [8]\n")), tmp_path / "out")
-    (kept,) = (tmp_path / "out").glob("points/*/macro_result.nc")
-    before = kept.stat().st_mtime_ns
+    (stored,) = (tmp_path / "out").glob("points/*/macro_result.nc")
+    before = stored.stat().st_mtime_ns
     sweep = load_sweep(write(SMALL + "[sweep]\ncell.layers = [6, 8]\n"))
     grown = run_sweep(sweep, tmp_path / "out")
-    assert kept.stat().st_mtime_ns == before
+    assert stored.stat().st_mtime_ns == before
     assert list(grown["cell.layers"].values) == [6.0, 8.0]
     assert not any(grown["failure"].values)
     assert list(load_sweep(tmp_path / "out" / "case.toml").points) == list(sweep.points)
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(sweep.points[0], tmp_path / "out")
     with pytest.raises(CaseError, match="holds a single run; choose another folder for a sweep"):
-        run_sweep(sweep, kept.parent)
+        run_sweep(sweep, stored.parent)
 
 
 def files(folder):
-    return sorted(str(one.relative_to(folder)) for one in folder.rglob("*") if one.is_file())
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
 @pytest.fixture
@@ -176,7 +176,7 @@ def test_a_large_sweep_leaves_a_file_a_point_and_a_killed_one_repeats_no_point(
     write, tmp_path, solved
 ):
     sweep = load_sweep(write(GRID))
-    kept = run_sweep(sweep, tmp_path / "kept", keep=True)
+    stored = run_sweep(sweep, tmp_path / "kept", keep=True)
     assert len(list((tmp_path / "kept").glob("points/*/macro_result.nc"))) == 4
 
     def kill(finished):
@@ -187,9 +187,9 @@ def test_a_large_sweep_leaves_a_file_a_point_and_a_killed_one_repeats_no_point(
     with pytest.raises(KeyboardInterrupt):
         run_sweep(sweep, tmp_path / "out", progress=kill)
     resumed = run_sweep(sweep, tmp_path / "out")
-    xr.testing.assert_identical(resumed, kept)
+    xr.testing.assert_identical(resumed, stored)
     assert solved == [case.title for case in sweep.points]  # each once
-    points = sorted(f"points/{one.name}.v2.nc" for one in sweep.folders(tmp_path))
+    points = sorted(f"points/{folder.name}.v2.nc" for folder in sweep.folders(tmp_path))
     assert files(tmp_path / "out") == ["case.toml", *points, "sweep.nc"]
     run_sweep(sweep, tmp_path / "out", keep=True)
     assert len(solved) == 8  # of which no folders were left
@@ -265,8 +265,12 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
 
 
 def test_sentences_of_points_that_differ_by_numbers_are_told_once():
-    told = [("body_1 reaches 631 MPa", 0), ("body_2 reaches 2 MPa", 1), ("body_1 reaches 2 GPa", 2)]
-    assert _places(told) == {
+    lines = [
+        ("body_1 reaches 631 MPa", 0),
+        ("body_2 reaches 2 MPa", 1),
+        ("body_1 reaches 2 GPa", 2),
+    ]
+    assert _places(lines) == {
         "body_1 reaches 631 MPa (numbers of the first of these points)": [0, 2],
         "body_2 reaches 2 MPa": [1],
     }
@@ -283,13 +287,15 @@ def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(wr
     first = CliRunner().invoke(app, arguments)
     assert first.exit_code == 0, first.output
     setting = "body_1.youngs_modulus = 70 GPa, body_2.youngs_modulus = {} GPa, cell.points = [16"
-    for one in (70, 210):
-        assert setting.format(one) in first.stderr
+    for value in (70, 210):
+        assert setting.format(value) in first.stderr
     # each reason once, with its points
     assert first.stderr.count("no result: [body_1.surface] 16 x 16 points cannot carry") == 1
     assert "and 1 more: no result" in first.stderr
-    told = "caution: at every point with a result: the shortest wavelength of body_1 has 2.2 points"
-    assert told in first.stderr
+    sentence = (
+        "caution: at every point with a result: the shortest wavelength of body_1 has 2.2 points"
+    )
+    assert sentence in first.stderr
     assert setting.format(210) in (tmp_path / "out" / "log.txt").read_text(encoding="utf-8")
     # points that are found finished are told of, too
-    assert told in CliRunner().invoke(app, arguments).stderr
+    assert sentence in CliRunner().invoke(app, arguments).stderr

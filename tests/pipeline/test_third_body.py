@@ -40,8 +40,8 @@ def synthetic(pressure, noise=0.0):
     """Response of six layers that follow the exact functions, each with its scatter."""
     height, friction = exact(pressure, SPEED)
     rng = np.random.default_rng(seed=2)
-    own = 1.0 + noise * rng.standard_normal((2, 6, 1))
-    gap, mu = height * own[0], friction * own[1]
+    direct = 1.0 + noise * rng.standard_normal((2, 6, 1))
+    gap, mu = height * direct[0], friction * direct[1]
     traction = np.stack([-pressure + 0.0 * mu, mu * pressure, 0.0 * mu], axis=-1)
     values = {
         "displacement_jump": np.zeros_like(traction),

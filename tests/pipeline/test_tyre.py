@@ -47,9 +47,9 @@ def test_the_friction_of_the_cells_moves_along_the_speed_by_the_shift_factor(tmp
     start, end = text.index("speeds = "), text.index("temperatures = ")
     text = text[:start] + 'speeds = ["1 cm/s", "0.1 m/s", "1 m/s", "10 m/s"]\n' + text[end:]
     case = case_of(tmp_path, text)
-    found = slide_road(case, make_roads(case)[0]).values
-    assert np.all(found["converged"])
-    mu = found["traction"][0, :, 1].reshape(3, 3, 4)
+    computed = slide_road(case, make_roads(case)[0]).values
+    assert np.all(computed["converged"])
+    mu = computed["traction"][0, :, 1].reshape(3, 3, 4)
     np.testing.assert_allclose(mu[0, :, :3], mu[1, :, 1:], rtol=1e-5)
     np.testing.assert_allclose(mu[1, :, :3], mu[2, :, 1:], rtol=1e-5)
 
@@ -80,9 +80,11 @@ def test_a_law_of_an_earlier_version_is_answered_in_a_sentence(finished, tmp_pat
     law = open_law(old / "interface_law.nc").drop_vars(lost, errors="ignore")
     law.attrs.pop(lost, None)
     save_law(law, old / "interface_law.nc")
-    told = rf"old/interface_law.nc: a law of the family 'bell' needs {lost}, .*; run the fit again"
+    sentence = (
+        rf"old/interface_law.nc: a law of the family 'bell' needs {lost}, .*; run the fit again"
+    )
     reader = write_report if lost == "rms_error_over_peak" else draw_figures
-    with pytest.raises(CaseError, match=told):
+    with pytest.raises(CaseError, match=sentence):
         reader(old)
 
 
@@ -130,12 +132,12 @@ def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):
 
 @pytest.mark.slow
 def test_the_law_of_the_shipped_tyre_is_close_to_its_roads(shipped_run):
-    out, said, _ = shipped_run("tyre_on_road")
-    assert "braking force" in " ".join(said.split())
+    out, output, _ = shipped_run("tyre_on_road")
+    assert "braking force" in " ".join(output.split())
     law = open_law(out / "interface_law.nc")
     assert law.attrs["rms_error_over_peak"] < 0.02
     assert law.attrs["largest_error_over_peak"] < 0.05
-    assert "the fitted curve differs" not in said
+    assert "the fitted curve differs" not in output
 
 
 def test_a_braking_force_has_an_error_budget(finished):
@@ -161,8 +163,8 @@ def test_a_braking_force_has_an_error_budget(finished):
 def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
     case, _, results = finished
     assert results.macro_result["known"].values.all()
-    told = results.macro_result.attrs["facts"]
-    assert told == "A cell of 16 mm is 0.8 of the edge of the interface, 20 mm."
+    text = results.macro_result.attrs["facts"]
+    assert text == "A cell of 16 mm is 0.8 of the edge of the interface, 20 mm."
     heavy = case.model_copy(update={"tread": case.tread.model_copy(update={"pressure": 3e6})})
     law = heavy.law.model_copy(update={"extrapolate": True})
     given = results.micro_response, results.interface_law
@@ -170,9 +172,9 @@ def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
     assert not result["known"].values.any()
     assert np.isnan(result["braking_force"]).all()
     assert "the pressures of the law, 100 kPa to 800 kPa" in result.attrs["cautions"]
-    kept = solve_treads(heavy.model_copy(update={"law": law}), *given)
-    assert np.isfinite(kept["braking_force"][kept["converged"].values == 1]).all()
-    assert np.isnan(kept["error_total"]).all()
+    stored = solve_treads(heavy.model_copy(update={"law": law}), *given)
+    assert np.isfinite(stored["braking_force"][stored["converged"].values == 1]).all()
+    assert np.isnan(stored["error_total"]).all()
 
 
 @pytest.mark.slow
@@ -184,9 +186,11 @@ def test_a_tread_that_its_friction_tips_says_so_at_each_speed_and_temperature(fi
     result = solve_treads(case, results.micro_response, rough)
     failed = np.sum(result["converged"].values == 0)
     assert failed > 0
-    told = [one for one in result.attrs["cautions"].splitlines() if "no braking force at" in one]
-    assert len(told) == failed
-    assert all("would shear the block by" in one for one in told)
+    lines = [
+        line for line in result.attrs["cautions"].splitlines() if "no braking force at" in line
+    ]
+    assert len(lines) == failed
+    assert all("would shear the block by" in line for line in lines)
 
 
 @pytest.mark.slow

@@ -52,26 +52,26 @@ def solve(folder, text, *pairs):
 
 def test_a_case_has_modes_backbone_page_and_series(meshes):
     results = solve(meshes, ONLY_PRESS + VIBRATION)
-    found = results["vibration"]
-    assert found["step_mode"].values.tolist() == [1, 1, 2, 2]
-    assert found["converged"].all()
-    slow, fast = found["frequency"].values[:2]
-    assert found["mode_frequency"].values[0] > slow > fast
-    damping = found["damping"].values
+    computed = results["vibration"]
+    assert computed["step_mode"].values.tolist() == [1, 1, 2, 2]
+    assert computed["converged"].all()
+    slow, fast = computed["frequency"].values[:2]
+    assert computed["mode_frequency"].values[0] > slow > fast
+    damping = computed["damping"].values
     assert 0.001 < damping[0] < damping[1]
     assert list(meshes.rglob("vibration.pvd"))
-    assert VIBRATING_BODIES.compared(found)["frequency"].values[-1] == fast
-    still = found.assign(fall=0.0 * found["fall"] - 1e-11)
-    still["slipping_load"] = 0.0 * found["slipping_load"] + 1e-17
+    assert VIBRATING_BODIES.compared(computed)["frequency"].values[-1] == fast
+    still = computed.assign(fall=0.0 * computed["fall"] - 1e-11)
+    still["slipping_load"] = 0.0 * computed["slipping_load"] + 1e-17
     table = next(VIBRATING_BODIES.sections({"vibration": still}, meshes))
     head, rows = table.head, table.rows
     for name in ("fall (Hz)", "sliding force (%)"):  # rounding is no number
         assert [row[head.index(name)] for row in rows] == ["0"] * 4
 
 
-@pytest.mark.parametrize(("base", "patches", "said"), refused_rows("vibrating"))
-def test_what_has_no_answer_is_refused_in_a_sentence(meshes, base, patches, said):
-    with pytest.raises((CaseError, ConvergenceError), match=said):
+@pytest.mark.parametrize(("base", "patches", "sentence"), refused_rows("vibrating"))
+def test_what_has_no_answer_is_refused_in_a_sentence(meshes, base, patches, sentence):
+    with pytest.raises((CaseError, ConvergenceError), match=sentence):
         solve(meshes, ONLY_PRESS + VIBRATION, *patches)
 
 
@@ -79,8 +79,8 @@ def test_a_quick_run_says_which_modes_and_amplitudes_it_leaves_out(meshes):
     many = VIBRATION.replace('"0.1 um"', '"20 nm", "50 nm", "0.1 um"')
     quick = load_case(write_scene(meshes, ONLY_PRESS + many)).quick()
     assert quick.vibration.modes == (1,)
-    said = "--quick leaves out mode 2 and 1 of 4 amplitudes."
-    assert said in str(run(quick, meshes / "quick")["vibration"].attrs["facts"])
+    sentence = "--quick leaves out mode 2 and 1 of 4 amplitudes."
+    assert sentence in str(run(quick, meshes / "quick")["vibration"].attrs["facts"])
     assert not load_case(write_scene(meshes, ONLY_PRESS + many)).vibration.left_out()
 
 
@@ -92,27 +92,27 @@ def test_a_free_structure_and_an_amplitude_that_slides_are_told(meshes):
         'pressure = "10 MPa"\n[statics]',
     )
     pairs = [("press = 1 }", "press = 1, back = 1 }"), ("[1, 2]", "[1]"), ('"0.1 um"', '"1 mm"')]
-    found = solve(meshes, free + VIBRATION, *pairs)["vibration"]
+    result = solve(meshes, free + VIBRATION, *pairs)["vibration"]
     assert "along x, along y, along z, about x, about y, about z are left out" in str(
-        found.attrs["facts"]
+        result.attrs["facts"]
     )
-    assert found["converged"].values.tolist() == [1, 0]
-    assert np.isnan(found["damping"].values[1])
-    said = VIBRATING_BODIES.failure(found)
-    assert re.search(r"mode 1 has no solution from the modal amplitude .* kg.1/2 m on", said)
+    assert result["converged"].values.tolist() == [1, 0]
+    assert np.isnan(result["damping"].values[1])
+    sentence = VIBRATING_BODIES.failure(result)
+    assert re.search(r"mode 1 has no solution from the modal amplitude .* kg.1/2 m on", sentence)
 
 
 def test_intervals_follow_the_budget_of_the_law(meshes):
     write_scattered_law(meshes / "law.nc")
     text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER
-    found = solve(meshes, text, ('"0.1 um", "0.3 um"', '"0.3 um"'))["vibration"]
-    value = found["frequency"].values
-    low, high = found["frequency_mean_law"].values
+    result = solve(meshes, text, ('"0.1 um", "0.3 um"', '"0.3 um"'))["vibration"]
+    value = result["frequency"].values
+    low, high = result["frequency_mean_law"].values
     assert np.all((low < value) & (value < high))
-    half = found["error_half_width"].sel(error_term="sampling")
+    half = result["error_half_width"].sel(error_term="sampling")
     assert np.all(half.sel(quantity="damping") > half.sel(quantity="frequency"))
-    assert np.isnan(found["error_total"].sel(quantity="damping")).all()  # no cell was cycled
-    assert "the error of the loss of a cycle is not known" in found.attrs["cautions"]
+    assert np.isnan(result["error_total"].sel(quantity="damping")).all()  # no cell was cycled
+    assert "the error of the loss of a cycle is not known" in result.attrs["cautions"]
 
 
 UNCERTAIN = (
@@ -126,30 +126,30 @@ def test_stated_half_widths_reach_frequency_fall_and_damping(meshes):
     """Slip depends on amplitude over friction, so that a larger friction is a smaller amplitude."""
     near = ('"0.1 um", "0.3 um"', '"0.29 um", "0.3 um"')
     results = solve(meshes, ONLY_PRESS + LARGER, near, *UNCERTAIN)
-    found = results["vibration"]
-    told = ["interfaces[0].exponential.decay_length ± 10 %", "interfaces[0].friction ± 20 %"]
-    assert found["parameter"].values.tolist() == told
-    change, x = found["sensitivity"], np.log(0.3 / 0.29)
+    computed = results["vibration"]
+    lines = ["interfaces[0].exponential.decay_length ± 10 %", "interfaces[0].friction ± 20 %"]
+    assert computed["parameter"].values.tolist() == lines
+    change, x = computed["sensitivity"], np.log(0.3 / 0.29)
     for name in ("fall", "damping"):
-        slope = np.diff(np.log(found[name].values))[0] / x
-        of_friction = change.sel(quantity=name, parameter=told[1]).mean("step")  # slabs are few
+        slope = np.diff(np.log(computed[name].values))[0] / x
+        of_friction = change.sel(quantity=name, parameter=lines[1]).mean("step")  # slabs are few
         np.testing.assert_allclose(of_friction, -0.2 * slope, rtol=0.1)
-    stated = found["error_half_width"].sel(error_term="stated values")
+    stated = computed["error_half_width"].sel(error_term="stated values")
     np.testing.assert_allclose(stated, np.linalg.norm(change, axis=0), rtol=1e-12)
-    total = found["error_total"].values
+    total = computed["error_total"].values
     for kind in ("mean_law", "one_part"):
-        ends = found["frequency"].values * (1.0 + np.multiply.outer([-1.0, 1.0], total[0]))
-        np.testing.assert_allclose(found[f"frequency_{kind}"], ends, rtol=1e-12)
+        ends = computed["frequency"].values * (1.0 + np.multiply.outer([-1.0, 1.0], total[0]))
+        np.testing.assert_allclose(computed[f"frequency_{kind}"], ends, rtol=1e-12)
     heads = [section.heading for section in VIBRATING_BODIES.sections(results, meshes)]
     assert heads[-2:] == ["Error budget of the damping", "Sensitivity"]
-    assert "intervals do not count the error of the law" not in found.attrs["cautions"]
+    assert "intervals do not count the error of the law" not in computed.attrs["cautions"]
 
 
 @pytest.mark.slow
 def test_intervals_of_stated_values_are_as_wide_as_samples_scatter(meshes):
     """Of 24 structures drawn from normal distributions, within the noise of so few."""
     case = load_case(write_scene(meshes, ONLY_PRESS + LARGER, *UNCERTAIN))
-    found = run(case, meshes / "stated")["vibration"]
+    result = run(case, meshes / "stated")["vibration"]
     bodies, rng = case.structure, np.random.default_rng(seed=5)
     near = _press(bodies, case, _laws(bodies, case, [None], Change()))[0]
     drawn = []
@@ -158,8 +158,8 @@ def test_intervals_of_stated_values_are_as_wide_as_samples_scatter(meshes):
         both = next(length.uncertain(1.0 + 0.2 * normal[1]))[2]
         drawn.append(_solve_changed(bodies, case, [None], near, Change(structure=both)))
     for name in ("frequency", "fall", "damping"):
-        scatter = 1.96 * np.std([one[name] for one in drawn], axis=0) / found[name].values
-        half = found["error_half_width"].sel(quantity=name, error_term="stated values").values
+        scatter = 1.96 * np.std([sample[name] for sample in drawn], axis=0) / result[name].values
+        half = result["error_half_width"].sel(quantity=name, error_term="stated values").values
         assert np.all((half / scatter > 0.6) & (half / scatter < 1.7)), (half, scatter)
 
 
@@ -169,7 +169,7 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
     write_scattered_law(meshes / "law.nc", samples=24)
     text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER.replace("192", "768")
     case = load_case(write_scene(meshes, text))
-    found = run(case, meshes / "sampled")["vibration"]
+    result = run(case, meshes / "sampled")["vibration"]
     bodies = case.structure
     laws = bodies.read_laws(case, {}, lambda file, quick: open_law(file))
     near = _press(bodies, case, _laws(bodies, case, laws, Change()))[0]
@@ -178,8 +178,8 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
         for sample in range(laws[0].sizes["sample"])
     ]
     for name in ("frequency", "damping"):
-        scatter = 1.96 * np.std([one[name] for one in drawn], axis=0) / found[name].values
-        half = found["error_half_width"].sel(quantity=name, error_term="sampling").values
+        scatter = 1.96 * np.std([entry[name] for entry in drawn], axis=0) / result[name].values
+        half = result["error_half_width"].sel(quantity=name, error_term="sampling").values
         assert np.all((half / scatter > 0.6) & (half / scatter < 1.7)), (half, scatter)
 
 

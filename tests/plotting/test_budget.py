@@ -70,9 +70,9 @@ def test_steps_of_loads_have_numbers_and_no_pressure():
 
 def test_steps_of_a_vibration_have_their_amplitudes():
     sizes = {"largest_displacement": ("step", [2e-7, 1e-6]), "step_mode": ("step", [1, 1])}
-    one = xr.Dataset(sizes)
-    assert step_labels(one) == ["0.2 µm", "1 µm"]
-    two = one.assign(step_mode=("step", [1, 2]))
+    dataset = xr.Dataset(sizes)
+    assert step_labels(dataset) == ["0.2 µm", "1 µm"]
+    two = dataset.assign(step_mode=("step", [1, 2]))
     assert step_labels(two) == ["mode 1, 0.2 µm", "mode 2, 1 µm"]
 
 

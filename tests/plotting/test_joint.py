@@ -66,8 +66,10 @@ def test_picture_sentence_and_dataset_have_one_measure_of_slip(result):
     force, area = (f"{100.0 * float(end[name]):.3g} %" for name in names)
     assert f"{force} of the contact force at sliding" in ax.get_title()
     assert ax.get_legend().get_texts()[2].get_text() == f"sliding, {area}"
-    said = f"{force} of the contact force is at sliding, more than half of the local pressure on"
-    assert f"{said} {area} of the nominal area" in list_cycles(result)[-1]
+    sentence = (
+        f"{force} of the contact force is at sliding, more than half of the local pressure on"
+    )
+    assert f"{sentence} {area} of the nominal area" in list_cycles(result)[-1]
 
 
 def test_the_pressure_is_that_of_the_points_in_megapascal(result):

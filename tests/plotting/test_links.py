@@ -36,13 +36,13 @@ def test_steps_that_failed_are_left_out(result):
 def test_the_deformed_structure_has_its_links_in_colour_and_the_slack_ones_dashed(result):
     ax = plot_deformed_links(result, step=2, scale=3.0, ax=Figure().add_subplot(projection="3d"))
     taut, slack = ax.collections
-    one = result.isel(step=2)
-    loose = one["slack"].values > 0.0
+    part = result.isel(step=2)
+    loose = part["slack"].values > 0.0
     assert 0 < loose.sum() < loose.size
-    moved = (one["position"] + 3.0 * one["displacement"]).values[one["ends"].values]
+    moved = (part["position"] + 3.0 * part["displacement"]).values[part["ends"].values]
     np.testing.assert_allclose(taut._segments3d, moved[~loose])
     np.testing.assert_allclose(slack._segments3d, moved[loose])
-    np.testing.assert_allclose(taut.get_array(), 1e-3 * one["tension"].values[~loose])
+    np.testing.assert_allclose(taut.get_array(), 1e-3 * part["tension"].values[~loose])
     assert slack.get_linestyle()[0][1] is not None
     assert taut.get_clim()[0] == -taut.get_clim()[1]
     assert "α = 40" in ax.get_title()

@@ -33,12 +33,12 @@ def test_loads_and_bolts_are_drawn_from_two_steps_on(moved, drawn):
 
 @pytest.mark.parametrize(("second", "drawn"), [(NAN, False), (99.0, True)])
 def test_frequencies_are_drawn_from_two_amplitudes_on(second, drawn):
-    one = ("step", [100.0, second])
+    first = ("step", [100.0, second])
     modes = xr.Dataset(
         {
             "step_mode": ("step", [1, 1]),
-            "frequency": one,
-            "damping": one,
+            "frequency": first,
+            "damping": first,
             "converged": ("step", [1, 0]),
         }
     )

@@ -63,8 +63,8 @@ PUBLISHED = {
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_closed_forms_have_the_published_numbers(name):
-    found, expected, relative, absolute = PUBLISHED[name]
-    np.testing.assert_allclose(found, expected, rtol=relative, atol=absolute)
+    computed, expected, relative, absolute = PUBLISHED[name]
+    np.testing.assert_allclose(computed, expected, rtol=relative, atol=absolute)
 
 
 # --- waves -----------------------------------------------------------------------------------
@@ -139,8 +139,8 @@ def test_a_thin_bonded_layer_is_an_oedometer(poissons_ratio):
     E, thickness, phase = 2.0, 0.1, 1e-3
     half_space = 2.0 * thickness * (1.0 - poissons_ratio**2) / (E * phase)
     expected = layer.oedometer_compliance(thickness, E, poissons_ratio)
-    found = layer.ratio_bonded(phase, poissons_ratio) * half_space
-    assert found == pytest.approx(expected, rel=1e-4)
+    computed = layer.ratio_bonded(phase, poissons_ratio) * half_space
+    assert computed == pytest.approx(expected, rel=1e-4)
 
 
 def test_a_thin_frictionless_layer_is_in_plane_strain_compression():
@@ -231,8 +231,8 @@ def test_nested_rings_meet_their_boundary_conditions():
 
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.3])
 def test_full_stick_carries_the_closed_form(poissons_ratio):
-    found = punch_with_friction(100.0, poissons_ratio)[1]
-    assert found == pytest.approx(full_stick(poissons_ratio), rel=1e-3)
+    solution = punch_with_friction(100.0, poissons_ratio)[1]
+    assert solution == pytest.approx(full_stick(poissons_ratio), rel=1e-3)
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.5])

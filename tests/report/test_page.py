@@ -43,9 +43,9 @@ def test_the_page_has_no_script_and_fetches_nothing(page):
 
 
 def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
-    found = re.findall(r"<h2 id=.*?>(.*?)</h2>", page)
-    assert re.findall(r'<li><a href="#part-\d+">(.*?)</a>', page) == found
-    assert found == [
+    matches = re.findall(r"<h2 id=.*?>(.*?)</h2>", page)
+    assert re.findall(r'<li><a href="#part-\d+">(.*?)</a>', page) == matches
+    assert matches == [
         "Joint",
         "Error budget",
         "Sensitivity",
@@ -66,24 +66,24 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
 
 
 def test_laws_and_inputs_are_downloads_of_the_page(page, run_folder):
-    found = dict(re.findall(r'<a download="(.*?)" href="data:text/plain;base64,(.*?)">', page))
-    assert b"PRESSURE-OVERCLOSURE" in base64.b64decode(found["abaqus.inp"])
-    assert base64.b64decode(found["case.toml"]) == (run_folder / "case.toml").read_bytes()
+    result = dict(re.findall(r'<a download="(.*?)" href="data:text/plain;base64,(.*?)">', page))
+    assert b"PRESSURE-OVERCLOSURE" in base64.b64decode(result["abaqus.inp"])
+    assert base64.b64decode(result["case.toml"]) == (run_folder / "case.toml").read_bytes()
 
 
 def test_the_budget_says_each_term_in_numbers_or_that_it_is_unknown(page):
     budget = page.split("Error budget</h2>")[1].split("</table>")[0]
     rows = [re.findall(r"<td>(.*?)</td>", row) for row in budget.split("</tr>")[1:-1]]
-    said = {term: values for term, *values in rows}
-    assert all(float(value) > 0.0 for value in said["sampling"][:-1])
-    assert set(said["cell size"][:-1]) == {"unknown"}
-    assert "without unknown terms: cell size" in said["total"][-1]
+    lines = {term: values for term, *values in rows}
+    assert all(float(value) > 0.0 for value in lines["sampling"][:-1])
+    assert set(lines["cell size"][:-1]) == {"unknown"}
+    assert "without unknown terms: cell size" in lines["total"][-1]
 
 
 def test_no_key_and_no_formula_stands_in_the_sentences(page):
     prose = re.findall(r"<p.*?>(.*?)</p>", page)
     assert len(prose) > 12
-    assert not [one for one in prose if re.search(r"body_|[a-z]_[a-z]|\^|sum \(", one)]
+    assert not [item for item in prose if re.search(r"body_|[a-z]_[a-z]|\^|sum \(", item)]
 
 
 def test_inputs_are_shown_as_they_were_typed(page):
@@ -92,8 +92,8 @@ def test_inputs_are_shown_as_they_were_typed(page):
 
 
 def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
-    told = "not known: cells of one size were solved; a target in [accuracy] solves others"
-    assert told in page
+    sentence = "not known: cells of one size were solved; a target in [accuracy] solves others"
+    assert sentence in page
     assert "not known: cells on one grid were solved; give coarser = 1 in [micro]" in page
     assert "not known: pass" not in page
 
@@ -130,9 +130,9 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     (tmp_path / "points").mkdir()
     copytree(run_folder, sweep.folders(tmp_path)[0])
     joined = run_sweep(sweep, tmp_path)
-    told = []
-    write_reports(tmp_path, joined, progress=lambda *part: told.append(part))
-    assert told == [(1, 1, "reports")]
+    lines = []
+    write_reports(tmp_path, joined, progress=lambda *part: lines.append(part))
+    assert lines == [(1, 1, "reports")]
     draw_figures(tmp_path)
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "<h1>Two &lt;grids&gt;</h1>" in page

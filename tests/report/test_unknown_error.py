@@ -26,31 +26,37 @@ def test_a_total_is_a_percentage_or_unknown():
 
 
 def joint(total):
-    one = np.ones(1)
-    values = {"joint_stiffness": 1e13 * one, "mean_gap": 1e-6 * one, "contact_fraction": 0.1 * one}
-    values |= {"preload": 1e7 * one, "converged": np.ones(1, dtype=int)}
-    values |= {"residual": 0.0 * one, "wall_time": one}
+    unit = np.ones(1)
+    values = {
+        "joint_stiffness": 1e13 * unit,
+        "mean_gap": 1e-6 * unit,
+        "contact_fraction": 0.1 * unit,
+    }
+    values |= {"preload": 1e7 * unit, "converged": np.ones(1, dtype=int)}
+    values |= {"residual": 0.0 * unit, "wall_time": unit}
     budget = {"error_total": [[total]], "error_half_width": [[[total]]], "error_bias": [[[0.0]]]}
     result = MACRO_RESULT.build(values | budget)
     return result.assign_coords(quantity=["joint_stiffness"])
 
 
-@pytest.mark.parametrize(("total", "said"), [(0.0123, "1.2"), (np.nan, "unknown")])
-def test_the_table_of_a_joint_says_so(total, said):
+@pytest.mark.parametrize(("total", "sentence"), [(0.0123, "1.2"), (np.nan, "unknown")])
+def test_the_table_of_a_joint_says_so(total, sentence):
     head, rows = JOINT_TABLE.rows(joint(total))
-    assert dict(zip(head, rows[0], strict=True))["error (%)"] == said
+    assert dict(zip(head, rows[0], strict=True))["error (%)"] == sentence
 
 
-@pytest.mark.parametrize(("total", "said"), [(0.0123, " ± 1.2 %"), (np.nan, ", error unknown")])
-def test_the_parts_of_a_joint_say_so(total, said):
+@pytest.mark.parametrize(("total", "sentence"), [(0.0123, " ± 1.2 %"), (np.nan, ", error unknown")])
+def test_the_parts_of_a_joint_say_so(total, sentence):
     result = joint(total).assign(interface_stiffness=("step", [2e13]))
     head, rows = JOINT_TABLE.rows(result.assign_coords(quantity=["interface_stiffness"]))
     (column,) = (k for k, name in enumerate(head) if name.startswith("interface"))
-    assert rows[0][column] == f"20{said}"
+    assert rows[0][column] == f"20{sentence}"
 
 
-@pytest.mark.parametrize(("total", "said"), [(0.0123, "± 1.2 %"), (np.nan, "± an unknown error")])
-def test_the_answer_of_a_tread_block_says_so(total, said):
+@pytest.mark.parametrize(
+    ("total", "sentence"), [(0.0123, "± 1.2 %"), (np.nan, "± an unknown error")]
+)
+def test_the_answer_of_a_tread_block_says_so(total, sentence):
     result = joint(total).assign(
         temperature=("step", [293.15]),
         sliding_speed=("step", [1.0]),
@@ -58,13 +64,13 @@ def test_the_answer_of_a_tread_block_says_so(total, said):
         braking_coefficient=("step", [0.5]),
         quantity=["braking_force"],
     )
-    assert said in next(braking_answer(result))
+    assert sentence in next(braking_answer(result))
 
 
-@pytest.mark.parametrize(("converged", "said"), [(1, "unknown"), (0, "not closed")])
-def test_a_cycle_without_a_loss_says_why(converged, said):
+@pytest.mark.parametrize(("converged", "sentence"), [(1, "unknown"), (0, "not closed")])
+def test_a_cycle_without_a_loss_says_why(converged, sentence):
     result = joint(0.01).assign(converged=("step", [converged]), cycle_energy=("cycle", [np.nan]))
-    assert list_cycles(result) == [f"cycle 0: {said}"]
+    assert list_cycles(result) == [f"cycle 0: {sentence}"]
 
 
 def say(result, form):
@@ -106,8 +112,8 @@ def test_the_error_follows_an_interval_that_ends_at_zero():
     assert row["error (%)"] == "-100, +3"
     assert row["interface (MPa/µm)"] == "460 -100, +136 %"
     assert say(result, "±") == "23 MPa/µm -100, +3 %"
-    said = {line[0]: line[1] for line in tabulate_budget(result, "joint_stiffness")[1]}
-    assert (said["total"], said["interval"]) == ("6.8", "-100, +3")
+    lines = {line[0]: line[1] for line in tabulate_budget(result, "joint_stiffness")[1]}
+    assert (lines["total"], lines["interval"]) == ("6.8", "-100, +3")
 
 
 def test_the_error_is_the_larger_side_of_an_interval_about_as_wide_on_both():

@@ -47,27 +47,29 @@ def test_the_length_for_a_share_is_the_shortest_whose_waves_hold_it(rough):
 def test_the_waves_of_a_map_are_those_of_its_mirror_image(rough):
     whole = crop(rough, (5, 7), (40, 61))
     inside, outside = spectrum([whole], periodic=False), spectrum([mirror(whole)])
-    one, other = inside.roughness(), outside.roughness()
-    assert one.rms_height == pytest.approx(rms_height(whole), rel=1e-12)
-    assert one.rms_height == pytest.approx(other.rms_height, rel=1e-12)
-    assert one.rms_slope == pytest.approx(rms_slope(mirror(whole)), rel=1e-3)
-    assert one.longest_wave == pytest.approx(other.longest_wave)
+    first, other = inside.roughness(), outside.roughness()
+    assert first.rms_height == pytest.approx(rms_height(whole), rel=1e-12)
+    assert first.rms_height == pytest.approx(other.rms_height, rel=1e-12)
+    assert first.rms_slope == pytest.approx(rms_slope(mirror(whole)), rel=1e-3)
+    assert first.longest_wave == pytest.approx(other.longest_wave)
 
 
 def test_longest_and_shortest_wave_are_the_ends_of_the_band(rough):
-    found = spectrum([rough]).roughness()
-    assert 0.8 * BAND["long_cutoff"] <= found.longest_wave <= BAND["long_cutoff"] * (1 + 1e-9)
-    assert BAND["short_cutoff"] * (1 - 1e-9) <= found.shortest_wave <= 1.1 * BAND["short_cutoff"]
+    roughness = spectrum([rough]).roughness()
+    assert 0.8 * BAND["long_cutoff"] <= roughness.longest_wave <= BAND["long_cutoff"] * (1 + 1e-9)
+    assert (
+        BAND["short_cutoff"] * (1 - 1e-9) <= roughness.shortest_wave <= 1.1 * BAND["short_cutoff"]
+    )
 
 
 def test_filled_points_count_for_nothing(rough):
     filled = np.zeros(rough.heights.shape, dtype=bool)
     filled[20:60, 30:110] = True
     heights = np.where(filled, 5e-6, rough.heights)  # whatever the filling has put there
-    found = spectrum([Surface(heights, SIZE, filled)], periodic=False).roughness()
-    assert found.rms_height == pytest.approx(rough.heights[~filled].std(), rel=1e-12)
+    roughness = spectrum([Surface(heights, SIZE, filled)], periodic=False).roughness()
+    assert roughness.rms_height == pytest.approx(rough.heights[~filled].std(), rel=1e-12)
     whole = spectrum([rough], periodic=False).roughness()
-    assert found.rms_slope == pytest.approx(whole.rms_slope, rel=0.05)
+    assert roughness.rms_slope == pytest.approx(whole.rms_slope, rel=0.05)
 
 
 def ridges(degrees, n=128):

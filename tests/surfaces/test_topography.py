@@ -82,15 +82,15 @@ def test_a_shorter_cutoff_adds_waves_and_keeps_the_longer_ones():
     size = (1.0e-4, 1.0e-4)
     coarse = rough((64, 64), size, rms_height=1e-6)
     fine = rough((64, 64), size, rms_height=1e-6, short=0.5e-5)
-    kept = low_pass(fine, BAND["short_cutoff"]).heights
-    ratio = kept.std() / coarse.heights.std()
-    np.testing.assert_allclose(kept, ratio * coarse.heights, atol=1e-12 * kept.std())
+    stored = low_pass(fine, BAND["short_cutoff"]).heights
+    ratio = stored.std() / coarse.heights.std()
+    np.testing.assert_allclose(stored, ratio * coarse.heights, atol=1e-12 * stored.std())
 
 
 def test_another_seed_gives_another_surface():
     size = (1.0e-4, 1.0e-4)
-    one, other = (rough((64, 64), size, seed, rms_height=1.0).heights for seed in (1, 2))
-    assert abs(np.mean(one * other)) < 0.5
+    first, other = (rough((64, 64), size, seed, rms_height=1.0).heights for seed in (1, 2))
+    assert abs(np.mean(first * other)) < 0.5
 
 
 @pytest.mark.parametrize("hurst_exponent", [0.3, 0.8])
@@ -270,9 +270,9 @@ def test_detrended_piece_has_no_tilt():
 
 def test_composite_of_independent_surfaces_adds_their_mean_squares():
     size = (1.0e-3, 1.0e-3)
-    one, two = (rough((256, 256), size, seed, rms_height=1.0) for seed in (1, 2))
-    both = composite(one, two)
-    np.testing.assert_array_equal(both.heights, one.heights + two.heights)
+    first, two = (rough((256, 256), size, seed, rms_height=1.0) for seed in (1, 2))
+    both = composite(first, two)
+    np.testing.assert_array_equal(both.heights, first.heights + two.heights)
     assert rms_height(both) == pytest.approx(np.sqrt(2.0), rel=0.05)
 
 

@@ -44,7 +44,7 @@ def sheared_exponentials(
     Each cell follows the law of Jäger and Ciavarella on an exponential law with a decay length, a
     stiffness ratio along x and y and a friction coefficient of its own.
     """
-    decay, friction = (np.asarray(one, dtype=float)[:, None] for one in (decay, friction))
+    decay, friction = (np.asarray(item, dtype=float)[:, None] for item in (decay, friction))
     rise = 8.0 * (np.arange(1, steps + 1) / steps) ** 2
     pressure, slip, traction = [], [], []
     for p in pressures:
@@ -64,7 +64,7 @@ def sheared_exponentials(
     response = response_of(gaps, pressure)
     for name, value in (("displacement_jump", slip), ("traction", traction)):
         response[name].values[..., 1:] = np.concatenate(value, axis=1)
-    sliding = np.concatenate([one.any(axis=2) for one in traction], axis=1)
+    sliding = np.concatenate([part.any(axis=2) for part in traction], axis=1)
     full = np.abs(np.concatenate(slip, axis=1)).sum(axis=2)
     full = full > 0.9 * full.max()
     return MICRO_RESPONSE.assign(response, {"slip_fraction": 1.0 * full + 0.5 * (sliding & ~full)})
@@ -77,5 +77,5 @@ def slid(steady, pressures=(0.008, 0.004)):
         name: np.zeros([shapes[dim] for dim in variable.dims])
         for name, variable in SLIDING_RESPONSE.variables.items()
     }
-    told = {"steady_friction": steady, "nominal_pressure": list(pressures)}
-    return SLIDING_RESPONSE.build(none | told)
+    lines = {"steady_friction": steady, "nominal_pressure": list(pressures)}
+    return SLIDING_RESPONSE.build(none | lines)

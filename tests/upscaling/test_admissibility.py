@@ -61,10 +61,10 @@ class Preferring(Exponential):
     """A shear traction along a fixed direction."""
 
     def respond(self, jump, state):
-        found = super().respond(jump, state)
-        traction = found.traction.copy()
+        response = super().respond(jump, state)
+        traction = response.traction.copy()
         traction[1] = 0.1 * traction[0]
-        return Response(traction, found.tangent, state)
+        return Response(traction, response.tangent, state)
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Pump(Exponential):
     n_state = 1
 
     def respond(self, jump, state):
-        found = super().respond(jump, state)
+        response = super().respond(jump, state)
         opening = jump[0] + self.gap > state[0]
-        return Response(found.traction * np.where(opening, 1.2, 1.0), found.tangent, jump[:1])
+        return Response(response.traction * np.where(opening, 1.2, 1.0), response.tangent, jump[:1])
 
 
 class Driving(FrictionLaw):

@@ -49,18 +49,18 @@ def test_a_gap_that_no_roughness_keeps_open_is_a_caution_where_heights_are_not_k
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"),
+    ("factor", "sentence"),
     [
         (1.0, ""),
         (9.0, "is larger than 2.58, the most that any surface leaves that touches in 13 %"),
         (0.1, "needs valleys deeper than 6.99 of them, since little touches"),
     ],
 )
-def test_a_slip_of_units_by_ten_is_a_caution(factor, said):
+def test_a_slip_of_units_by_ten_is_a_caution(factor, sentence):
     """With .13 of them in contact heights leave at most sqrt(1/.13 - 1) = 2.6 times their rms."""
     caution = fit_law(with_heights(factor), n_samples=0).attrs["cautions"]
-    assert said in caution
-    assert bool(caution) == bool(said)
+    assert sentence in caution
+    assert bool(caution) == bool(sentence)
 
 
 def test_no_surface_that_is_flat_but_for_its_peaks_leaves_more_than_the_bound():

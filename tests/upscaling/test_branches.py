@@ -47,9 +47,9 @@ def test_the_loading_branch_is_where_the_pressure_is_new(response):
 
 def test_a_path_says_loading_unloading_and_holding():
     path = Path(pressure=(0.0, 1.0, 2.0, 2.0, 1.5, 1.7, 2.0, 3.0))
-    meanings = [("loading", "unloading", "holding")[one] for one in path.branch]
-    held, up, down = "holding", "loading", "unloading"
-    assert meanings == [held, up, up, held, down, down, held, up]
+    meanings = [("loading", "unloading", "holding")[item] for item in path.branch]
+    hold, up, down = "holding", "loading", "unloading"
+    assert meanings == [hold, up, up, hold, down, down, hold, up]
     assert list(Path(approach=(-1.0, 1.0, 2.0, 1.5)).branch) == [
         HOLDING,
         LOADING,
@@ -68,12 +68,12 @@ def test_a_response_without_branches_says_what_is_missing(response, tmp_path):
 def test_both_branches_are_found_again_with_their_samples(response):
     law = with_unloading(fit_law(loading_branch(response), n_samples=0), response, n_samples=50)
     INTERFACE_LAW.check(law)
-    found = hysteretic_from_dataset(law)
-    assert found.stiffness_ratio == pytest.approx(1.4, rel=0.02)
-    assert found.exponent == pytest.approx(2.5, rel=0.02)
+    single_law = hysteretic_from_dataset(law)
+    assert single_law.stiffness_ratio == pytest.approx(1.4, rel=0.02)
+    assert single_law.exponent == pytest.approx(2.5, rel=0.02)
     samples = [hysteretic_from_dataset(law, k).recovery(2e7, np.array(1.6e8)) for k in range(50)]
     low, high = np.percentile(samples, (2.5, 97.5))
-    assert low < found.recovery(2e7, np.array(1.6e8)) < high
+    assert low < single_law.recovery(2e7, np.array(1.6e8)) < high
 
 
 def test_cheap_cells_without_memory_control_the_spring_back_too(response):
@@ -87,11 +87,11 @@ def test_cheap_cells_without_memory_control_the_spring_back_too(response):
     assert "spring back: 306 control cells" in law.attrs["control"]
     down = UP[-2::-1]
     recovery = TRUTH.recovery(down, np.array(UP[-1]))
-    found = law["unloading_recovery"].to_numpy()
+    result = law["unloading_recovery"].to_numpy()
     order = np.argsort(law["unloading_pressure"].to_numpy())[::-1]
-    np.testing.assert_allclose(found[order], factor.mean() * recovery, rtol=1e-6)
+    np.testing.assert_allclose(result[order], factor.mean() * recovery, rtol=1e-6)
     alone = with_unloading(loading, response, n_samples=0)["unloading_recovery"].to_numpy()[order]
-    assert np.all(np.abs(found[order] / recovery - 1.0) < np.abs(alone / recovery - 1.0))
+    assert np.all(np.abs(result[order] / recovery - 1.0) < np.abs(alone / recovery - 1.0))
 
 
 def test_cells_that_have_not_flowed_are_fitted_as_they_are(response):
@@ -115,18 +115,18 @@ def sections():
 
 def test_the_branch_is_the_mean_over_parallel_sections_with_its_band(sections, tmp_path):
     law = open_law(write_law(tmp_path / "law.nc"))
-    found = with_damage(law, sections)
+    damaged = with_damage(law, sections)
     along = int(np.argmax(np.abs(sections["normal"].values[:, 2])))
     np.testing.assert_allclose(np.abs(sections["normal"].values[along]), [0.0, 0.0, 1.0], atol=1e-9)
     volume = lattice("simple cubic", 0.3, edge=1.0)
     each = [
         plane_damage(volume, (0.0, 0.0, 1.0), float(at)) for at in sections["offset"].values[along]
     ]
-    assert float(found["interface_damage"]) == pytest.approx(np.mean(each))
-    low, high = found["interface_damage_band"].values
-    assert min(each) <= low < float(found["interface_damage"]) < high <= max(each)
-    assert found.attrs["branches"].endswith("damage: measured")
-    assert "the error budget does not have this range" in found.attrs["cautions"]
+    assert float(damaged["interface_damage"]) == pytest.approx(np.mean(each))
+    low, high = damaged["interface_damage_band"].values
+    assert min(each) <= low < float(damaged["interface_damage"]) < high <= max(each)
+    assert damaged.attrs["branches"].endswith("damage: measured")
+    assert "the error budget does not have this range" in damaged.attrs["cautions"]
 
 
 def test_sections_of_other_directions_and_nothing_left_are_refused(sections, tmp_path):

@@ -52,7 +52,7 @@ def ensemble(n=12, *, spread=0.03, factor=1.0, seed=1):
 def carried(name, law, solve, pressure=None, *further, cells=None, samples=0):
     """Budget of an answer of a structure by the budget of a law and further sources."""
     sources = [*law_sources(law, pressure, samples=samples), *further]
-    sources = sources if cells is None else [one.averaged(cells) for one in sources]
+    sources = sources if cells is None else [source.averaged(cells) for source in sources]
     return propagate(name, sources, solve, solve(law_from_dataset(law)))
 
 
@@ -100,7 +100,7 @@ def test_one_realisation_leaves_sampling_and_the_totals_unknown():
     assert np.all(np.isnan(budget["error_total"]))
     carrying = with_scales(with_budget(law, budget), compare_scales(0.2, 0.5, 1.0))
     assert np.all(np.isnan(carrying["error_total"]))
-    answer = carried("k", carrying, lambda one: one.stiffness(np.array([1e-6])))
+    answer = carried("k", carrying, lambda item: item.stiffness(np.array([1e-6])))
     assert np.isnan(answer["error_total"]).all()
 
 
@@ -118,8 +118,8 @@ def test_a_term_that_cannot_be_computed_makes_the_total_unknown_and_never_smalle
     known = np.isfinite(rescaled["error_total"].values)
     np.testing.assert_array_equal(np.argwhere(~known), [[2, 3]])
 
-    def solve(one):
-        return one.stiffness(one.gap_at(PRESSURE[[1, 3]]))
+    def solve(item):
+        return item.stiffness(item.gap_at(PRESSURE[[1, 3]]))
 
     answer = carried("k", law, solve, PRESSURE[[1, 3]])
     np.testing.assert_array_equal(np.isnan(answer["error_total"].values[0]), [False, True])
@@ -145,17 +145,17 @@ def test_the_fit_term_grows_with_what_the_law_cannot_describe():
 def test_the_stiffness_is_unsure_where_it_bends_at_the_end_of_the_data():
     """An exponential law has K = p / u; one that ends at complete contact rises beyond bounds."""
     even = response_of(np.tile(TRUTH, (3, 1)))
-    found = half(error_budget(even, fit_law(even, n_samples=0)), "fit", "stiffness")
-    assert np.all(found[[0, -1]] < 0.02)
+    half_width = half(error_budget(even, fit_law(even, n_samples=0)), "fit", "stiffness")
+    assert np.all(half_width[[0, -1]] < 0.02)
     share = PRESSURE / (1.05 * PRESSURE[-1])
     closing = response_of(np.tile(DECAY * (1.0 - share + share * np.log(share)), (3, 1)))
     law = fit_law(closing, n_samples=0)
-    found = half(error_budget(closing, law), "fit", "stiffness")
-    one = law_from_dataset(law)
+    half_width = half(error_budget(closing, law), "fit", "stiffness")
+    single_law = law_from_dataset(law)
     exact = PRESSURE / (DECAY * -share * np.log(share))  # -dp/dg
-    error = np.abs(one.stiffness(one.gap_at(PRESSURE)) / exact - 1.0)
+    error = np.abs(single_law.stiffness(single_law.gap_at(PRESSURE)) / exact - 1.0)
     assert error[-1] > 0.1
-    assert np.all(error <= found + 0.02)
+    assert np.all(error <= half_width + 0.02)
 
 
 def test_the_decay_of_the_error_over_the_spacing_is_measured_and_no_higher_order_is_believed():
@@ -179,26 +179,26 @@ def test_the_fit_term_takes_the_shares_of_the_law():
     ):
         rms = float(np.sqrt(np.nanmean(law[name].values ** 2)))
         for given in (float(law[share]), 0.8):
-            found = half(
+            half_width = half(
                 error_budget(response, law.assign({share: law[share].copy(data=given)})),
                 "fit",
                 quantity,
             )
             student = t.ppf(0.975, np.isfinite(law[name]).sum())
-            assert found.min() == pytest.approx(student * given * rms)
+            assert half_width.min() == pytest.approx(student * given * rms)
     exponential = fit_law(response, family="exponential", n_samples=0)
     assert exponential["gap_fit_share"] == exponential["stiffness_fit_share"] == 1.0
 
 
 def test_noise_that_the_sampling_counts_is_not_counted_by_the_fit_of_the_area():
     """Areas p / p_0 with a factor for every value: interpolation has no error of its own."""
-    random, apart, told = np.random.default_rng(seed=3), [], []
+    random, apart, text = np.random.default_rng(seed=3), [], []
     for _ in range(10):
         area = PRESSURE / 5e8 * (1.0 + 0.03 * random.standard_normal((6, 8)))
-        for one, shares in ((area, apart), (area.mean(axis=0, keepdims=True), told)):
-            data = response_of(np.tile(TRUTH, (len(one), 1)), area=one)
+        for item, shares in ((area, apart), (area.mean(axis=0, keepdims=True), text)):
+            data = response_of(np.tile(TRUTH, (len(item), 1)), area=item)
             shares.append(float(fit_law(data, n_samples=0)["area_fit_share"]))
-    assert np.mean(apart) < 0.5 * np.mean(told)  # one realisation does not tell its noise
+    assert np.mean(apart) < 0.5 * np.mean(text)  # one realisation does not tell its noise
 
 
 @pytest.mark.parametrize("full", [1.3, 2.0, 4.0])
@@ -212,25 +212,25 @@ def test_the_fit_term_of_the_stiffness_at_the_highest_pressure_is_of_the_size_of
     gap = DECAY * (1.0 - share + share * np.log(share))
     closing = response_of(np.tile(gap, (3, 1)), p)
     law = fit_law(closing, n_samples=0)
-    one = law_from_dataset(law)
+    single_law = law_from_dataset(law)
     exact = p / (DECAY * -share * np.log(share))
-    error = abs(exact[-1] / one.stiffness(one.gap_at(p))[-1] - 1.0)
-    found = half(error_budget(closing, law), "fit", "stiffness")[-1]
-    assert error <= found <= 0.05 + 6.0 * error
+    error = abs(exact[-1] / single_law.stiffness(single_law.gap_at(p))[-1] - 1.0)
+    half_width = half(error_budget(closing, law), "fit", "stiffness")[-1]
+    assert error <= half_width <= 0.05 + 6.0 * error
     if full >= 2.0:  # holes of four spacings show higher orders than the second, not believed
         assert (law["gap_fit_share"], law["stiffness_fit_share"]) == (0.25, 0.5)
 
 
 def test_the_variance_of_the_differences_of_grids_counts_once():
     """No bias: what is left is the interval of the mean difference."""
-    random, found = np.random.default_rng(seed=5), []
+    random, computed = np.random.default_rng(seed=5), []
     for _ in range(20):
         fine = 1.0 + 0.01 * random.standard_normal((8, 1))
-        pair = [response_of(TRUTH * one) for one in (np.ones((8, 1)), fine)]
+        pair = [response_of(TRUTH * item) for item in (np.ones((8, 1)), fine)]
         budget = error_budget(pair[0], fit_law(pair[0], n_samples=0), resolutions={2.0: pair[1]})
         spread = 2.3646 * fine.std(ddof=1) / np.sqrt(8)
-        found.append(half(budget, "micro discretisation")[0] / spread)
-    assert np.median(found) < 1.15
+        computed.append(half(budget, "micro discretisation")[0] / spread)
+    assert np.median(computed) < 1.15
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
@@ -240,8 +240,8 @@ def test_the_discretisation_term_is_the_error_of_the_grid(order):
     response = ensemble(factor=1.02)
     budget = error_budget(response, fit_law(response), resolutions=coarse)
     for quantity in ("mean_gap", "contact_fraction"):
-        found = half(budget, "micro discretisation", quantity) * 1.02 / 0.02
-        assert np.all((found > 1.25) & (found < 1.5)), found
+        computed = half(budget, "micro discretisation", quantity) * 1.02 / 0.02
+        assert np.all((computed > 1.25) & (computed < 1.5)), computed
     assert f"observed order {order:.2g}" in budget.attrs["how_micro_discretisation"]
 
 
@@ -252,12 +252,12 @@ def test_grids_of_other_cells_tell_the_error_at_the_spacing_of_the_response():
     """
     counts = {0.5: 5, 1.0: 12, 2.0: 12}
     grids = {r: ensemble(factor=1.0 + 0.02 * r, seed=9) for r in counts}
-    grids = {r: one.isel(realisation=slice(counts[r])) for r, one in grids.items()}
+    grids = {r: value.isel(realisation=slice(counts[r])) for r, value in grids.items()}
     response = ensemble(factor=1.02)
     budget = error_budget(response, fit_law(response), resolutions=grids, apart=True)
     for quantity in ("mean_gap", "contact_fraction"):
-        found = half(budget, "micro discretisation", quantity) / (0.01 / 1.01)
-        assert np.all((found > 1.24) & (found < 1.6)), found
+        computed = half(budget, "micro discretisation", quantity) / (0.01 / 1.01)
+        assert np.all((computed > 1.24) & (computed < 1.6)), computed
         bias = budget["error_bias"].sel(error_term="micro discretisation", quantity=quantity)
         np.testing.assert_allclose(bias, 0.01 / 1.01, rtol=0.05)
     few = {0.5: grids[1.0], 1.0: grids[0.5]}
@@ -272,12 +272,12 @@ def test_what_increments_leave_enters_every_total():
     share = {"flowing_fraction": np.full(response["mean_gap"].shape, 0.1)}
     law = fit_law(response, n_samples=0)
     rigid = error_budget(response, law)
-    found = error_budget(MICRO_RESPONSE.assign(response, errors | share), law)
+    budget = error_budget(MICRO_RESPONSE.assign(response, errors | share), law)
     for quantity, error in (("mean_gap", 0.04), ("contact_fraction", 0.01)):
-        np.testing.assert_allclose(half(found, "increments", quantity), 1.25 * error)
-        before, after = (one["error_total"].sel(quantity=quantity) for one in (rigid, found))
+        np.testing.assert_allclose(half(budget, "increments", quantity), 1.25 * error)
+        before, after = (item["error_total"].sel(quantity=quantity) for item in (rigid, budget))
         np.testing.assert_allclose(after, np.hypot(before, 1.25 * error))
-    assert "up to 5 %, 1.2 %, 4.8 % of gap" in found.attrs["how_increments"]
+    assert "up to 5 %, 1.2 %, 4.8 % of gap" in budget.attrs["how_increments"]
     assert not half(rigid, "increments").any()
     # cells that flow, and that nobody solved with halved increments
     blind = error_budget(MICRO_RESPONSE.assign(response, share), law)
@@ -292,12 +292,12 @@ def test_slopes_that_are_taken_as_small_enter_totals_where_they_were_told():
         "contact_fraction_slope_error": np.zeros(n),
     }
     law = fit_law(response, n_samples=0)
-    told = MICRO_RESPONSE.assign(response, errors).assign_attrs(small_slopes="expanded in one")
-    blind, found = (error_budget(one, law) for one in (response, told))
-    np.testing.assert_allclose(half(found, "small slopes", "mean_gap"), 1.25 * 0.03)
-    before, after = (one["error_total"].sel(quantity="mean_gap") for one in (blind, found))
+    changed = MICRO_RESPONSE.assign(response, errors).assign_attrs(small_slopes="expanded in one")
+    blind, computed = (error_budget(answer, law) for answer in (response, changed))
+    np.testing.assert_allclose(half(computed, "small slopes", "mean_gap"), 1.25 * 0.03)
+    before, after = (item["error_total"].sel(quantity="mean_gap") for item in (blind, computed))
     np.testing.assert_allclose(after, np.hypot(before, 1.25 * 0.03))
-    assert "expanded in one: up to 3.8 %, 0 %, 3.9 % of gap" in found.attrs["how_small_slopes"]
+    assert "expanded in one: up to 3.8 %, 0 %, 3.9 % of gap" in computed.attrs["how_small_slopes"]
     assert "small slopes" in blind.attrs["unknown"]
 
 
@@ -305,11 +305,11 @@ def test_a_step_at_which_two_grids_agree_has_no_larger_error_than_the_others():
     """An error of first order, and one step at which the finest two grids agree, by chance."""
     factor = {r: np.full(PRESSURE.size, 1.0 + 0.02 * r) for r in (0.25, 0.5, 1.0)}
     factor[0.25][3] = 1.0101
-    grids = {r: ensemble(factor=one, seed=9) for r, one in factor.items()}
+    grids = {r: ensemble(factor=value, seed=9) for r, value in factor.items()}
     response = ensemble(factor=1.02)
     budget = error_budget(response, fit_law(response), resolutions=grids, apart=True)
-    found = half(budget, "micro discretisation")
-    assert found[3] < np.median(found) < 1.5 * 0.02 / 4.0
+    half_width = half(budget, "micro discretisation")
+    assert half_width[3] < np.median(half_width) < 1.5 * 0.02 / 4.0
 
 
 @pytest.mark.parametrize("apart", [False, True])
@@ -322,17 +322,17 @@ def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
         sizes[1.0] = ensemble(n, spread=0.02, factor=1.02, seed=3)
     budget = error_budget(response, fit_law(response), sizes=sizes, apart=apart)
     bias = budget["error_bias"].sel(error_term="cell size", quantity="mean_gap").values
-    own = response["mean_gap"].values
-    own = own.std(axis=0, ddof=1) / np.sqrt(12) / own.mean(axis=0)
+    direct = response["mean_gap"].values
+    direct = direct.std(axis=0, ddof=1) / np.sqrt(12) / direct.mean(axis=0)
     others = np.hypot(0.04, 0.02 if apart else 0.0) / np.sqrt(n)
-    noise = others if apart else np.hypot(np.sqrt(3.0) * own, others)
+    noise = others if apart else np.hypot(np.sqrt(3.0) * direct, others)
     # the powers 1 to 3, which two sizes do not tell apart: .02 / (2^q - 1)
     biases = 0.02 / (2.0 ** np.linspace(1.0, 3.0, 11) - 1.0)
     least, most = biases.std() * bias / biases.mean(), np.hypot(noise, biases.std())
     assert np.all(
         (half(budget, "cell size") > 1.9 * least) & (half(budget, "cell size") < 2.0 * most)
     )
-    assert np.all(np.abs(bias - biases.mean()) < (0.006 if apart else 2.0 * own))
+    assert np.all(np.abs(bias - biases.mean()) < (0.006 if apart else 2.0 * direct))
 
 
 def test_two_sizes_without_scatter_leave_the_powers_one_to_three():
@@ -343,8 +343,8 @@ def test_two_sizes_without_scatter_leave_the_powers_one_to_three():
     for quantity in ("mean_gap", "contact_fraction"):
         bias = budget["error_bias"].sel(error_term="cell size", quantity=quantity)
         np.testing.assert_allclose(bias, biases.mean(), rtol=1e-6)
-        found = half(budget, "cell size", quantity)
-        np.testing.assert_allclose(found, 1.959964 * biases.std(), rtol=1e-5)
+        half_width = half(budget, "cell size", quantity)
+        np.testing.assert_allclose(half_width, 1.959964 * biases.std(), rtol=1e-5)
 
 
 @pytest.mark.slow
@@ -408,15 +408,15 @@ def test_the_scale_term_has_both_its_parts():
 def test_the_scale_term_vanishes_with_the_wavelength():
     response = ensemble(10)
     law = fit_law(response)
-    found = [
+    results = [
         half(
             error_budget(response, law, scales=compare_scales(eps, 4 * eps, 1.0)),
             "scale separation",
         )[3]
         for eps in (0.1, 0.05, 0.025)
     ]
-    assert found[0] / found[1] == pytest.approx(4.0, rel=0.05)
-    assert found[1] / found[2] == pytest.approx(4.0, rel=0.05)
+    assert results[0] / results[1] == pytest.approx(4.0, rel=0.05)
+    assert results[1] / results[2] == pytest.approx(4.0, rel=0.05)
 
 
 def test_a_part_has_the_discrepancy_of_joints_from_cells_and_the_mean_law_has_not():
@@ -467,8 +467,8 @@ def test_an_interface_averages_over_the_cells_that_carry_its_weight():
     """Half of an even weight leaves half of the cells; points may be of any size."""
     area = np.array([1.0, 3.0, 2.0, 2.0])
     weight = np.array([[1.0, 1.0, 1.0, 1.0], [2.0, 2.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
-    found = effective_cells(weight, area, 0.5)
-    np.testing.assert_allclose(found, [32.0, 16.0, np.nan])
+    result = effective_cells(weight, area, 0.5)
+    np.testing.assert_allclose(result, [32.0, 16.0, np.nan])
 
 
 def test_further_parameters_and_other_numbers_of_cells_enter_the_budget_of_a_structure():
@@ -477,21 +477,19 @@ def test_further_parameters_and_other_numbers_of_cells_enter_the_budget_of_a_str
     law = with_budget(law, error_budget(response, law, scales=compare_scales(0.1, 0.5, 1.0)))
     p = np.array([1e7, 5e7])
 
-    def solve(one):
-        return one.stiffness(one.gap_at(p))
+    def solve(item):
+        return item.stiffness(item.gap_at(p))
 
     plain = carried("k", law, solve)
     ratio = Uncertainty(
         name="r", half_width={"sampling": 0.04, "fit": np.nan}, rate=np.array([[0.5, 0.0]])
     )
-    found = carried("k", law, solve, None, ratio, cells=np.array([[4.0, 1]]))
-    np.testing.assert_allclose(
-        half(found, "few cells", "k"), half(plain, "few cells", "k") / [2, 1]
-    )
+    load = carried("k", law, solve, None, ratio, cells=np.array([[4.0, 1]]))
+    np.testing.assert_allclose(half(load, "few cells", "k"), half(plain, "few cells", "k") / [2, 1])
     added = np.hypot(half(plain, "sampling", "k"), [0.02, 0.0])
-    np.testing.assert_allclose(half(found, "sampling", "k"), added)
-    np.testing.assert_array_equal(np.isnan(half(found, "fit", "k")), [True, False])
-    np.testing.assert_array_equal(np.isnan(found["error_total"][0]), [True, False])
+    np.testing.assert_allclose(half(load, "sampling", "k"), added)
+    np.testing.assert_array_equal(np.isnan(half(load, "fit", "k")), [True, False])
+    np.testing.assert_array_equal(np.isnan(load["error_total"][0]), [True, False])
 
 
 def test_a_law_carries_its_budget_through_its_file(tmp_path):
@@ -514,22 +512,24 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
     carrying = with_budget(law, error_budget(response, law, resolutions=coarse))
     solid, p = 1e14, np.array([1e7, 5e7])
 
-    def solve(one):
-        return 1.0 / (1.0 / one.stiffness(one.gap_at(p)) + 1.0 / solid)
+    def solve(item):
+        return 1.0 / (1.0 / item.stiffness(item.gap_at(p)) + 1.0 / solid)
 
     answer = solve(law_from_dataset(law))
     mesh = Knob(name="elements", ratios=(2.0, 4.0), answers=[answer * 1.04, answer * 1.2])
     budget = carried("joint_stiffness", carrying, solve, None, mesh, samples=100)
     ERROR_BUDGET.check(budget)
     share = answer / (p / float(law["decay_length"]))  # of the interface in the compliance
-    one = {str(term): half(budget, term, "joint_stiffness") for term in budget["error_term"].values}
+    item = {
+        str(term): half(budget, term, "joint_stiffness") for term in budget["error_term"].values
+    }
     grid = carrying["error_half_width"].sel(error_term="micro discretisation")
     of_law = np.sqrt(np.mean(grid.sel(quantity=["mean_gap", "stiffness"]) ** 2, axis=1)).max()
-    np.testing.assert_allclose(one["micro discretisation"], float(of_law) * share, rtol=0.05)
-    np.testing.assert_allclose(one["macro discretisation"], 1.25 * 0.04 / 3.0, rtol=0.1)
+    np.testing.assert_allclose(item["micro discretisation"], float(of_law) * share, rtol=0.05)
+    np.testing.assert_allclose(item["macro discretisation"], 1.25 * 0.04 / 3.0, rtol=0.1)
     sampling = half(carrying, "sampling", "stiffness").mean()
-    np.testing.assert_allclose(one["sampling"], sampling * share, rtol=0.3)
-    assert np.all(np.isnan(one["cell size"]))
+    np.testing.assert_allclose(item["sampling"], sampling * share, rtol=0.3)
+    assert np.all(np.isnan(item["cell size"]))
     assert budget.attrs["unknown"] == "cell size, small slopes, scale separation"
 
 
@@ -538,7 +538,7 @@ def test_a_term_of_which_the_law_knows_half_is_unknown_in_the_structure():
     law = fit_law(response, family="exponential")
     law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
     law["error_half_width"].loc[{"quantity": "stiffness", "error_term": "sampling"}] = np.nan
-    budget = carried("k", law, lambda one: one.stiffness(one.gap_at(p)))
+    budget = carried("k", law, lambda item: item.stiffness(item.gap_at(p)))
     assert np.isnan(half(budget, "sampling", "k")).all()
     assert "sampling" in budget.attrs["unknown"]
 
@@ -548,16 +548,16 @@ def test_several_answers_have_the_budget_that_each_has_alone():
     law = fit_law(response, family="exponential")
     law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
 
-    def stiffness(one):
-        return one.stiffness(one.gap_at(p))
+    def stiffness(item):
+        return item.stiffness(item.gap_at(p))
 
-    def series(one):
-        return 1.0 / (1.0 / stiffness(one) + 1e-14)
+    def series(item):
+        return 1.0 / (1.0 / stiffness(item) + 1e-14)
 
     solves = {"joint_stiffness": series, "interface_stiffness": stiffness}
 
-    def both(one):
-        return np.stack([solve(one) for solve in solves.values()])
+    def both(item):
+        return np.stack([solve(item) for solve in solves.values()])
 
     def mesh(solve):
         return Knob(name="mesh", ratios=(2.0,), answers=[1.01 * solve(law_from_dataset(law))])
@@ -596,20 +596,22 @@ def test_every_kind_of_source_adds_what_it_is_known_to():
         Bound(name="unknown", bounds={"small slopes": Term("not known: solve one")}),
     ]
     done = []
-    found = propagate("ab", sources, solve, base=1.0, progress=lambda *one: done.append(one))
+    intervals = propagate("ab", sources, solve, base=1.0, progress=lambda *one: done.append(one))
     assert done[-1] == (5, 5)
-    np.testing.assert_allclose(half(found, STATED, "ab"), np.hypot(np.hypot(0.1, 0.05), [0.0, 0.2]))
-    assert found.attrs["how_stated_values"] == "one: 10 %; two: counted"
-    np.testing.assert_allclose(half(found, MACRO, "ab"), [0.05, np.hypot(0.05, 0.03)])
-    np.testing.assert_allclose(half(found, "sampling", "ab"), 0.95)
-    np.testing.assert_allclose(found["error_bias"].sel(error_term="cell size"), [[0.03, 0.03]])
-    np.testing.assert_allclose(found["sensitivity"][:, 0], [[0.1, 0.1], [-0.05, -0.05]])
-    assert found["parameter"].values.tolist() == ["one: a", "two: b"]
-    assert found.attrs["unknown"] == "small slopes"
-    assert np.isfinite(found["error_total"]).all()
+    np.testing.assert_allclose(
+        half(intervals, STATED, "ab"), np.hypot(np.hypot(0.1, 0.05), [0.0, 0.2])
+    )
+    assert intervals.attrs["how_stated_values"] == "one: 10 %; two: counted"
+    np.testing.assert_allclose(half(intervals, MACRO, "ab"), [0.05, np.hypot(0.05, 0.03)])
+    np.testing.assert_allclose(half(intervals, "sampling", "ab"), 0.95)
+    np.testing.assert_allclose(intervals["error_bias"].sel(error_term="cell size"), [[0.03, 0.03]])
+    np.testing.assert_allclose(intervals["sensitivity"][:, 0], [[0.1, 0.1], [-0.05, -0.05]])
+    assert intervals["parameter"].values.tolist() == ["one: a", "two: b"]
+    assert intervals.attrs["unknown"] == "small slopes"
+    assert np.isfinite(intervals["error_total"]).all()
     lacking = Bound(name="law", bounds={"sampling": Term("not known: one realisation")})
-    found = propagate("ab", [*sources, lacking], solve, value)
-    assert np.isnan(found["error_total"]).all()
+    intervals = propagate("ab", [*sources, lacking], solve, value)
+    assert np.isnan(intervals["error_total"]).all()
     with pytest.raises(TypeError, match="5 answers are not known, and nothing solves them"):
         propagate("ab", sources)
 

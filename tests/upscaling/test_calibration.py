@@ -181,7 +181,7 @@ def test_weights_of_a_few_draws_are_not_reliable():
 )
 def test_intervals_cover_the_true_joint(law, repeats):
     """True joints are drawn from the prior: stiffness, friction, and a held-out loop."""
-    random, held = np.random.default_rng(3), loop(4e7, 2.0 * U, {})
+    random, fixed = np.random.default_rng(3), loop(4e7, 2.0 * U, {})
     tables, inside = (stiffness(), loop()), []
     cells = fitted_laws(law, range(law.sizes["sample"]))
     for seed in range(repeats):
@@ -199,7 +199,7 @@ def test_intervals_cover_the_true_joint(law, repeats):
             for table, given in zip(tables, offsets, strict=True)
         ]
         calibrated = calibrate(law, data, seed=seed).law
-        for table in (stiffness(np.array([2e7, 9e7]), {}), held):
+        for table in (stiffness(np.array([2e7, 9e7]), {}), fixed):
             _, (low, high) = predict_measured(calibrated, table)
             value = table.answer(truth, {})[0]
             inside.append(np.mean((low <= value) & (value <= high)))

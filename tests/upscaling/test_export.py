@@ -40,9 +40,9 @@ def test_chords_stay_within_the_tolerance_above_the_law(law, tolerance):
     assert np.all(np.diff(overclosure) > 0.0)
     assert np.all(np.diff(np.diff(p) / np.diff(overclosure)) > 0.0)  # ever stiffer
     along = np.geomspace(1e6, 1e8, 5000)
-    found = np.interp(first - law.gap_at(along), overclosure, p)
-    assert np.max(found / along - 1.0) <= 1.05 * tolerance
-    assert np.min(found / along - 1.0) >= -1e-9
+    result = np.interp(first - law.gap_at(along), overclosure, p)
+    assert np.max(result / along - 1.0) <= 1.05 * tolerance
+    assert np.min(result / along - 1.0) >= -1e-9
 
 
 def test_the_input_file_holds_the_law_in_the_units_of_the_model(tmp_path):
@@ -131,8 +131,8 @@ def test_friction_sticks_with_the_stiffness_of_the_interface_at_one_pressure(tmp
     write_pressure_overclosure(dataset, file, friction_for=code, stick_pressure=at)
     *normal, (keyword, (numbers,)) = read_input_file(file)
     assert len(normal) == 2
-    one = law_from_dataset(law)
-    stiffness = 0.8 * float(one.stiffness(one.gap_at(np.array(at))))  # Pa/m
+    single_law = law_from_dataset(law)
+    stiffness = 0.8 * float(single_law.stiffness(single_law.gap_at(np.array(at))))  # Pa/m
     if code == "calculix":
         assert keyword == "*FRICTION"
         assert numbers == pytest.approx([0.3, 1e-9 * stiffness])  # MPa/mm
@@ -161,16 +161,16 @@ def test_friction_is_refused_without_a_branch_of_shear_and_outside_the_data(tmp_
 
 
 @pytest.mark.parametrize(
-    ("realisations", "samples", "told"), [(3, 200, "3 realisations"), (6, 20, "20 samples")]
+    ("realisations", "samples", "sentence"), [(3, 200, "3 realisations"), (6, 20, "20 samples")]
 )
 def test_a_table_of_too_few_realisations_or_samples_leaves_the_bands_out(
-    realisations, samples, told, command, tmp_path
+    realisations, samples, sentence, command, tmp_path
 ):
     law = fit_law(response_of(exponential_gaps(realisations)), n_samples=samples)
     save_law(law, tmp_path / "law.nc")
     status, _, error = command("export", tmp_path / "law.nc", "law.csv")
     assert status == 0
-    assert f"the table has no band: {told} are too few for a band of 95 %" in error
+    assert f"the table has no band: {sentence} are too few for a band of 95 %" in error
     text = (tmp_path / "law.csv").read_text()
     assert "gap low" not in text
     assert len(text.splitlines()) == 42

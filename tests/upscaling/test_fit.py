@@ -41,10 +41,10 @@ def test_the_result_follows_its_schema_and_tells_where_it_comes_from():
 def test_every_sample_is_an_admissible_law():
     law = fit_law(response_of(exponential_gaps(6, spread=0.1)), n_samples=30)
     areas = areas_from_dataset(law, range(30))
-    for sample, one in enumerate(fitted_laws(law, range(30))):
-        assert admissibility(one, one.pressure_range).passed
+    for sample, single_law in enumerate(fitted_laws(law, range(30))):
+        assert admissibility(single_law, single_law.pressure_range).passed
         same = law_from_dataset(law, sample)
-        np.testing.assert_array_equal(one.pressure(1e-6), same.pressure(1e-6))
+        np.testing.assert_array_equal(single_law.pressure(1e-6), same.pressure(1e-6))
         fraction = area_from_dataset(law, sample).contact_fraction(PRESSURE)
         np.testing.assert_array_equal(areas[sample].contact_fraction(PRESSURE), fraction)
 
@@ -93,8 +93,8 @@ def test_a_realisation_that_never_converged_does_not_count():
 def test_pressures_may_come_in_any_order_and_from_the_traction():
     gap, order = exponential_gaps(1), np.random.default_rng(0).permutation(8)
     expected = fit_law(response_of(gap))
-    found = fit_law(response_of(gap[:, order], PRESSURE[order], nominal=False))
-    np.testing.assert_allclose(found["coefficient"], expected["coefficient"])
+    law = fit_law(response_of(gap[:, order], PRESSURE[order], nominal=False))
+    np.testing.assert_allclose(law["coefficient"], expected["coefficient"])
 
 
 def test_area_that_falls_by_scatter_is_levelled():
@@ -125,8 +125,8 @@ def test_a_family_with_parameters_is_fitted_with_the_area_beside_it():
     INTERFACE_LAW.check(law)
     assert law["decay_length"].attrs["units"] == "m"
     assert law["decay_length_sample"].sizes == {"sample": 30}
-    found = law_from_dataset(law)
-    assert found.decay_length == float(law["decay_length"])
+    single_law = law_from_dataset(law)
+    assert single_law.decay_length == float(law["decay_length"])
     assert law_from_dataset(law, 3).decay_length == float(law["decay_length_sample"][3])
     assert area_from_dataset(law).contact_fraction(PRESSURE[:1]) == pytest.approx(0.01)
     assert law.attrs["cross_validated_error"] < 1e-6
@@ -152,8 +152,8 @@ def test_a_point_without_weight_does_not_count():
     gap[0, 5] *= 1.1
     weights = np.ones(8)
     weights[5] = 0.0
-    found = fit_law(response_of(gap), family="exponential", weights=weights)
-    assert float(found["decay_length"]) == pytest.approx(float(expected["decay_length"]))
+    law = fit_law(response_of(gap), family="exponential", weights=weights)
+    assert float(law["decay_length"]) == pytest.approx(float(expected["decay_length"]))
     every = fit_law(response_of(gap), family="exponential")
     assert float(every["decay_length"]) != pytest.approx(float(expected["decay_length"]), rel=1e-3)
     order = np.arange(8)[::-1]  # weights follow the steps of the response, not the pressures

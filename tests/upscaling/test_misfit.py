@@ -46,19 +46,19 @@ def softening():
 
 def test_a_convex_law_ends_where_the_stiffness_falls(softening):
     law = fit_law(softening, n_samples=20)
-    kept = PRESSURE < STIFFEST  # where the gaps on both sides are softer than the law
-    np.testing.assert_allclose(law["fit_pressure"], PRESSURE[kept])
-    assert law.attrs["pressure_max"] == law.attrs["pressure_limit"] == PRESSURE[kept][-1]
+    stored = PRESSURE < STIFFEST  # where the gaps on both sides are softer than the law
+    np.testing.assert_allclose(law["fit_pressure"], PRESSURE[stored])
+    assert law.attrs["pressure_max"] == law.attrs["pressure_limit"] == PRESSURE[stored][-1]
     assert "400 MPa, 600 MPa, 800 MPa and 950 MPa are left out of it" in law.attrs["cautions"]
-    found = law_from_dataset(law)
+    single_law = law_from_dataset(law)
     exact = Exponential(4.0 * HARDNESS, DECAY)
-    p = PRESSURE[kept]
-    np.testing.assert_allclose(found.gap_at(p), exact.gap_at(p), atol=0.01 * DECAY)
-    np.testing.assert_allclose(found.stiffness(found.gap_at(p)), p / DECAY, rtol=0.05)
+    p = PRESSURE[stored]
+    np.testing.assert_allclose(single_law.gap_at(p), exact.gap_at(p), atol=0.01 * DECAY)
+    np.testing.assert_allclose(single_law.stiffness(single_law.gap_at(p)), p / DECAY, rtol=0.05)
     np.testing.assert_allclose(area_from_dataset(law).contact_fraction(p), p / 2e9)
     budget = error_budget(softening, law)
     half = budget["error_total"].sel(quantity="mean_gap").values * law["fit_mean_gap"].values
-    assert np.all(np.abs(found.gap_at(p) - law["fit_mean_gap"].values) <= half)
+    assert np.all(np.abs(single_law.gap_at(p) - law["fit_mean_gap"].values) <= half)
 
 
 def test_a_structure_is_unknown_under_pressures_that_contradict_the_law(softening):
@@ -159,9 +159,9 @@ def test_a_bed_that_misses_the_sheared_cells_says_at_which_pressures():
     assert not with_shear(law, response, shear).attrs["cautions"]
     before_slip = shear["slip_fraction"].values < 1.0
     shear["traction"].values[..., 1:] *= np.where(before_slip, 0.6, 1.0)[..., None]
-    told = with_shear(law, response, shear).attrs["cautions"]
-    assert "the bed of sliders misses the sheared cells by up to" in told
-    assert "20 MPa and 80 MPa" in told
+    text = with_shear(law, response, shear).attrs["cautions"]
+    assert "the bed of sliders misses the sheared cells by up to" in text
+    assert "20 MPa and 80 MPa" in text
 
 
 def test_friction_beyond_the_pressures_that_cells_slid_under_is_told():
@@ -180,8 +180,8 @@ def test_an_aperture_that_rises_with_the_pressure_is_told():
     aperture[:, 5] *= 2.0
     given = {"hydraulic_aperture": aperture, "percolating_share": aperture > 0.0}
     law = fit_law(response, n_samples=20).assign_attrs(cell_size=8e-4, longest_wave=2e-4)
-    told = with_leakage(law, MICRO_RESPONSE.assign(response, given)).attrs["cautions"]
-    assert "the aperture rises as the pressure rises by up to" in told
+    text = with_leakage(law, MICRO_RESPONSE.assign(response, given)).attrs["cautions"]
+    assert "the aperture rises as the pressure rises by up to" in text
 
 
 @pytest.fixture(scope="module")
@@ -205,20 +205,20 @@ def test_the_law_of_cells_near_full_plastic_contact_has_their_gaps(soft_cells, h
     some = response.isel(step=np.flatnonzero(share <= highest * (1.0 + 1e-9)))
     law = fit_law(some, n_samples=0)
     p, gap = law["fit_pressure"].values, law["fit_mean_gap"].values
-    one = law_from_dataset(law)
+    single_law = law_from_dataset(law)
     budget = error_budget(some, law)["error_total"]
     half = budget.sel(quantity="mean_gap").values * np.abs(gap)
-    assert np.all(np.abs(one.gap_at(p) - gap) <= half)
+    assert np.all(np.abs(single_law.gap_at(p) - gap) <= half)
     area = some["contact_fraction"].values.mean(axis=0)[: p.size]
     np.testing.assert_allclose(area_from_dataset(law).contact_fraction(p), area, rtol=1e-9)
     # cells tell the stiffness at inner pressures by their gaps on both sides
     every = response["mean_gap"].values.mean(axis=0)
-    own = response["nominal_pressure"].values
-    cells = (-own / np.gradient(every, np.log(own)))[: p.size]
-    wrong = np.abs(one.stiffness(gap) / cells - 1.0)[1:-1]
+    direct = response["nominal_pressure"].values
+    cells = (-direct / np.gradient(every, np.log(direct)))[: p.size]
+    wrong = np.abs(single_law.stiffness(gap) / cells - 1.0)[1:-1]
     assert np.all(wrong <= np.maximum(budget.sel(quantity="stiffness").values[1:-1], 0.1))
     left_out = "are left out of it" in law.attrs["cautions"]
-    assert left_out == (p[-1] < own[share <= highest * (1.0 + 1e-9)][-1])
+    assert left_out == (p[-1] < direct[share <= highest * (1.0 + 1e-9)][-1])
 
 
 def test_a_negative_mean_gap_is_explained():

@@ -40,7 +40,7 @@ READERS = {
         lambda law, out: law_from_dataset(law, 1),
     ),
     "area": (FREE, lambda law, out: area_from_dataset(law, 1)),
-    "band": (FREE, lambda law, out: law_band(law, lambda one: one.gap_at(PRESSURE))),
+    "band": (FREE, lambda law, out: law_band(law, lambda item: item.gap_at(PRESSURE))),
     "unloading": (
         fit_branches(flowed(), n_samples=20),
         lambda law, out: hysteretic_from_dataset(law, 1),

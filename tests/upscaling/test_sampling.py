@@ -30,27 +30,29 @@ def variance_ratio(rho, n, n_cheap):
 def test_the_mean_has_no_bias_and_the_variance_of_theory():
     """Known weight: 1 - rho^2 (1 - R/M); a fitted one inflates the residual (R - 2)/(R - 3)."""
     n, n_cheap, random = 12, 120, np.random.default_rng(0)
-    found = [Control.of(*pairs(random, n, n_cheap)).mean[0] for _ in range(2000)]
+    results = [Control.of(*pairs(random, n, n_cheap)).mean[0] for _ in range(2000)]
     of_pairs = (1.0 - RHO**2) * (n - 2) / (n - 3)
     expected = SIGMA**2 * (of_pairs / n + RHO**2 / n_cheap)
     # what the fitted weight adds is small here, and the reduction to a tenth is not
     assert variance_ratio(RHO, n, n_cheap) == pytest.approx(expected * n / SIGMA**2, rel=0.06)
-    assert np.var(found) == pytest.approx(expected, rel=0.12)  # 3.2 % scatter of a variance
-    assert np.mean(found) == pytest.approx(1.0, abs=4.0 * np.sqrt(expected / 2000))
+    assert np.var(results) == pytest.approx(expected, rel=0.12)  # 3.2 % scatter of a variance
+    assert np.mean(results) == pytest.approx(1.0, abs=4.0 * np.sqrt(expected / 2000))
 
 
 def test_weight_and_correlation_are_those_of_the_pairs():
     y, f = pairs(np.random.default_rng(1), 400, 800)
-    found = Control.of(y, f)
+    estimate = Control.of(y, f)
     slope, offset = np.polyfit(f[:400, 0], y[:, 0], 1)
-    assert found.weight[0] == pytest.approx(slope, rel=1e-10)
-    assert found.correlation[0] == pytest.approx(np.corrcoef(f[:400, 0], y[:, 0])[0, 1], rel=1e-10)
-    assert found.mean[0] == pytest.approx(slope * f.mean() + offset, rel=1e-10)
+    assert estimate.weight[0] == pytest.approx(slope, rel=1e-10)
+    assert estimate.correlation[0] == pytest.approx(
+        np.corrcoef(f[:400, 0], y[:, 0])[0, 1], rel=1e-10
+    )
+    assert estimate.mean[0] == pytest.approx(slope * f.mean() + offset, rel=1e-10)
     # beside a line fitted by least squares, the error of its value at the mean of all
     residual = y[:, 0] - slope * f[:400, 0] - offset
     apart = (f.mean() - f[:400].mean()) ** 2 / np.sum((f[:400] - f[:400].mean()) ** 2)
     square = np.sum(residual**2) / 398 * (1.0 / 400 + apart)
-    assert np.var(found.residuals, ddof=1) / 400 == pytest.approx(square, rel=1e-10)
+    assert np.var(estimate.residuals, ddof=1) / 400 == pytest.approx(square, rel=1e-10)
 
 
 @pytest.mark.parametrize("n", [4, 6, 12])
@@ -59,9 +61,9 @@ def test_the_interval_covers(n):
     random, inside = np.random.default_rng(n), []
     for _ in range(1000):
         y, f = pairs(random, n, 40 * n)
-        found = Control.of(y, f)
-        parts = ((y, n - 1),) if found is None else found.ensembles
-        mean = y.mean() if found is None else found.mean[0]
+        estimate = Control.of(y, f)
+        parts = ((y, n - 1),) if estimate is None else estimate.ensembles
+        mean = y.mean() if estimate is None else estimate.mean[0]
         errors = [rows.std(ddof=1) / np.sqrt(len(rows)) for rows, _ in parts]
         half = np.linalg.norm(t.ppf(0.975, [freedom for _, freedom in parts]) * errors)
         inside.append(abs(mean - 1.0) <= half)
@@ -76,8 +78,8 @@ def test_the_best_split_has_the_least_variance_for_its_time():
         n = 1.0 / (cost + ratio)
         return variance_ratio(rho, n, ratio * n) / n
 
-    found = minimize_scalar(variance, bounds=(1.0, 200.0), method="bounded")
-    assert best_ratio(rho, cost) == pytest.approx(found.x, rel=1e-3)
+    optimum = minimize_scalar(variance, bounds=(1.0, 200.0), method="bounded")
+    assert best_ratio(rho, cost) == pytest.approx(optimum.x, rel=1e-3)
 
 
 def test_cells_that_do_not_follow_are_of_no_use():
@@ -94,10 +96,10 @@ def ensembles(seed, n=8, n_cheap=200):
     """Gaps of a decay length of their own each, which the cheap cells share, but for an offset."""
     random = np.random.default_rng(seed)
     scatter = 1.0 + 0.1 * random.standard_normal((n_cheap, 1))
-    own = scatter[:n] + 0.002 * random.standard_normal((n, 1))
+    direct = scatter[:n] + 0.002 * random.standard_normal((n, 1))
     gap = DECAY * np.log(SCALE / PRESSURE)
     area = PRESSURE / 5e8
-    dear = response_of(gap * own, area=area / own)
+    dear = response_of(gap * direct, area=area / direct)
     cheap = response_of(0.9 * gap * scatter, area=0.8 * area / scatter)
     return dear, cheap
 
@@ -110,10 +112,12 @@ def test_law_samples_and_budget_count_both_ensembles():
     assert law.attrs["n_realisations"] == 8
     gap = law_from_dataset(law).gap_at(PRESSURE[2])
     with_control, without = (
-        error_budget(dear, one, control=more) for one, more in ((law, cheap), (alone, None))
+        error_budget(dear, single_law, control=more)
+        for single_law, more in ((law, cheap), (alone, None))
     )
     half, plain = (
-        one["error_half_width"].sel(error_term="sampling").values for one in (with_control, without)
+        item["error_half_width"].sel(error_term="sampling").values
+        for item in (with_control, without)
     )
     assert "200 control cells" in with_control.attrs["how_sampling"]
     # 1.96 .1 / sqrt(200), and the residual of 8 pairs, against 2.36 .1 / sqrt(8)
@@ -121,7 +125,7 @@ def test_law_samples_and_budget_count_both_ensembles():
     expected = np.hypot(t.ppf(0.975, 199) * 0.1 / np.sqrt(200), residual)
     assert half[0] == pytest.approx(expected, rel=0.15)
     assert np.all(half < 0.3 * plain)
-    low, high = law_band(law, lambda one: one.gap_at(PRESSURE[2]))
+    low, high = law_band(law, lambda item: item.gap_at(PRESSURE[2]))
     assert (high - low) / 2.0 / gap == pytest.approx(half[0, 2], rel=0.15)
 
 
@@ -157,8 +161,8 @@ def test_cells_pair_by_their_number():
     dear, cheap = ensembles(2)
     order = np.random.default_rng(0).permutation(200)
     shuffled = cheap.isel(realisation=order)
-    one, other = (fit_law(dear, control=each, n_samples=0) for each in (cheap, shuffled))
-    np.testing.assert_allclose(one["fit_mean_gap"], other["fit_mean_gap"], rtol=1e-12)
+    first, other = (fit_law(dear, control=each, n_samples=0) for each in (cheap, shuffled))
+    np.testing.assert_allclose(first["fit_mean_gap"], other["fit_mean_gap"], rtol=1e-12)
     with pytest.raises(CaseError, match="no cells of the realisations"):
         fit_law(dear, control=cheap.isel(realisation=range(4, 200)))
     with pytest.raises(CaseError, match="were not pressed under"):
@@ -174,8 +178,8 @@ def test_failed_steps_of_either_ensemble_are_left_out():
     cheap["mean_gap"][5, 1] = np.nan
     cheap["mean_gap"][50, 2] = np.nan
     cheap["converged"][50, 2] = 0
-    found = fit_law(dear, control=cheap)["fit_mean_gap"].values
-    np.testing.assert_allclose(found, whole, rtol=5e-3)
+    computed = fit_law(dear, control=cheap)["fit_mean_gap"].values
+    np.testing.assert_allclose(computed, whole, rtol=5e-3)
 
 
 def test_a_budget_says_where_cells_do_not_follow():
@@ -185,6 +189,6 @@ def test_a_budget_says_where_cells_do_not_follow():
     other = cheap.assign(mean_gap=cheap["mean_gap"].copy(data=shuffled[np.r_[8:200, :8]]))
     law = fit_law(dear, control=other, n_samples=0)
     assert law.attrs["control"].startswith("mean gap: none, since they follow each other by chance")
-    told = error_budget(dear, law, control=other).attrs["how_sampling"]
-    assert "8 realisations only, since they and the control cells" in told
+    text = error_budget(dear, law, control=other).attrs["how_sampling"]
+    assert "8 realisations only, since they and the control cells" in text
     np.testing.assert_allclose(law["fit_mean_gap"], fit_law(dear, n_samples=0)["fit_mean_gap"])

@@ -68,21 +68,21 @@ def measured(law, decay):
 
 
 def test_ratio_and_friction_are_found_again_though_the_cells_differ_in_stiffness(law, decay):
-    found = with_shear(law, pressed(decay), sheared(decay))
-    INTERFACE_LAW.check(found)
-    assert "shear_loss_ratio" not in found
-    np.testing.assert_allclose(found["shear_stiffness_ratio"], KAPPA, rtol=0.01)
-    assert float(found["shear_friction"]) == pytest.approx(MU, rel=1e-3)
+    entry = with_shear(law, pressed(decay), sheared(decay))
+    INTERFACE_LAW.check(entry)
+    assert "shear_loss_ratio" not in entry
+    np.testing.assert_allclose(entry["shear_stiffness_ratio"], KAPPA, rtol=0.01)
+    assert float(entry["shear_friction"]) == pytest.approx(MU, rel=1e-3)
     # cells that are alike but for their decay lengths leave no scatter
-    assert np.ptp(found["shear_stiffness_ratio_sample"].values) < 0.01 * KAPPA
-    apart = found["shear_traction"] - found["shear_bed_traction"]
-    assert np.abs(apart / (MU * found["shear_pressure"])).max() < 0.01
-    assert found.attrs["branches"].endswith("shear: measured")
+    assert np.ptp(entry["shear_stiffness_ratio_sample"].values) < 0.01 * KAPPA
+    apart = entry["shear_traction"] - entry["shear_bed_traction"]
+    assert np.abs(apart / (MU * entry["shear_pressure"])).max() < 0.01
+    assert entry.attrs["branches"].endswith("shear: measured")
 
 
 def test_x_and_y_are_averaged_or_fitted_apart(measured, law, decay):
-    found, ratio = measured
-    np.testing.assert_allclose(found["shear_stiffness_ratio"], ratio.mean(), rtol=0.01)
+    computed, ratio = measured
+    np.testing.assert_allclose(computed["shear_stiffness_ratio"], ratio.mean(), rtol=0.01)
     lay = np.column_stack([np.full(CELLS, 0.9), scatter(0.005, 6) * 0.7])
     data = sheared(decay, lay)
     together = with_shear(law, pressed(decay), data, apart=False)
@@ -91,12 +91,12 @@ def test_x_and_y_are_averaged_or_fitted_apart(measured, law, decay):
     split = with_shear(law, pressed(decay), data, apart=True)
     np.testing.assert_allclose(split["shear_stiffness_ratio"], lay.mean(axis=0), rtol=0.01)
     assert "apart" not in split.attrs["cautions"]
-    found = with_shear(law, pressed(decay), data)  # as they differ by more than chance
-    np.testing.assert_array_equal(found["shear_stiffness_ratio"], split["shear_stiffness_ratio"])
+    computed = with_shear(law, pressed(decay), data)  # as they differ by more than chance
+    np.testing.assert_array_equal(computed["shear_stiffness_ratio"], split["shear_stiffness_ratio"])
     assert sliders_from_dataset(split, along=1).stiffness_ratio == pytest.approx(0.7, rel=0.01)
     assert sliders_from_dataset(split).stiffness_ratio == pytest.approx(0.8, rel=0.01)
-    one = with_shear(law, pressed(decay), sheared(decay, along=(0,)), apart=True)
-    assert np.isnan(one["shear_stiffness_ratio"][1])
+    entry = with_shear(law, pressed(decay), sheared(decay, along=(0,)), apart=True)
+    assert np.isnan(entry["shear_stiffness_ratio"][1])
 
 
 def test_cells_that_were_pressed_before_give_their_own_normal_laws(law, decay):
@@ -109,34 +109,34 @@ def test_cells_that_were_pressed_before_give_their_own_normal_laws(law, decay):
     whole = MICRO_RESPONSE.assign(
         whole, {"branch": branch_of(np.maximum(whole["nominal_pressure"].values, 0.0))}
     )
-    found = with_shear(law, pressed(decay), whole)
-    np.testing.assert_allclose(found["shear_stiffness_ratio"], KAPPA, rtol=0.01)
+    entry = with_shear(law, pressed(decay), whole)
+    np.testing.assert_allclose(entry["shear_stiffness_ratio"], KAPPA, rtol=0.01)
     alone = with_shear(law, pressed(decay), shear)
     np.testing.assert_allclose(alone["shear_stiffness_ratio"], KAPPA / 1.2, rtol=0.02)
 
 
 def test_samples_pair_with_those_of_the_normal_law(law, decay):
     """Friction in proportion to the decay length: so are the samples of the mean."""
-    found = with_shear(law, pressed(decay), sheared(decay, friction=MU * decay / DECAY))
+    entry = with_shear(law, pressed(decay), sheared(decay, friction=MU * decay / DECAY))
     gaps = [float(law_from_dataset(law, k).gap_at(np.array(1e7))) for k in range(60)]
-    assert np.corrcoef(gaps, found["shear_friction_sample"])[0, 1] > 0.999
-    bed = sliders_from_dataset(found, 3)
-    assert bed.friction == float(found["shear_friction_sample"][3])
+    assert np.corrcoef(gaps, entry["shear_friction_sample"])[0, 1] > 0.999
+    bed = sliders_from_dataset(entry, 3)
+    assert bed.friction == float(entry["shear_friction_sample"][3])
     assert bed.normal.gap_at(np.array(1e7)) == gaps[3]
 
 
 def test_fewer_cells_may_be_sheared_than_are_pressed(law, decay):
     few = sheared(decay).isel(realisation=[1, 2, 4])
-    found = with_shear(law, pressed(decay), few)
-    assert found.attrs["n_sheared"] == 3
-    np.testing.assert_allclose(found["shear_stiffness_ratio"], KAPPA, rtol=0.01)
-    assert found.sizes["shear_sample"] == 60
+    entry = with_shear(law, pressed(decay), few)
+    assert entry.attrs["n_sheared"] == 3
+    np.testing.assert_allclose(entry["shear_stiffness_ratio"], KAPPA, rtol=0.01)
+    assert entry.sizes["shear_sample"] == 60
 
 
 def test_the_law_in_a_file_makes_the_sliders_and_an_old_one_is_still_read(measured, law, tmp_path):
-    found, _ = measured
-    save_law(found, tmp_path / "law.nc")
-    bed, again = sliders_from_dataset(found), sliders_from_dataset(open_law(tmp_path / "law.nc"))
+    computed, _ = measured
+    save_law(computed, tmp_path / "law.nc")
+    bed, again = sliders_from_dataset(computed), sliders_from_dataset(open_law(tmp_path / "law.nc"))
     assert isinstance(bed, Sliders)
     assert (again.friction, again.stiffness_ratio) == (bed.friction, bed.stiffness_ratio)
     save_law(law, tmp_path / "normal.nc")  # as of an earlier version, without a branch of shear
@@ -145,10 +145,10 @@ def test_the_law_in_a_file_makes_the_sliders_and_an_old_one_is_still_read(measur
 
 
 def test_what_is_assumed_is_said(law):
-    found = assume_shear(law, friction=0.2, stiffness_ratio=0.82)
-    assert "shear: assumed, stiffness ratio 0.82 and friction 0.2" in found.attrs["branches"]
-    assert "the friction coefficient of 0.2 are assumed" in found.attrs["cautions"]
-    bed = sliders_from_dataset(found, 5)
+    sheared = assume_shear(law, friction=0.2, stiffness_ratio=0.82)
+    assert "shear: assumed, stiffness ratio 0.82 and friction 0.2" in sheared.attrs["branches"]
+    assert "the friction coefficient of 0.2 are assumed" in sheared.attrs["cautions"]
+    bed = sliders_from_dataset(sheared, 5)
     assert (bed.friction, bed.stiffness_ratio) == (0.2, 0.82)
     assert bed.normal.gap_at(np.array(1e7)) == law_from_dataset(law, 5).gap_at(np.array(1e7))
 
@@ -162,29 +162,29 @@ def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(
     slip[-2] = slip[-3]  # pressed again without shear
     ones = Sliders(normal, 1.0, 1.0, pressures=(1e6, 1e8), slabs=24)
     bed = Sliders(normal, MU, KAPPA, pressures=(1e6, 1e8), slabs=24)
-    found = MU * bed_traction(ones, gap, slip * KAPPA / MU)
-    np.testing.assert_allclose(bed_traction(bed, gap, slip), found, atol=1e-9 * found.max())
-    assert np.abs(found[-3]).max() < 1e-6 * np.abs(found).max()  # released
+    computed = MU * bed_traction(ones, gap, slip * KAPPA / MU)
+    np.testing.assert_allclose(bed_traction(bed, gap, slip), computed, atol=1e-9 * computed.max())
+    assert np.abs(computed[-3]).max() < 1e-6 * np.abs(computed).max()  # released
     fresh = MU * bed_traction(ones, gap[-2:], (slip[-2:] - slip[-2]) * KAPPA / MU)
-    np.testing.assert_allclose(found[-2:], fresh, atol=1e-6 * np.abs(found).max())
+    np.testing.assert_allclose(computed[-2:], fresh, atol=1e-6 * np.abs(computed).max())
 
 
 def test_friction_and_stiffness_ratio_are_said_with_their_bands(measured):
     from multiscale.upscaling.branches import describe_shear
 
     law, _ = measured
-    said = describe_shear(law)
+    text = describe_shear(law)
     drawn = np.percentile(law["shear_friction_sample"], (2.5, 97.5))
-    friction = next(line for line in said if "friction" in line)
+    friction = next(line for line in text if "friction" in line)
     assert f"{float(law['shear_friction']):.3g}" in friction
     assert f"({drawn[0]:.3g} ... {drawn[1]:.3g}, 95 %)" in friction
-    assert len(said) == 2
+    assert len(text) == 2
 
 
 def test_sheared_cells_are_drawn_beside_the_bed(measured):
-    found, _ = measured
+    computed, _ = measured
     ax = Figure().subplots()
-    plot_shear_law(found, ax=ax)
+    plot_shear_law(computed, ax=ax)
     assert len(ax.lines) == 8  # cells and bed at two pressures along x and y
     cells, bed = (line.get_ydata() for line in ax.lines[:2])
     np.testing.assert_allclose(cells, bed, atol=0.03)
@@ -192,9 +192,9 @@ def test_sheared_cells_are_drawn_beside_the_bed(measured):
 
 
 def test_large_sliding_gives_friction_over_pressure(law):
-    found = with_sliding(law, slid([0.25, 0.2]))
-    assert found.attrs["branches"].endswith("sliding: measured")
-    at = sliding_friction_at(found, np.array([1e-9, 0.004, np.sqrt(0.008 * 0.004), 0.008, 1.0]))
+    sliding = with_sliding(law, slid([0.25, 0.2]))
+    assert sliding.attrs["branches"].endswith("sliding: measured")
+    at = sliding_friction_at(sliding, np.array([1e-9, 0.004, np.sqrt(0.008 * 0.004), 0.008, 1.0]))
     np.testing.assert_allclose(at, [0.2, 0.2, 0.225, 0.25, 0.25])
     known = sliding_friction_at(with_sliding(law, slid([np.nan, 0.2])), np.array([0.008]))
     np.testing.assert_allclose(known, 0.2)
@@ -229,19 +229,19 @@ def test_a_shear_outside_the_pressures_of_the_law_is_refused(law, decay):
 def test_a_path_that_ended_early_leaves_its_realisation_out(law, decay):
     broken = sheared(decay)
     broken["converged"].values[2, -3:] = 0
-    found = with_shear(law, pressed(decay), broken)
-    assert found.attrs["n_sheared"] == CELLS - 1
-    assert "1 of 6 sheared realisations did not reach the end" in found.attrs["cautions"]
+    entry = with_shear(law, pressed(decay), broken)
+    assert entry.attrs["n_sheared"] == CELLS - 1
+    assert "1 of 6 sheared realisations did not reach the end" in entry.attrs["cautions"]
 
 
 def two_bodies(points, seed, friction=0.3, opposite=1.0):
     """Two rough bodies of one period of 1 mm; moduli 1 GPa and ``opposite`` GPa, nu = .3."""
-    own, other = (
-        rough_square(points, 5e-4, 1e-3 / 4, 0.05 / 2**0.5, seed=one, size=1e-3)
-        for one in (seed, 100 + seed)
+    direct, other = (
+        rough_square(points, 5e-4, 1e-3 / 4, 0.05 / 2**0.5, seed=item, size=1e-3)
+        for item in (seed, 100 + seed)
     )
     return Cell(
-        own, 1e-3, 6, 1e9, 0.3, Surface(-other.heights, other.size),
+        direct, 1e-3, 6, 1e9, 0.3, Surface(-other.heights, other.size),
         friction_coefficient=friction, opposite=SecondBody(1e-3, 6, Elastic(opposite * 1e9, 0.3)),
     )  # fmt: skip
 
@@ -315,8 +315,8 @@ def test_a_cell_without_friction_or_roughness_is_not_sheared():
 def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law, decay):
     ratio, mu = KAPPA * np.stack([scatter(0.03, 2)] * 2, axis=1), MU * scatter(0.02, 4)
     data, normal = sheared(decay, ratio, mu), pressed(decay)
-    found = with_shear(law, normal, data)
-    budget = error_budget(normal, found, tangential={})
+    entry = with_shear(law, normal, data)
+    budget = error_budget(normal, entry, tangential={})
     assert list(budget["quantity"].values)[-1] == "tangential_traction"
     row = budget["error_half_width"].sel(quantity="tangential_traction")
     whole = budget["error_total"].sel(quantity="tangential_traction")
@@ -335,11 +335,11 @@ def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law
     # gap, area and stiffness are as without shear
     plain = error_budget(normal, law)
     assert "friction bed" not in plain.attrs["unknown"]
-    kept = budget["error_total"].sel(quantity=plain["quantity"])
-    np.testing.assert_allclose(kept, plain["error_total"])
-    known = law_from_dataset(found).gap_at(WIDE)
-    sources = law_sources(with_budget(found, budget))
-    known = propagate("gap", sources, lambda one: one.gap_at(WIDE), known)
+    part = budget["error_total"].sel(quantity=plain["quantity"])
+    np.testing.assert_allclose(part, plain["error_total"])
+    known = law_from_dataset(entry).gap_at(WIDE)
+    sources = law_sources(with_budget(entry, budget))
+    known = propagate("gap", sources, lambda item: item.gap_at(WIDE), known)
     np.testing.assert_array_equal(known["error_half_width"].sel(error_term="friction bed"), 0.0)
 
 
@@ -362,11 +362,13 @@ def test_coarser_grids_tell_the_error_of_the_ratio(law, decay):
 
 
 def test_the_scales_of_another_structure_count_for_the_tangential_traction_too(measured, decay):
-    found, _ = measured
-    budget = error_budget(pressed(decay), found, tangential={})
-    scaled = with_scales(with_budget(found, budget), compare_scales(1e-4, 1e-3, 1e-2))
+    computed, _ = measured
+    budget = error_budget(pressed(decay), computed, tangential={})
+    scaled = with_scales(with_budget(computed, budget), compare_scales(1e-4, 1e-3, 1e-2))
     row = scaled["error_half_width"].sel(error_term="scale separation")
-    tangential, stiffness = (row.sel(quantity=one) for one in ("tangential_traction", "stiffness"))
+    tangential, stiffness = (
+        row.sel(quantity=name) for name in ("tangential_traction", "stiffness")
+    )
     np.testing.assert_allclose(tangential, np.exp(-1.0) * stiffness)
 
 
@@ -378,17 +380,17 @@ def cycled(decay, lost=1.0, amplitude=1.0):
     way = np.concatenate(
         [np.linspace(*ends, 400) for ends in ((0, 1), (1, -1), (-1, 1), (1, 8 / amplitude))]
     )
-    kept = [0, 200, 399, 599, 799, 999, 1199, 1399, 1599]
+    entry = [0, 200, 399, 599, 799, 999, 1199, 1399, 1599]
     slip, traction, work = [], [], []
-    for one in decay:
-        bed = Sliders(Exponential(SCALE, one), MU, KAPPA, pressures=(1e5, 1e9), slabs=400)
+    for item in decay:
+        bed = Sliders(Exponential(SCALE, item), MU, KAPPA, pressures=(1e5, 1e9), slabs=400)
         u = amplitude * MU * DECAY / KAPPA * np.stack([way, 0.0 * way], axis=1)
         opening = np.full(way.size, float(bed.normal.gap_at(np.array(2e7))))
         t = bed_traction(bed, opening, u)[:, 0]
         stored = np.append(0.0, np.cumsum(np.diff(u[:, 0]) * 0.5 * (t[1:] + t[:-1])))
-        slip.append(u[kept, 0])
-        traction.append(t[kept])
-        work.append(lost * stored[kept])
+        slip.append(u[entry, 0])
+        traction.append(t[entry])
+        work.append(lost * stored[entry])
     response = sheared(decay, steps=8, pressures=(2e7,), along=(0,))
     response["displacement_jump"].values[:, :-1, 1] = slip
     response["traction"].values[:, :-1, 1] = traction
@@ -400,12 +402,12 @@ def cycled(decay, lost=1.0, amplitude=1.0):
 @pytest.mark.parametrize("lost", [1.0, 1.1])
 def test_the_loss_of_cycles_over_the_loss_of_the_bed_is_found(law, decay, lost):
     """Work over a closed cycle is its loss; here the bed itself makes it."""
-    found = with_shear(law, pressed(decay), cycled(decay, lost))
-    np.testing.assert_allclose(found["shear_loss_ratio"], lost, rtol=0.02)
-    assert found["shear_cycle_pressure"].values.tolist() == [2e7]
-    assert float(found["shear_cycle_amplitude"][0]) == pytest.approx(1.0 - np.exp(-1.0), rel=0.02)
-    assert found["shear_loss_ratio_sample"].shape == (60, 2)
-    INTERFACE_LAW.check(found)
+    sheared = with_shear(law, pressed(decay), cycled(decay, lost))
+    np.testing.assert_allclose(sheared["shear_loss_ratio"], lost, rtol=0.02)
+    assert sheared["shear_cycle_pressure"].values.tolist() == [2e7]
+    assert float(sheared["shear_cycle_amplitude"][0]) == pytest.approx(1.0 - np.exp(-1.0), rel=0.02)
+    assert sheared["shear_loss_ratio_sample"].shape == (60, 2)
+    INTERFACE_LAW.check(sheared)
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 1.0, 3.0])
@@ -414,8 +416,8 @@ def test_the_loss_of_a_bed_is_the_one_of_masings_rule(amplitude):
     unit = MU * DECAY / KAPPA
     expected = MU * 2e7 * unit * (8.0 * (amplitude + np.expm1(-amplitude)))
     expected += 4.0 * MU * 2e7 * unit * amplitude * np.expm1(-amplitude)
-    found = bed_loss(Exponential(SCALE, DECAY), 2e7, amplitude * unit, KAPPA, MU)
-    assert found == pytest.approx(expected, rel=1e-9)
+    loss = bed_loss(Exponential(SCALE, DECAY), 2e7, amplitude * unit, KAPPA, MU)
+    assert loss == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_cycle_lies_on_the_way_of_the_shear():

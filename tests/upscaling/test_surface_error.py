@@ -85,25 +85,28 @@ def test_the_surface_term_holds_what_filtered_cells_miss(hurst, factor):
     ]
     path = Path(pressure=tuple(1e8 * np.geomspace(0.02, 0.3, 7)))
     answers = []
-    for surfaces in (whole, [low_pass(one, factor * shortest) for one in whole]):
-        cells = [Cell(one, 1.0, 12, 1e9, 0.0, geometry="flat") for one in surfaces]
+    for surfaces in (whole, [low_pass(sample, factor * shortest) for sample in whole]):
+        cells = [Cell(surface, 1.0, 12, 1e9, 0.0, geometry="flat") for surface in surfaces]
         answers.append((surfaces, run_ensemble(cells, path)))
-    (_, truth), (surfaces, found) = answers
+    (_, truth), (surfaces, computed) = answers
     shares = [
         np.sqrt(
-            np.mean([f(one) ** 2 for one in surfaces]) / np.mean([f(one) ** 2 for one in whole])
+            np.mean([f(surface) ** 2 for surface in surfaces])
+            / np.mean([f(sample) ** 2 for sample in whole])
         )
         for f in (rms_height, rms_slope)
     ]
     roughness = {
         f"body_{name}": [
-            [np.sqrt(np.mean(found[name].values ** 2)) / share] * 2
-            + [np.sqrt(np.mean(found[name].values ** 2))]
+            [np.sqrt(np.mean(computed[name].values ** 2)) / share] * 2
+            + [np.sqrt(np.mean(computed[name].values ** 2))]
         ]
         for name, share in zip(("rms_height", "rms_slope"), shares, strict=True)
     }
-    found = MICRO_RESPONSE.assign(found, roughness).assign_coords(stage=["map", "windows", "cells"])
-    _, terms = surface_terms(found)
+    computed = MICRO_RESPONSE.assign(computed, roughness).assign_coords(
+        stage=["map", "windows", "cells"]
+    )
+    _, terms = surface_terms(computed)
 
     def values(response):
         gap = response["mean_gap"].values.mean(axis=0)
@@ -111,7 +114,7 @@ def test_the_surface_term_holds_what_filtered_cells_miss(hurst, factor):
         stiffness = -pressure / np.gradient(gap, np.log(pressure))
         return gap, response["contact_fraction"].values.mean(axis=0), stiffness
 
-    for term, mine, true in zip(terms, values(found), values(truth), strict=True):
+    for term, mine, true in zip(terms, values(computed), values(truth), strict=True):
         missed = np.abs(true / mine - 1.0)[1:-1]
         assert np.all(missed <= term[1:-1])
         assert np.any(missed > 0.1 * term[1:-1])  # and not by being far too wide

@@ -72,7 +72,7 @@ def test_single_measurements_give_bands_from_their_residuals():
     noisy = p / 0.45e-6 * (1.0 + 0.05 * random.standard_normal(20))
     law = fit_law(observe("normal_stiffness", p, noisy), family="exponential")
     assert law.attrs["uncertainty"] == "bootstrap over the residuals of independent points"
-    low, high = law_band(law, lambda one: one.stiffness(one.gap_at(np.array([1e7]))))
+    low, high = law_band(law, lambda item: item.stiffness(item.gap_at(np.array([1e7]))))
     assert low < 1e7 / 0.45e-6 < high
     assert (high - low) * 0.45e-6 / 1e7 == pytest.approx(2 * 1.96 * 0.05 / np.sqrt(20), rel=0.5)
 
@@ -82,7 +82,7 @@ def test_specimens_give_bands_by_specimen():
     stiffness = p / 0.45e-6 * np.array([[0.9], [1.0], [1.1], [1.05]])
     law = fit_law(observe("normal_stiffness", p, stiffness), n_samples=100)
     assert law.attrs["uncertainty"] == "bootstrap over realisations"
-    low, high = law_band(law, lambda one: one.stiffness(one.gap_at(np.array([2e7]))))
+    low, high = law_band(law, lambda item: item.stiffness(item.gap_at(np.array([2e7]))))
     mean = 1.0125 * 2e7 / 0.45e-6
     assert low < mean < high
     assert (high - low) / mean > 0.1
@@ -115,13 +115,13 @@ def test_the_next_specimen_scatters_as_those_measured_by_students_interval():
     stiffness = 3e12 * (p / 1e6) ** 0.6
     seen = observe("normal_stiffness", p, stiffness * np.exp([[-0.1], [0.1]]))
     family, _ = best_family(seen)
-    found = predict(fit_law(seen, family=family), seen, p[2:4])
-    low, high = found.next_specimen
+    prediction = predict(fit_law(seen, family=family), seen, p[2:4])
+    low, high = prediction.next_specimen
     half = 12.706 * 0.1 * np.sqrt(2.0) * np.sqrt(1.5)
     np.testing.assert_allclose(np.log(high / low), 2.0 * half, rtol=1e-3)
-    np.testing.assert_allclose(found.value, np.cosh(0.1) * stiffness[2:4], rtol=5e-3)
-    assert np.isnan(found.mean_law).all()
-    assert found.unknown == (
+    np.testing.assert_allclose(prediction.value, np.cosh(0.1) * stiffness[2:4], rtol=5e-3)
+    assert np.isnan(prediction.mean_law).all()
+    assert prediction.unknown == (
         "the interval of the mean law is not known: 2 realisations are too few for a band of 95 %; "
         "use at least 4",
     )

@@ -28,13 +28,13 @@ def law():
 
 
 def test_an_interface_conducts_as_its_stiffness_says(law):
-    found = conductances(
+    conductance = conductances(
         with_conductance(law, PAIR, MODULUS, flows=False), p := np.array([3e6, 1e7, 5e7])
     )
     stiffness = p / 0.2e-6
-    for name, (one, two) in PAIR.items():
-        expected = 2.0 * stiffness / (MODULUS * (1.0 / one + 1.0 / two))
-        np.testing.assert_allclose(found[name], expected, rtol=3e-3)
+    for name, (value, two) in PAIR.items():
+        expected = 2.0 * stiffness / (MODULUS * (1.0 / value + 1.0 / two))
+        np.testing.assert_allclose(conductance[name], expected, rtol=3e-3)
 
 
 def test_metal_that_flows_conducts_by_its_elastic_stiffness(law):
@@ -67,7 +67,7 @@ def test_other_codes_read_the_conductance_against_pressure(law, tmp_path):
         )
         lines = (tmp_path / "law.inp").read_text().splitlines()
         start = lines.index(head) + 1
-        rows = np.array([[float(one) for one in line.split(",")] for line in lines[start:]])
+        rows = np.array([[float(entry) for entry in line.split(",")] for line in lines[start:]])
         assert np.all(rows[0] == 0.0)
         expected = conductances(conducting, 1e6 * rows[1:, 1])["thermal_conductance"]
         np.testing.assert_allclose(rows[1:, 0], 1e-3 * expected)  # mW, mm, K
@@ -100,8 +100,8 @@ def test_the_effective_permeability_of_a_lognormal_gap_is_its_geometric_mean():
     deviation = 0.3
     quantiles = np.linspace(-6.0, 6.0, 4001)
     weight = np.exp(-0.5 * quantiles**2)[None, :, None]
-    found = effective_permeability(np.exp(deviation * quantiles)[:, None], weight)
-    assert found.item() == pytest.approx(1.0, rel=1e-9)
+    permeability = effective_permeability(np.exp(deviation * quantiles)[:, None], weight)
+    assert permeability.item() == pytest.approx(1.0, rel=1e-9)
 
 
 def leaking_cells():
@@ -115,8 +115,8 @@ def leaking_cells():
 
 
 def leaking_law(coarser=None):
-    response, told = leaking_cells(), {"cell_size": 8e-4, "longest_wave": 2e-4}
-    return with_leakage(fit_law(response, n_samples=20).assign_attrs(told), response, coarser)
+    response, text = leaking_cells(), {"cell_size": 8e-4, "longest_wave": 2e-4}
+    return with_leakage(fit_law(response, n_samples=20).assign_attrs(text), response, coarser)
 
 
 @pytest.fixture(scope="module")
@@ -147,11 +147,13 @@ def test_intervals_count_the_grid_by_the_same_cells_on_half_of_the_points(leakin
     coarser = cells.assign(hydraulic_aperture=0.9 * cells["hydraulic_aperture"]).isel(
         realisation=range(4)
     )
-    x, alone = (one.sel(direction="x") for one in (leaking_law(coarser), leaking))
+    x, alone = (law.sel(direction="x") for law in (leaking_law(coarser), leaking))
     first = leaking_cells()["hydraulic_aperture"][:4, :, 0].mean("realisation")
     grid = 1.25 * 0.1 * first  # of order one, with Roache's factor of safety
-    for end, own in zip(*(one["hydraulic_aperture_mean_law"] for one in (x, alone)), strict=True):
-        half = np.abs(own - alone["hydraulic_aperture"])
+    for end, computed in zip(
+        *(item["hydraulic_aperture_mean_law"] for item in (x, alone)), strict=True
+    ):
+        half = np.abs(computed - alone["hydraulic_aperture"])
         expected = np.hypot(half, grid)
         np.testing.assert_allclose(np.abs(end - x["hydraulic_aperture"]), expected, rtol=1e-3)
     assert "half of the points" in x.attrs["leakage_intervals"]

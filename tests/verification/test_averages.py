@@ -91,20 +91,20 @@ def test_an_inclined_facet_gives_its_slope_as_traction_ratio(gentle, orientation
 def test_mirrored_sawtooth_indenters_give_mirrored_averages():
     n = 128
     size = (1.0, 2.0 / n)
-    found = []
+    results = []
     for mirror in (np.asarray, reversed_x):
         obstacle = Surface(mirror(-sawtooth(n, 0.8, 0.1)), size)
         cell = Cell(Surface(np.zeros((n, 2)), size), 1.0, 24, 1.0, 0.3, obstacle=obstacle)
         response = solve_cell(cell, Path(pressure=(1e-3, 1e-2)))
-        found.append(response["traction"].values[0])
-    np.testing.assert_allclose(found[0][:, 0], found[1][:, 0], rtol=1e-8)
-    np.testing.assert_allclose(found[0][:, 1], -found[1][:, 1], rtol=1e-6)
-    assert np.all(np.abs(found[0][:, 1]) > 1e-3 * np.abs(found[0][:, 0]))
+        results.append(response["traction"].values[0])
+    np.testing.assert_allclose(results[0][:, 0], results[1][:, 0], rtol=1e-8)
+    np.testing.assert_allclose(results[0][:, 1], -results[1][:, 1], rtol=1e-6)
+    assert np.all(np.abs(results[0][:, 1]) > 1e-3 * np.abs(results[0][:, 0]))
 
 
 def test_a_cell_turned_by_a_right_angle_gives_turned_averages():
     surface, obstacle = rough(32), rough(32, slope=0.2, seed=9)
-    found = []
+    results = []
     for turn in (np.asarray, np.transpose):
         cell = Cell(
             Surface(turn(surface.heights), (1.0, 1.0)),
@@ -114,8 +114,8 @@ def test_a_cell_turned_by_a_right_angle_gives_turned_averages():
             0.3,
             obstacle=Surface(turn(obstacle.heights), (1.0, 1.0)),
         )
-        found.append(solve_cell(cell, Path(pressure=(0.01,))))
-    first, second = (response["traction"].values[0, 0] for response in found)
+        results.append(solve_cell(cell, Path(pressure=(0.01,))))
+    first, second = (response["traction"].values[0, 0] for response in results)
     np.testing.assert_allclose(first, second[[0, 2, 1]], atol=1e-8 * abs(first[0]))
 
 

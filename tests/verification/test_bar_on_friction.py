@@ -53,11 +53,11 @@ def test_the_end_moves_as_far_as_the_closed_form_says():
     steps = np.column_stack([np.full(9, PRESSURE), SHEAR * np.linspace(0.0, 1.0, 9)])
     errors = []
     for elements in (10, 20, 40):
-        found = solve_assembly(bar(elements), steps, method=METHOD)
-        end = np.isclose(found.position.values[:, 0], LENGTH)
-        moved = found.displacement.values[-1, end, 0].mean()
+        result = solve_assembly(bar(elements), steps, method=METHOD)
+        end = np.isclose(result.position.values[:, 0], LENGTH)
+        moved = result.displacement.values[-1, end, 0].mean()
         errors.append(abs(moved / (FORCE**2 / (2.0 * STIFFNESS * FRICTION)) - 1.0))
-        x, slipped = found.point_position.values[:, 0], found.jump.values[-1, :, 1:]
+        x, slipped = result.point_position.values[:, 0], result.jump.values[-1, :, 1:]
         far = np.hypot(*slipped.T) > 1e-3 * moved
         assert abs((LENGTH - x[far].min()) / (FORCE / FRICTION) - 1.0) < 2.0 / elements / SLIPS
     assert errors[0] < 0.01
@@ -65,9 +65,9 @@ def test_the_end_moves_as_far_as_the_closed_form_says():
 
 
 def test_a_cycle_loses_the_cube_of_the_force():
-    found = load_joint(bar(20), JointLoading((PRESSURE,), SHEAR, 1, 8), method=METHOD)
+    result = load_joint(bar(20), JointLoading((PRESSURE,), SHEAR, 1, 8), method=METHOD)
     lost = 2.0 * FORCE**3 / (3.0 * STIFFNESS * FRICTION)
-    assert found.cycle_energy.item() == pytest.approx(lost, rel=0.01)
+    assert result.cycle_energy.item() == pytest.approx(lost, rel=0.01)
 
 
 @pytest.mark.parametrize("elements", [10, 20])
@@ -75,9 +75,9 @@ def test_a_cycle_loses_the_cube_of_the_force():
 @pytest.mark.parametrize("method", [AssembledNewton(), NewtonSchur((2, 1))], ids=["whole", "cut"])
 def test_newton_solves_friction_of_any_stiffness_on_coarse_meshes(method, decay, elements):
     steps = np.column_stack([np.full(5, PRESSURE), SHEAR * np.linspace(0.0, 1.0, 5)])
-    found = solve_assembly(bar(elements, decay), steps, method=method)
-    assert found.converged.values.all()
-    assert found.iterations.values.max() <= 15
-    end = np.isclose(found.position.values[:, 0], LENGTH)
-    moved = found.displacement.values[-1, end, 0].mean()
+    result = solve_assembly(bar(elements, decay), steps, method=method)
+    assert result.converged.values.all()
+    assert result.iterations.values.max() <= 15
+    end = np.isclose(result.position.values[:, 0], LENGTH)
+    moved = result.displacement.values[-1, end, 0].mean()
     assert moved == pytest.approx(FORCE**2 / (2.0 * STIFFNESS * FRICTION), rel=0.02)

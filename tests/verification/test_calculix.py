@@ -44,11 +44,11 @@ def solve(folder, approach, pair):
         for n, (x, y) in enumerate(corners)
     )
     text = MODEL.format(nodes=nodes, stiff=STIFF, approach=approach, pair=pair, prints=PRINTS)
-    text += "".join(SHEAR.format(slip=one, prints=PRINTS) for one in SLIPS)
-    said = run_calculix(folder, [text])
+    text += "".join(SHEAR.format(slip=slip, prints=PRINTS) for slip in SLIPS)
+    output = run_calculix(folder, [text])
     number = r"\s+(-?\d\.\d+E[+-]\d+)"
-    moved = re.findall(rf"^\s+\d+{number * 3}$", said, re.MULTILINE)
-    force = re.findall(rf"total force.*\n\s*\n{number * 3}", said)
+    moved = re.findall(rf"^\s+\d+{number * 3}$", output, re.MULTILINE)
+    force = re.findall(rf"total force.*\n\s*\n{number * 3}", output)
     steps = len(SLIPS) + 1
     u = np.array(moved, dtype=float).reshape(-1, 16, 3)
     return u[-steps:], np.array(force, dtype=float)[-steps:]

@@ -90,7 +90,7 @@ def deck(assembly, case):
     lower = 0.6 * case.apart
     lines, facets = write_bodies(assembly, lower)
     shear = [f"{time:g}, {factor:g}" for time, factor in PATH]
-    pressed = [f"{i}, P{s}, {1e-6 * PRELOAD}" for one in facets for i, s in one["washer"]]
+    pressed = [f"{i}, P{s}, {1e-6 * PRELOAD}" for facet in facets for i, s in facet["washer"]]
     return [
         *lines,
         *("*MATERIAL, NAME=STEEL", "*ELASTIC", "210000., .3"),
@@ -112,8 +112,8 @@ def deck(assembly, case):
 
 def loop_of_calculix(assembly, case, out):
     """Times, and mean displacement of the pulled end along the pull, m."""
-    said = run_calculix(out, deck(assembly, case))
-    tables = re.split(r" displacements .* time +(\S+)\n", said)[1:]
+    output = run_calculix(out, deck(assembly, case))
+    tables = re.split(r" displacements .* time +(\S+)\n", output)[1:]
     times = np.array([float(time) for time in tables[::2]])
     u = np.array([np.loadtxt(table.split("\n"), usecols=1) for table in tables[1::2]])
     values, weight, _ = face_operator(assembly.bodies[1].basis, "end")

@@ -44,8 +44,8 @@ def plates(stiffness, elements):
         mesh = block(MeshTet, count, low, [*SIZE[:2], (k + 1) * SIZE[2]])
         loads = {("bottom", "top")[k]: (0.0, 0.0, press((1.0, -1.0)[k]))}
         loads |= {"right": (0.0, 0.0, push)} if k else {}
-        held = {} if k else {"left": (0.0, 0.0, 0.0)}
-        bodies.append(Body(mesh, Elastic(210e9, 0.3), held, loads, element_of_order(mesh, 2)))
+        fixed = {} if k else {"left": (0.0, 0.0, 0.0)}
+        bodies.append(Body(mesh, Elastic(210e9, 0.3), fixed, loads, element_of_order(mesh, 2)))
     normal = Tabulated(np.array([0.0, stiffness]), np.array([0.0, -1.0]))
     law = Sliders(normal, FRICTION, RATIO, pressures=(1.0, 1e9))
     return Assembly(bodies, (Interface((0, 1), ("top", "bottom"), law),), times=(1.0, 2.0))
@@ -66,8 +66,8 @@ def deck(assembly, joint):
         part = (mesh, k, "C3D10", 1e3 * x, nodes, FACES, first, ("top", "bottom")[k])
         more, _, first = write_body(*part)
         lines += more
-    held = starts[0] + assembly.bodies[0].nodes("left")
-    lines += ["*NSET, NSET=HELD", *map(str, held)]
+    fixed = starts[0] + assembly.bodies[0].nodes("left")
+    lines += ["*NSET, NSET=HELD", *map(str, fixed)]
     lines += [
         "*MATERIAL, NAME=STEEL",
         "*ELASTIC",
@@ -90,11 +90,11 @@ def by_calculix(assembly, joint, folder):
     """Mean displacement of the pushed face by the push, m, and the first frequencies, Hz."""
     statics, modes = run_calculix(folder, deck(assembly, joint)).split("E I G E N", 1)
     tables = re.split(r" displacements .*\n", statics)[1:]
-    u = [np.loadtxt(one.splitlines(), usecols=3) for one in (tables[0], tables[-1])]
+    u = [np.loadtxt(item.splitlines(), usecols=3) for item in (tables[0], tables[-1])]
     upper = assembly.bodies[1]
     force = np.subtract(*(load_vector(upper, time)[2::3] for time in (2.0, 1.0)))
-    found = re.findall(r"^ +\d+ .* (\S+) +\S+ *$", modes.split("P A R T")[0], re.MULTILINE)
-    return 1e-3 * force @ (u[1] - u[0]) / PUSH, np.array(found[:3], dtype=float)
+    matches = re.findall(r"^ +\d+ .* (\S+) +\S+ *$", modes.split("P A R T")[0], re.MULTILINE)
+    return 1e-3 * force @ (u[1] - u[0]) / PUSH, np.array(matches[:3], dtype=float)
 
 
 @pytest.mark.parametrize(
@@ -121,12 +121,12 @@ def test_stiffness_and_modes_of_pressed_plates_are_those_of_calculix(
 ):
     assembly = plates(stiffness, elements)
     path = np.array([[1.0, 0.0], [0.0, 1.0]])
-    found = solve_assembly(assembly, path, method=AssembledNewton())
-    assert found.converged.values.all()
-    assert found.traction.values[..., 0].max() < 0.0  # closed everywhere
-    own = found.displacement.values[:, assembly.bodies[0].basis.N :, 2]
+    result = solve_assembly(assembly, path, method=AssembledNewton())
+    assert result.converged.values.all()
+    assert result.traction.values[..., 0].max() < 0.0  # closed everywhere
+    direct = result.displacement.values[:, assembly.bodies[0].basis.N :, 2]
     force = np.subtract(*(load_vector(assembly.bodies[1], time)[2::3] for time in (2.0, 1.0)))
-    moved = force @ (own[1] - own[0]) / PUSH
+    moved = force @ (direct[1] - direct[0]) / PUSH
     rest = press_structure(assembly, path[:1])
     mass = structure_mass(rest.free, assembly.bodies, [DENSITY] * 2)
     frequency = tangent_modes(rest.free, rest.tangent(), mass, 3).frequency

@@ -67,9 +67,9 @@ def test_spots_conduct_as_the_stiffness_of_the_interface_says(half_space):
     cell = flat_cell(surface, YOUNG, NU)
     for pressure in (4e7, 1e8, 2e8):
         around = pressure * np.array([0.99, 1.0, 1.01])
-        found = solve_cell(cell, Path(pressure=tuple(around)), keep_fields=True)
-        gap = np.ravel(found["mean_gap"].values)
+        response = solve_cell(cell, Path(pressure=tuple(around)), keep_fields=True)
+        gap = np.ravel(response["mean_gap"].values)
         stiffness = -(around[2] - around[0]) / (gap[2] - gap[0])
-        touching = np.squeeze(found["pressure"].values)[1] > 0.0
+        touching = np.squeeze(response["pressure"].values)[1] > 0.0
         expected = CONTACT_MODULUS / (2.0 * stiffness)
         assert constriction(half_space, touching) == pytest.approx(expected, rel=0.02)

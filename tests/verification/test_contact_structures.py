@@ -128,10 +128,10 @@ def billet(friction, law, *, squeeze=0.35, steps=10, elements=(3, 4)):
     s, t, z = unit.p
     place = [radius * s * np.sqrt(1 - t**2 / 2), radius * t * np.sqrt(1 - s**2 / 2), height * z]
     mesh = scenes.moved(unit, place)
-    held = {"x": (0.0, None, None), "y": (None, 0.0, None), "middle": (None, None, 0.0)}
+    fixed = {"x": (0.0, None, None), "y": (None, 0.0, None), "middle": (None, None, 0.0)}
     plate = RigidPlane((0, 0, height), (0, 0, -1), motion=(0.0, 0.0, -squeeze * height))
     contact = Contact(("billet", "upper"), plate, friction, finite_sliding=True)
-    problem = FiniteAssembly({"billet": Body(mesh, law, held)}, {"plate": contact})
+    problem = FiniteAssembly({"billet": Body(mesh, law, fixed)}, {"plate": contact})
     times = np.linspace(0.0, 1.0, steps + 1)[1:]
     return [step.unwrap() for step in solve_contact(problem, times, tolerance=1e-8)], mesh
 
@@ -187,9 +187,9 @@ def test_a_rubber_billet_is_squeezed_by_a_third():
     # rubber gives the work back: without friction the force follows the elastic energy
     elastic, _ = billet(0.0, NeoHookean(2e6, 0.49), steps=4)
     stretch = 1.0 - 0.35
-    found = elastic[-1].contact["plate"].force[2] / (np.pi * 1e-4 / 4.0)
+    computed = elastic[-1].contact["plate"].force[2] / (np.pi * 1e-4 / 4.0)
     incompressible = 2e6 / (2.0 * 1.49) * (1.0 / stretch**2 - stretch)
-    assert found == pytest.approx(incompressible, rel=0.05)
+    assert computed == pytest.approx(incompressible, rel=0.05)
 
 
 def ironing(friction, *, swapped=False):
@@ -302,13 +302,13 @@ def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth)
     closed = surface.pressure > 0.0
     slips = closed & (shear > (1.0 - 1e-6) * friction * surface.pressure)
     edge = 0.5 * (r[closed & ~slips].max() + r[slips].min())
-    found = edge / scenes.moment_radius(r, surface.pressure, surface.area)
+    computed = edge / scenes.moment_radius(r, surface.pressure, surface.area)
     expected = spence.punch_with_friction(friction, 0.3, rings=400)[0]
-    assert found == pytest.approx(expected, rel=0.05)
+    assert computed == pytest.approx(expected, rel=0.05)
     # .9186 and .9917 in the validation plan, whose formula leaves out the effect of shear on
     # pressure; at .1 that alone takes 11 % off its .2240
     if friction > 0.1:
-        assert found == pytest.approx(mindlin.spence_stick_radius(friction, 0.3), rel=0.05)
+        assert computed == pytest.approx(mindlin.spence_stick_radius(friction, 0.3), rel=0.05)
 
 
 def test_a_graph_presses_like_the_sphere_that_it_follows():
@@ -341,8 +341,8 @@ def press_fit(facets, **how):
         "shaft": scenes.quarter_ring(MeshQuad, 8, facets[0] // 4, a, b + built),
         "hub": scenes.quarter_ring(MeshQuad, 12, facets[1] // 4, b, c),
     }
-    held = {"x": (None, 0.0), "y": (0.0, None)}
-    rings = {name: Body(mesh, Elastic(E, nu), held) for name, mesh in bodies.items()}
+    fixed = {"x": (None, 0.0), "y": (0.0, None)}
+    rings = {name: Body(mesh, Elastic(E, nu), fixed) for name, mesh in bodies.items()}
     contact = Contact(("shaft", "outside"), ("hub", "inside"), **how)
     step = solve_contact(FiniteAssembly(rings, {"fit": contact}))[-1].unwrap()
     shape = (c**2 + b**2) / (c**2 - b**2) + (b**2 + a**2) / (b**2 - a**2)

@@ -75,9 +75,11 @@ def press(number, scene):
 
 
 def values_of(law, pressure):
-    one = law_from_dataset(law)
-    gap = one.gap_at(pressure)
-    return np.array([gap, area_from_dataset(law).contact_fraction(pressure), one.stiffness(gap)])
+    single_law = law_from_dataset(law)
+    gap = single_law.gap_at(pressure)
+    return np.array(
+        [gap, area_from_dataset(law).contact_fraction(pressure), single_law.stiffness(gap)]
+    )
 
 
 def coverage(number, scene, sizes):
@@ -91,7 +93,7 @@ def coverage(number, scene, sizes):
         for name in ("mean_gap", "contact_fraction")
     )
     truth = np.array([gap, area, values_of(fit_law(many, n_samples=0), pressure)[2]])
-    found = []
+    results = []
     for n in sizes:
         covered = []
         for first in range(TRUTH, TRUTH + OTHERS, n):
@@ -99,17 +101,17 @@ def coverage(number, scene, sizes):
             law = fit_law(few, family=scene.family, n_samples=0)
             value, total = values_of(law, pressure), error_budget(few, law)["error_total"].values
             covered.append(np.abs(value - truth) <= total * np.abs(value))
-        found.append(np.mean(covered, axis=(0, 2)))
-    return np.array(found)
+        results.append(np.mean(covered, axis=(0, 2)))
+    return np.array(results)
 
 
 @pytest.mark.long
 def test_totals_of_three_to_six_realisations_hold_in_95_of_100():
     """The interval of the coverage over the scenes contains .95 for each quantity and number."""
     sizes = (3, 4, 5, 6)
-    found = np.array([coverage(k, scene, sizes) for k, scene in enumerate(SCENES)])
-    mean = found.mean(axis=0)
-    half = 2.2622 * found.std(axis=0, ddof=1) / np.sqrt(len(SCENES))
+    result = np.array([coverage(k, scene, sizes) for k, scene in enumerate(SCENES)])
+    mean = result.mean(axis=0)
+    half = 2.2622 * result.std(axis=0, ddof=1) / np.sqrt(len(SCENES))
     logging.getLogger(__name__).info(
         "coverage of %s by %s: %s +- %s", QUANTITIES, sizes, mean, half
     )

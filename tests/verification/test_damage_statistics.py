@@ -44,16 +44,16 @@ def section_deviation(porosity, length):
 
 def sections(porosity, length, *, voxels):
     """Damage of axis sections, shape (realisations, axes, sections)."""
-    found = []
+    results = []
     for seed in range(REALISATIONS):
         rve = boolean_spheres((length,) * 3, RADIUS, porosity=porosity, seed=seed)
         if voxels:
             void = voxelise(rve, voxels).void
-            found.append([void.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1))])
+            results.append([void.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1))])
         else:
             offset = length * ((np.arange(6 * length) + 0.5) / (6 * length) - 0.5)
-            found.append([plane_damage(rve, axis, offset) for axis in np.eye(3)])
-    return np.array(found)
+            results.append([plane_damage(rve, axis, offset) for axis in np.eye(3)])
+    return np.array(results)
 
 
 @pytest.mark.parametrize(

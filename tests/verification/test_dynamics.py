@@ -43,13 +43,13 @@ def mass_on_cable(time, stiffness=1000.0, fall=0.1):
     """Exact height of 1 kg that falls into a cable, after one period at most."""
     frequency, speed = np.sqrt(stiffness), np.sqrt(2.0 * GRAVITY * fall)
     falling = np.sqrt(2.0 * fall / GRAVITY)
-    held = 2.0 / frequency * (np.pi - np.arctan(speed * frequency / GRAVITY))
+    fixed = 2.0 / frequency * (np.pi - np.arctan(speed * frequency / GRAVITY))
     if time < falling:
         return fall - 0.5 * GRAVITY * time**2
-    if time < falling + held:
+    if time < falling + fixed:
         s = frequency * (time - falling)
         return -GRAVITY / stiffness * (1.0 - np.cos(s)) - speed / frequency * np.sin(s)
-    s = time - falling - held
+    s = time - falling - fixed
     return speed * s - 0.5 * GRAVITY * s**2
 
 

@@ -81,8 +81,8 @@ def test_grains_without_friction_jam_isostatically(planar, number, fraction):
     assert packing.attrs["failure"] == ""
     assert packing.attrs["stress_error"] == pytest.approx(0.0, abs=1e-3)
     ends, _, _ = granulate.network(packing)
-    found, _ = granulate.coordination(ends, n, rattlers_below=3 if planar else 4)
-    assert found == pytest.approx(number, rel=0.03)
+    computed, _ = granulate.coordination(ends, n, rattlers_below=3 if planar else 4)
+    assert computed == pytest.approx(number, rel=0.03)
     assert packing.attrs["solid_fraction"] == pytest.approx(fraction, rel=0.03)
 
 

@@ -174,22 +174,22 @@ def limit_of(large, grids, hurst):
         between = np.interp(np.log(CLOSE), np.log(PRESSURE), factor)
         large[name] = large[name].copy(data=large[name].values * between)
     law = fit_law(large, n_samples=0)
-    one = law_from_dataset(law)
+    single_law = law_from_dataset(law)
     gap, area = (mean_of(large, name)[1::2] for name in ("mean_gap", "contact_fraction"))
-    cells = np.array([gap, area, one.stiffness(one.gap_at(PRESSURE))])
-    return Truth(height, cells, joint_stiffness(one, elements=16))
+    cells = np.array([gap, area, single_law.stiffness(single_law.gap_at(PRESSURE))])
+    return Truth(height, cells, joint_stiffness(single_law, elements=16))
 
 
 def values_of(law):
-    one, area = law_from_dataset(law), area_from_dataset(law)
-    gap = one.gap_at(PRESSURE)
-    return np.array([gap, area.contact_fraction(PRESSURE), one.stiffness(gap)])
+    first, area = law_from_dataset(law), area_from_dataset(law)
+    gap = first.gap_at(PRESSURE)
+    return np.array([gap, area.contact_fraction(PRESSURE), first.stiffness(gap)])
 
 
 def judge(scene, truth):
     """Signed errors and stated half-widths of one scene, by what they are of."""
-    sizes = {ratio: at_rms_height(one, truth.height) for ratio, one in scene.sizes.items()}
-    grids = {ratio: at_rms_height(one, truth.height) for ratio, one in scene.grids.items()}
+    sizes = {ratio: at_rms_height(number, truth.height) for ratio, number in scene.sizes.items()}
+    grids = {ratio: at_rms_height(number, truth.height) for ratio, number in scene.grids.items()}
     response = at_rms_height(scene.response, truth.height)
     terms = {
         "cell size": size_term(response, sizes, apart=True),
@@ -197,10 +197,10 @@ def judge(scene, truth):
     }
     response = without_bias(response, *terms.values())
     law = fit_law(response, n_samples=0)
-    known = {name: one.taken_out("other cells") for name, one in terms.items()}
+    known = {name: number.taken_out("other cells") for name, number in terms.items()}
     budget = error_budget(response, law, sizes=sizes, apart=True, known=known)
     error = values_of(law) / truth.cells - 1.0
-    found = {
+    results = {
         name: (error[k], budget["error_total"].values[k])
         for k, name in enumerate(("gap", "contact fraction", "stiffness"))
     }
@@ -212,7 +212,7 @@ def judge(scene, truth):
     sources = [*law_sources(law, PRELOAD), mesh]
     joint = propagate("joint_stiffness", sources, joint_stiffness, value)
     error = value / truth.joint - 1.0
-    found["joint stiffness"] = (error, joint["error_total"].values[0])
+    results["joint stiffness"] = (error, joint["error_total"].values[0])
 
     gaps, fields = wave_gaps(mean_law)
     slopes = [np.gradient(np.tile(field, 3), LENGTH / field.size) for field in fields]
@@ -221,9 +221,9 @@ def judge(scene, truth):
     pressure = np.sum(fields**2, axis=1) / np.sum(fields, axis=1)
     mesh = Knob(name="elements", ratios=(2.0,), answers=[wave_gaps(mean_law, 32)[0]])
     sources = [*law_sources(law, pressure), mesh]
-    wave = propagate("mean_gap", sources, lambda one: wave_gaps(one)[0], gaps)
-    found["gap of the wave"] = (gaps / scene.wave - 1.0, wave["error_total"].values[0])
-    return found
+    wave = propagate("mean_gap", sources, lambda item: wave_gaps(item)[0], gaps)
+    results["gap of the wave"] = (gaps / scene.wave - 1.0, wave["error_total"].values[0])
+    return results
 
 
 @pytest.mark.long

@@ -26,10 +26,10 @@ JOINTS = 20
 
 def laws(factor):
     """Exponential laws with factors of their decay length, K = p / u, as those of the cells."""
-    one = Exponential(2e9, 0.2e-6, pressure_range=(1e6, 2e8))
+    law = Exponential(2e9, 0.2e-6, pressure_range=(1e6, 2e8))
     return [
         Sliders(
-            replace(one, decay_length=each * one.decay_length),
+            replace(law, decay_length=each * law.decay_length),
             0.2,
             stiffness_ratio=2.0 * 0.7 / 1.7,  # of alike bodies, as the case assumes
             pressures=(1e6, 3e7),
@@ -55,15 +55,15 @@ def true_joint(factor):
         names = tuple(f"{boundary}{k}" for boundary in face.boundaries)
         parts.append(replace(face, boundaries=names, law=law))
     assembly = replace(whole, bodies=tuple(bodies), interfaces=tuple(parts))
-    found = load_joint(
+    result = load_joint(
         assembly, JointLoading((10e6,), 1e6, cycles=1, steps=4), method=LatinMethod(tolerance=1e-7)
     )
-    assert found["converged"].values.all()
-    return answers_of(found)
+    assert result["converged"].values.all()
+    return answers_of(result)
 
 
-def answers_of(found):
-    return np.array([float(found[name][0 if name.endswith("ness") else -1]) for name in ANSWERS])
+def answers_of(result):
+    return np.array([float(result[name][0 if name.endswith("ness") else -1]) for name in ANSWERS])
 
 
 @pytest.mark.long
@@ -73,17 +73,17 @@ def test_both_intervals_hold_the_truth_of_joints_as_often_as_they_say(tmp_path):
     The facets of 4 mm hold four cells of 2 mm each; cells scatter by 6 %, of which the law has 12.
     """
     mean = true_joint(np.ones(25))
-    held = np.zeros((JOINTS, 2, len(ANSWERS)), dtype=bool)
+    total = np.zeros((JOINTS, 2, len(ANSWERS)), dtype=bool)
     for k in range(JOINTS):
         write_cells(tmp_path / "law.nc", seed=100 + k)
-        found = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
+        result = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
         field = 1.0 + 0.06 * np.random.default_rng(k).standard_normal((25, 4)).mean(axis=1)
         for row, (kind, truth) in enumerate((("mean_law", mean), ("one_part", true_joint(field)))):
             for column, name in enumerate(ANSWERS):
                 at = 0 if name.endswith("ness") else -1
-                low, high = found[f"{name}_{kind}"].values[:, at]
-                held[k, row, column] = low <= truth[column] <= high
-        logging.getLogger(__name__).info("%d %s", k, held[: k + 1].mean(axis=0).tolist())
-    share = held.mean(axis=0)
+                low, high = result[f"{name}_{kind}"].values[:, at]
+                total[k, row, column] = low <= truth[column] <= high
+        logging.getLogger(__name__).info("%d %s", k, total[: k + 1].mean(axis=0).tolist())
+    share = total.mean(axis=0)
     assert np.all(share >= 0.85)
-    assert held.mean() >= 0.9
+    assert total.mean() >= 0.9

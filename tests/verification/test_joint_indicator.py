@@ -84,7 +84,7 @@ def effectivities(scene):
     K = solver.iteration.stack.stiffness
     whole = AssembledNewton().solve(problem, np.eye(len(TIMES)))
     numbers = np.concatenate([part.unknown for part in problem.substructures])
-    found = []
+    results = []
     for step in range(len(TIMES)):
         u = problem.unknowns(whole["displacement"].values[step])[numbers]
         jump, traction = (whole[name].values[step].T for name in ("jump", "traction"))
@@ -98,10 +98,10 @@ def effectivities(scene):
         judged.clear()
         answer = solver.step(state, np.eye(len(TIMES))[step])
         state, _ = state.advance(problem.law, answer.unknowns, answer.jump, answer.traction)
-        for one in judged:
-            error = norm(one.stressed - u, one.traction - traction)
-            found.append((error / norm(u, traction), one.estimate.error / error))
-    error, effectivity = np.array(found).T
+        for item in judged:
+            error = norm(item.stressed - u, item.traction - traction)
+            results.append((error / norm(u, traction), item.estimate.error / error))
+    error, effectivity = np.array(results).T
     assert error.size > 5 * 6
     return error[error >= 1e-7], effectivity[error >= 1e-7]
 
@@ -111,7 +111,7 @@ LEAST = {"stiff law, much friction": 0.15}  # least effectivity, if it is not 0.
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(one, marks=[pytest.mark.slow] * (one != "stiff law")) for one in SCENES],
+    [pytest.param(scene, marks=[pytest.mark.slow] * (scene != "stiff law")) for scene in SCENES],
 )
 def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
     error, effectivity = effectivities(SCENES[name])

@@ -30,8 +30,8 @@ def pressures(bulk, approaches):
 def test_neo_hookean_pressures_are_those_of_the_independent_code():
     # an independent implementation on the same mesh, to all its digits
     expected = [4.92230658e-4, 2.69177554e-3, 8.13993483e-3, 1.67685398e-2]
-    found, _ = pressures(NeoHookean(1.0, 0.3), (0.004, 0.01, 0.02, 0.03))
-    np.testing.assert_allclose(found, expected, rtol=1e-7)
+    computed, _ = pressures(NeoHookean(1.0, 0.3), (0.004, 0.01, 0.02, 0.03))
+    np.testing.assert_allclose(computed, expected, rtol=1e-7)
 
 
 @pytest.mark.slow
@@ -39,9 +39,9 @@ def test_neo_hookean_pressures_are_those_of_the_independent_code():
 def test_plastic_pressures_are_those_of_the_independent_code():
     expected = [3.107378e-4, 8.824388e-4, 2.703120e-3, 5.289840e-3]
     approaches = tuple(0.002 * np.arange(1, 16))  # the increments belong to the answer
-    found, response = pressures(J2(1.0, 0.3, 1.0 / 200.0, 0.01), approaches)
+    computed, response = pressures(J2(1.0, 0.3, 1.0 / 200.0, 0.01), approaches)
     assert np.all(response["increments"] == 1.0)
-    np.testing.assert_allclose(found[[1, 4, 9, 14]], expected, rtol=1e-6)
+    np.testing.assert_allclose(computed[[1, 4, 9, 14]], expected, rtol=1e-6)
 
 
 def test_rubber_on_a_fine_grid_takes_few_iterations():
@@ -69,9 +69,9 @@ def test_plastic_increments_take_few_iterations():
 @pytest.mark.usefixtures("uniform_layers")
 def test_plastic_pressures_tend_to_a_limit_as_increments_shrink():
     law = J2(1.0, 0.3, 1.0 / 200.0, 0.01)
-    found = [pressures(law, tuple(np.linspace(0.0, 0.01, k + 1)[1:]))[0][-1] for k in (5, 10, 20)]
-    first, second = found[1] - found[0], found[2] - found[1]
-    limit = found[2] + second
+    results = [pressures(law, tuple(np.linspace(0.0, 0.01, k + 1)[1:]))[0][-1] for k in (5, 10, 20)]
+    first, second = results[1] - results[0], results[2] - results[1]
+    limit = results[2] + second
     assert abs(second) < 0.8 * abs(first)
     assert limit == pytest.approx(8.8559e-4, rel=0.01)  # quartered steps of the independent code
 

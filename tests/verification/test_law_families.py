@@ -131,8 +131,10 @@ def test_parameters_are_recovered_from_exact_data(family, quantity, conditions, 
     assert fit.attrs["admissible"] == 1, fit.attrs["admissibility"]
     assert fit.attrs["maximum_fit_error"] < 1e-5
     assert fit.attrs["cross_validated_error"] < 1e-4
-    found = fitted_law(fit, family=name_of(family))
-    np.testing.assert_allclose(QUANTITIES[quantity].predict(found, *conditions), values, rtol=1e-5)
+    single_law = fitted_law(fit, family=name_of(family))
+    np.testing.assert_allclose(
+        QUANTITIES[quantity].predict(single_law, *conditions), values, rtol=1e-5
+    )
 
 
 def test_friction_that_no_speed_changes_has_samples_of_a_law_with_a_speed():
@@ -150,23 +152,23 @@ def test_bands_cover_the_true_law(family, quantity, conditions, law, names):
     random = np.random.default_rng(seed=5)
     truth = QUANTITIES[quantity].predict(law, *conditions)
     at = [0, truth.size // 2, truth.size - 1]
-    inside, found = [], []
+    inside, computed = [], []
     for repeat in range(200):
         seen = observe(quantity, conditions, noisy(random, truth))
         fit = fit_law(seen, family=family, seed=repeat)
         low, high = law_band(
             fit,
-            lambda one: QUANTITIES[quantity].predict(one, *(part[at] for part in conditions)),
+            lambda item: QUANTITIES[quantity].predict(item, *(part[at] for part in conditions)),
             family=name_of(family),
         )
         ends = np.percentile([fit[f"{name}_sample"] for name in names], [2.5, 97.5], axis=1)
         parameters = np.array([getattr(law, name) for name in names])
-        held = (low <= truth[at]) & (truth[at] <= high)
-        inside.append(np.append(held, (ends[0] <= parameters) & (parameters <= ends[1])))
-        found.append([float(fit[name]) / getattr(law, name) - 1.0 for name in names])
+        fixed = (low <= truth[at]) & (truth[at] <= high)
+        inside.append(np.append(fixed, (ends[0] <= parameters) & (parameters <= ends[1])))
+        computed.append([float(fit[name]) / getattr(law, name) - 1.0 for name in names])
     if quantity == "normal_stiffness":  # the datum of the gap is a convention, not an estimate
         inside = np.delete(inside, 3 + names.index("pressure_scale"), axis=1)
-    coverage, error = np.mean(inside, axis=0), np.array(found)
+    coverage, error = np.mean(inside, axis=0), np.array(computed)
     assert 0.88 <= coverage.mean() <= 0.97, coverage
     assert np.all((coverage >= 0.88) & (coverage <= 0.985)), coverage  # of 200: .95 +- .015
     assert np.all(np.abs(error.mean(axis=0)) < 0.005), error.mean(axis=0)
@@ -181,7 +183,7 @@ def test_bands_of_the_area_law_cover_the_true_area():
     for repeat in range(200):
         fit = fit_law(observe("contact_fraction", PRESSURE, noisy(random, truth)), seed=repeat)
         knot = fit["area_pressure"].values
-        laws = [AreaLaw(knot, one) for one in fit["area_fraction_sample"].values]
+        laws = [AreaLaw(knot, value) for value in fit["area_fraction_sample"].values]
         samples = [law.contact_fraction(between) for law in laws]
         low, high = np.percentile(samples, [2.5, 97.5], axis=0)
         exact = ErrorFunctionArea(3e8).contact_fraction(between)
@@ -201,7 +203,7 @@ def test_bands_from_single_measurements_cover_the_true_stiffness(family):
         noisy = truth * (1.0 + 0.05 * random.standard_normal(30))
         fit = fit_law(observe("normal_stiffness", pressure, noisy), family=family, seed=repeat)
         assert "residuals" in fit.attrs["uncertainty"]
-        low, high = law_band(fit, lambda one: one.stiffness(one.gap_at(at)))
+        low, high = law_band(fit, lambda item: item.stiffness(item.gap_at(at)))
         exact = law.stiffness(law.gap_at(at))
         inside.append((low <= exact) & (exact <= high))
     coverage = np.mean(inside, axis=0)

@@ -136,18 +136,18 @@ def test_bootstrap_bands_cover_the_true_law(n_realisations):
     pressure, at = np.geomspace(0.005, 0.1, 8), np.array([0.008, 0.03, 0.08])
     u = 0.45 * np.log(0.4 / pressure)
     truth = np.array([0.45, *at, *(0.45 * np.log(0.4 / at))])
-    inside, found = [], []
+    inside, computed = [], []
     for repeat in range(n_repeats):
         gap = u * (1.0 + 0.03 * random.standard_normal((n_realisations, 1)))
         gap += 0.01 * random.standard_normal((n_realisations, 8))
         dataset = fit_law(response_of(gap, pressure), seed=repeat)
         knot, drawn = dataset["knot"].values, dataset["coefficient_sample"].values
-        samples = [quantities(ConvexDecreasing(knot, one), at) for one in drawn]
+        samples = [quantities(ConvexDecreasing(knot, sample), at) for sample in drawn]
         low, high = np.percentile(samples, [2.5, 97.5], axis=0)
         inside.append((low <= truth) & (truth <= high))
-        found.append(quantities(law_from_dataset(dataset), at))
-    coverage, bias = np.mean(inside, axis=0), np.mean(found, axis=0) / truth - 1.0
+        computed.append(quantities(law_from_dataset(dataset), at))
+    coverage, bias = np.mean(inside, axis=0), np.mean(computed, axis=0) / truth - 1.0
     assert np.all((coverage >= 0.88) & (coverage <= 0.97)), coverage
     assert np.all(np.abs(bias) < 0.02), bias
     if n_realisations == 20:
-        assert np.std(found, axis=0)[0] / 0.45 < 0.02
+        assert np.std(computed, axis=0)[0] / 0.45 < 0.02

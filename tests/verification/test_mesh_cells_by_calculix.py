@@ -74,10 +74,10 @@ def deck(cell, moved):
     return [*lines, "*NODE PRINT, NSET=ALL", "U,RF", "*END STEP"]
 
 
-def read_tables(said):
+def read_tables(sentence):
     """Displacements and reactions of all nodes, shape (nodes, 3)."""
     tables, rows = [], []
-    for line in [*said.splitlines(), "end of tables"]:
+    for line in [*sentence.splitlines(), "end of tables"]:
         words = line.split()
         if len(words) == 4 and words[0].isdigit():
             rows.append([float(word) for word in words[1:]])
@@ -99,11 +99,11 @@ def test_calculix_finds_the_same_contact_forces(kind, tmp_path):
     points = mesh.basis.doflocs
     top = np.unique(cell.mesh.facets[:, cell.mesh.boundaries["top"]])
     gap = points[2, top].max() - points[2, top]
-    held = {top[k]: gap[k] - APPROACH for k in np.flatnonzero(state.active)}
-    assert 4 < len(held) < 49
+    fixed = {top[k]: gap[k] - APPROACH for k in np.flatnonzero(state.active)}
+    assert 4 < len(fixed) < 49
 
-    displacement, reaction = read_tables(run_calculix(tmp_path, deck(cell, held)))
-    contact = -reaction[list(held), 2]
+    displacement, reaction = read_tables(run_calculix(tmp_path, deck(cell, fixed)))
+    contact = -reaction[list(fixed), 2]
     assert contact.sum() == pytest.approx(force, rel=1e-5)
     np.testing.assert_allclose(contact, state.force[state.active], atol=1e-4 * contact.max())
     # so the other code's contact is contact: it pushes, and nothing else penetrates

@@ -34,8 +34,8 @@ def press(k, points=POINTS, **options):
     """Gap and contact fraction of a cell, (2, pressures)."""
     surface = rough_square(points, EDGE / 2, EDGE / 4, SLOPE, seed=k, size=EDGE)
     cell = Cell(surface, EDGE, 4, MODULUS, NU, **options)
-    found = solve_cell(cell, Path(pressure=tuple(PRESSURE)), tolerance=1e-3)
-    return np.array([found[name].values[0] for name in ("mean_gap", "contact_fraction")])
+    response = solve_cell(cell, Path(pressure=tuple(PRESSURE)), tolerance=1e-3)
+    return np.array([response[name].values[0] for name in ("mean_gap", "contact_fraction")])
 
 
 def shear(k):
@@ -46,11 +46,11 @@ def shear(k):
     ways = np.cumsum(0.005 * FRICTION * pressure * EDGE / E_STAR)
     slide = np.ravel([np.append(0.0, ways[:-1]), ways], order="F")
     path = Path(
-        pressure=tuple(np.repeat(pressure, 2)), slide=tuple((float(one), 0.0) for one in slide)
+        pressure=tuple(np.repeat(pressure, 2)), slide=tuple((float(cells), 0.0) for cells in slide)
     )
-    found = solve_cell(cell, path, tolerance=1e-6)
+    response = solve_cell(cell, path, tolerance=1e-6)
     jump, traction = (
-        np.diff(found[name].values[0, :, 1])[::2] for name in ("displacement_jump", "traction")
+        np.diff(response[name].values[0, :, 1])[::2] for name in ("displacement_jump", "traction")
     )
     return traction / jump
 
@@ -103,9 +103,9 @@ def pools():
 
 def interval(dear, cheap):
     """Mean and half-width by both ensembles, or by the dear cells alone."""
-    found = Control.of(dear, cheap)
-    parts = ((dear, len(dear) - 1),) if found is None else found.ensembles
-    mean = dear.mean(axis=0) if found is None else found.mean
+    estimate = Control.of(dear, cheap)
+    parts = ((dear, len(dear) - 1),) if estimate is None else estimate.ensembles
+    mean = dear.mean(axis=0) if estimate is None else estimate.mean
     halves = [
         t.ppf(0.975, free) * rows.std(axis=0, ddof=1) / len(rows) ** 0.5 for rows, free in parts
     ]
@@ -127,7 +127,7 @@ def test_few_dear_cells_and_many_flat_ones_err_less_for_the_time_and_their_bands
             with_control.append(mean / truth - 1.0)
             mean, half = interval(*pool.draw(random, DRAWN, ratio))
             inside.append(np.abs(mean - truth) <= half)
-        error, less = (np.sqrt(np.mean(np.square(one))) for one in (plain, with_control))
+        error, less = (np.sqrt(np.mean(np.square(item))) for item in (plain, with_control))
         logging.getLogger(__name__).warning(
             "| %s | %.4f | %d + %d | %.2f | %.2f | %.1f | %.1f |",
             *(name, correlation, drawn, round(ratio * drawn)),

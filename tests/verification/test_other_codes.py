@@ -78,15 +78,15 @@ def test_on_the_same_mesh_with_contact_at_nodes_getfem_finds_the_same_forces(bul
 
 
 def test_rubber_presses_as_in_getfem_and_calculix():
-    found = forces(32, 12, RUBBER)
-    np.testing.assert_allclose(found, GETFEM_RUBBER, rtol=5e-3)
-    np.testing.assert_allclose(found, CALCULIX_RUBBER, rtol=2e-2)
+    force = forces(32, 12, RUBBER)
+    np.testing.assert_allclose(force, GETFEM_RUBBER, rtol=5e-3)
+    np.testing.assert_allclose(force, CALCULIX_RUBBER, rtol=2e-2)
 
 
 @pytest.mark.slow
 def test_metal_presses_as_in_getfem_and_calculix():
-    found = forces(32, 12, METAL)
-    np.testing.assert_allclose(found, GETFEM_METAL, rtol=1e-2)
+    force = forces(32, 12, METAL)
+    np.testing.assert_allclose(force, GETFEM_METAL, rtol=1e-2)
     # the block as a whole is compressed in the last step, where the volume energies part
-    np.testing.assert_allclose(found[:3], CALCULIX_METAL[:3], rtol=2e-2)
-    assert found[3] * OTHER_VOLUME == pytest.approx(CALCULIX_METAL[3], rel=1e-2)
+    np.testing.assert_allclose(force[:3], CALCULIX_METAL[:3], rtol=2e-2)
+    assert force[3] * OTHER_VOLUME == pytest.approx(CALCULIX_METAL[3], rel=1e-2)

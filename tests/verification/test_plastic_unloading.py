@@ -39,7 +39,7 @@ def test_cells_that_have_flowed_unload_stiffer_than_they_were_loaded():
     assert fitted.attrs["admissible"] == 1
     assert float(fitted["stiffness_ratio"]) > 1.05
     low, high = law_band(
-        fitted, lambda one: one.recovery(*seen.conditions), family=unloading_family(loading)
+        fitted, lambda item: item.recovery(*seen.conditions), family=unloading_family(loading)
     )
     law = fitted_law(fitted, family=unloading_family(loading))
     mean = seen.mean

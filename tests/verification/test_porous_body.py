@@ -45,7 +45,7 @@ def geometry(pores: Cavities) -> str:
         )
     if spheres:
         numbers = f"2:{len(spheres) + 1}"
-        solid, voids = (f"{{ Volume{{{one}}}; Delete; }}" for one in (1, numbers))
+        solid, voids = (f"{{ Volume{{{item}}}; Delete; }}" for item in (1, numbers))
         lines.append(f"BooleanDifference(5000) = {solid}{voids};")
     e = 1e-4
     for name, axis, at in (("left", 0, 0), ("front", 1, 0), ("bottom", 2, 0), ("top", 2, EDGE)):
@@ -72,10 +72,10 @@ def test_a_body_with_all_pores_lies_in_the_interval_of_its_volume(tmp_path):
     assert 1.0 - solid / (1e-3 * EDGE) ** 3 == pytest.approx(POROSITY, rel=0.05)
     whole = float(run(case, tmp_path / "direct")["macro_result"]["load_stiffness"][-1, 0])
     case = load_case(write_scene(tmp_path, 'title = "A volume"' + sequential))
-    found = run(case, tmp_path / "sequential")["macro_result"].isel(step=-1, load=0)
-    low, high = found["load_stiffness_one_part"].to_numpy()
+    part = run(case, tmp_path / "sequential")["macro_result"].isel(step=-1, load=0)
+    low, high = part["load_stiffness_one_part"].to_numpy()
     sound = 70e9 * 1e-3 * EDGE
     assert low < whole < high < sound
     assert high - low < 0.3 * whole
-    assert float(found["load_stiffness"]) == pytest.approx(whole, rel=0.05)
-    assert np.isfinite(found["error_total"].to_numpy()).all()
+    assert float(part["load_stiffness"]) == pytest.approx(whole, rel=0.05)
+    assert np.isfinite(part["error_total"].to_numpy()).all()

@@ -81,7 +81,7 @@ HALF_SPACE = {
 @pytest.fixture(scope="module")
 def ensembles():
     """Nayak parameter and (area, gap) by realisation and pressure, for each row of the table."""
-    found = {}
+    results = {}
     for long, short, n, realisations in HALF_SPACE:
         area, gap = [], []
         for seed in range(realisations):
@@ -89,8 +89,8 @@ def ensembles():
             response = press(surface, 0.1 * PRESSURES)
             area.append(response["contact_fraction"].values[0])
             gap.append(response["mean_gap"].values[0] / surface.heights.std())
-        found[long, short, n, realisations] = nayak_parameter(surface), np.array([area, gap])
-    return found
+        results[long, short, n, realisations] = nayak_parameter(surface), np.array([area, gap])
+    return results
 
 
 @pytest.mark.long
@@ -99,19 +99,19 @@ def test_ensembles_have_the_area_and_mean_gap_of_the_half_space(ensembles, row):
     area, gap = ensembles[row][1]
     published_area, published_gap, published_scatter = np.array(HALF_SPACE[row])
     # the table tells no scatter of its areas: taken to be that found here
-    for found, published, scatter in (
+    for computed, published, scatter in (
         (area, published_area, area.std(axis=0, ddof=1)),
         (gap, published_gap, published_scatter),
     ):
-        standard_error = np.hypot(found.std(axis=0, ddof=1), scatter) / np.sqrt(len(found))
-        difference = np.abs(found.mean(axis=0) - published)
+        standard_error = np.hypot(computed.std(axis=0, ddof=1), scatter) / np.sqrt(len(computed))
+        difference = np.abs(computed.mean(axis=0) - published)
         assert np.all(difference <= 0.04 * published + 2.0 * standard_error)
 
 
 @pytest.mark.long
 def test_the_contact_fraction_falls_with_the_breadth_of_the_spectrum(ensembles):
     nayak, kappa = np.array(
-        [(nayak, found[0, :, 1].mean() / PRESSURES[1]) for nayak, found in ensembles.values()]
+        [(nayak, computed[0, :, 1].mean() / PRESSURES[1]) for nayak, computed in ensembles.values()]
     ).T
     # the table has 2.30, 2.24, 2.15 and 2.09 for the Nayak parameters 1.8, 2.9, 5.5 and 17.8
     slope = np.polyfit(np.log(nayak), kappa, 1)[0]

@@ -27,7 +27,9 @@ def surface(seed):
 def response():
     """Four cells, each pressed and dragged until it slides, to and fro."""
     slide = np.repeat(np.cumsum([0.0, *(0.04 * EDGE * (-1.0) ** np.arange(4))]), 2)[1:-1]
-    path = Path(pressure=tuple(np.repeat(PRESSURE, 2)), slide=tuple((one, 0.0) for one in slide))
+    path = Path(
+        pressure=tuple(np.repeat(PRESSURE, 2)), slide=tuple((entry, 0.0) for entry in slide)
+    )
     cells = [
         Cell(surface(k), EDGE, 4, MODULUS, NU, friction_coefficient=FRICTION) for k in range(4)
     ]
@@ -42,7 +44,7 @@ def test_elastic_cells_slide_with_the_coefficient_of_their_points(response):
     law = fit_law(seen, family="coulomb", n_samples=100)
     assert law.attrs["admissible"] == 1
     assert float(law["friction_coefficient"]) == pytest.approx(FRICTION, rel=2e-3)
-    low, high = law_band(law, lambda one: one.coefficient(PRESSURE, np.zeros(4)))
+    low, high = law_band(law, lambda item: item.coefficient(PRESSURE, np.zeros(4)))
     assert np.all(high - low < 2e-3)
 
 
@@ -52,7 +54,7 @@ def test_rubber_on_rough_ground_gives_a_bell_over_speed_and_pressure():
     pressure, speed = np.array([0.1e6, 0.2e6, 0.4e6]), np.geomspace(3e-3, 1.0, 8)
     p, v = (grid.ravel() for grid in np.meshgrid(pressure, speed, indexing="ij"))
     values = [
-        [solve_sliding(surface(seed), rubber, *one).friction for one in zip(p, v, strict=True)]
+        [solve_sliding(surface(seed), rubber, *item).friction for item in zip(p, v, strict=True)]
         for seed in range(4)
     ]
     law = fit_law(observe("friction_coefficient", (p, v), values), family="bell", n_samples=100)
@@ -62,7 +64,7 @@ def test_rubber_on_rough_ground_gives_a_bell_over_speed_and_pressure():
     mean = np.mean(values, axis=0).reshape(3, 8)
     peak = speed[np.argmax(mean.mean(axis=0))]
     assert 0.5 < float(law["peak_speed"]) / peak < 2.0
-    low, high = law_band(law, lambda one: one.coefficient(p, v))
+    low, high = law_band(law, lambda item: item.coefficient(p, v))
     assert np.all(low > 0.0)
     assert np.mean((low <= mean.ravel()) & (mean.ravel() <= high)) > 0.5
 

@@ -21,12 +21,12 @@ def test_spots_of_ground_steel_are_those_of_its_shortest_wave_on_every_grid():
         micro = case.micro.model_copy(update={"realisations": 4})
         surfaces = make_surfaces(case.model_copy(update={"cell": cell, "micro": micro}))
         material, depth = composite_material(case), case.cell.given_depth
-        cells = [Cell(one, depth, 14, *material, geometry="flat") for one in surfaces]
+        cells = [Cell(surface, depth, 14, *material, geometry="flat") for surface in surfaces]
         area = run_ensemble(cells, Path(pressure=(240e6,)), keep_spots=True)["spot_area"].values
         area = area[np.isfinite(area)] / case.body_1.surface.short_cutoff**2
         means.append(area.mean())
         above = [area[area > least] / least for least in (1 / 64, 1 / 4, 1.0)]
-        exponents.append([1.0 / np.mean(np.log(one)) for one in above])
+        exponents.append([1.0 / np.mean(np.log(level)) for level in above])
     assert means[0] == pytest.approx(means[1], rel=0.06)
     assert 0.5 < means[1] < 1.1
     np.testing.assert_allclose(exponents[0], exponents[1], rtol=0.06)
@@ -43,8 +43,8 @@ def test_sizes_of_spots_fall_by_the_law_of_self_affine_islands(hurst):
     # estimator above a quarter of the shortest wave's square sees as a slightly steeper fall
     band = 0.5, 8.0 / POINTS, 0.1
     surfaces = [rough_square(POINTS, *band, seed=seed, hurst=hurst) for seed in range(6)]
-    found = press_flat(surfaces, (0.004,), keep_spots=True)
-    area = found["spot_area"].values.ravel() * POINTS**2
+    response = press_flat(surfaces, (0.004,), keep_spots=True)
+    area = response["spot_area"].values.ravel() * POINTS**2
     least = 16.0
     above = area[area > least]
     exponent = 1.0 / np.mean(np.log(above / least))

@@ -31,35 +31,35 @@ def body(bulk=None, modulus=1.0, layers=8):
 def test_two_equal_bodies_are_one_on_a_rigid_flat_half_way_between(bulk):
     """But for the splines of the second, which are not flat across the edge of a contact."""
     n, far = 16, 0.01
-    own, other = egg_box(n, 0.02), egg_box(n, -0.02)
+    direct, other = egg_box(n, 0.02), egg_box(n, -0.02)
     path = {"increments": 4}
-    one = solve_cell(Cell(own, 0.5, 8, 1.0, 0.3, bulk=bulk), Path(approach=(far,), **path))
+    response = solve_cell(Cell(direct, 0.5, 8, 1.0, 0.3, bulk=bulk), Path(approach=(far,), **path))
     two = solve_cell(
-        Cell(own, 0.5, 8, 1.0, 0.3, bulk=bulk, obstacle=other, opposite=body(bulk)),
+        Cell(direct, 0.5, 8, 1.0, 0.3, bulk=bulk, obstacle=other, opposite=body(bulk)),
         Path(approach=(2.0 * far,), **path),
     )
-    pressure = one["traction"].values[0, 0, 0]
+    pressure = response["traction"].values[0, 0, 0]
     assert two["traction"].values[0, 0, 0] == pytest.approx(pressure, rel=1e-3)
     np.testing.assert_allclose(two["traction"].values[0, 0, 1:], 0.0, atol=1e-7 * abs(pressure))
-    assert two["mean_gap"].values == pytest.approx(2.0 * one["mean_gap"].values, rel=1e-4)
+    assert two["mean_gap"].values == pytest.approx(2.0 * response["mean_gap"].values, rel=1e-4)
     np.testing.assert_allclose(
         two["displacement_jump"].values[0, 0, 0],
-        2.0 * one["displacement_jump"].values[0, 0, 0],
+        2.0 * response["displacement_jump"].values[0, 0, 0],
         rtol=1e-4,
     )
-    area = one["contact_fraction"].values
+    area = response["contact_fraction"].values
     assert two["contact_fraction"].values == pytest.approx(area, rel=5e-3)
 
 
 def test_two_equal_bodies_tend_to_one_at_third_order():
     errors = []
     for n, layers in ((8, 4), (16, 8), (32, 12)):
-        own = egg_box(n, 0.02)
-        one = Cell(own, 0.5, layers, 1.0, 0.3)
-        two = Cell(own, 0.5, layers, 1.0, 0.3, egg_box(n, -0.02), opposite=body(layers=layers))
+        direct = egg_box(n, 0.02)
+        entry = Cell(direct, 0.5, layers, 1.0, 0.3)
+        two = Cell(direct, 0.5, layers, 1.0, 0.3, egg_box(n, -0.02), opposite=body(layers=layers))
         pressure = [
             solve_cell(cell, Path(approach=(far,)))["traction"].values[0, 0, 0]
-            for cell, far in ((one, 0.01), (two, 0.02))
+            for cell, far in ((entry, 0.01), (two, 0.02))
         ]
         errors.append(abs(pressure[1] / pressure[0] - 1.0))
     assert errors[0] < 1e-3
@@ -79,8 +79,8 @@ def test_a_very_stiff_opposite_body_is_a_rigid_obstacle():
             egg_box(n, 0.02), 0.5, 8, 1.0, 0.3, obstacle, bulk=RUBBER, friction_coefficient=0.3,
             opposite=body(modulus=modulus),
         )  # fmt: skip
-        found = solve_cell(cell, path)["traction"].values[0]
-        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+        computed = solve_cell(cell, path)["traction"].values[0]
+        errors.append(np.abs(computed - expected).max() / np.abs(expected).max())
     assert errors[1] < 3e-4
     assert errors[1] == pytest.approx(0.01 * errors[0], rel=0.2)
 
@@ -166,9 +166,9 @@ def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
     def rough(seed):
         return rough_square(n, 1.0, 0.5, 0.1, seed=seed)  # fmt: skip
 
-    one, two = rough(1), rough(2)
-    far = 2.5 * float(np.std(one.heights - two.heights))
-    cell = Cell(one, 1.0, 8, 1.0, 0.3, two, opposite=body())
+    first, two = rough(1), rough(2)
+    far = 2.5 * float(np.std(first.heights - two.heights))
+    cell = Cell(first, 1.0, 8, 1.0, 0.3, two, opposite=body())
     slide = tuple((place, 0.0) for place in np.arange(1, steps + 1) / steps)
     response = solve_cell(cell, Path(approach=(far,) * steps, slide=slide))
     normal, along, _ = np.moveaxis(response["traction"].values[0], -1, 0)

@@ -35,21 +35,21 @@ def test_a_wave_with_a_law_tends_to_westergaards_as_the_roughness_vanishes():
     wave, errors = RoughWave(1 / 4), []
     for height in (0.1, 0.01, 0.001):
         law = Exponential(2.0 * wave.pressure, decay_length=height * wave.amplitude)
-        found = wave.solve(law)
+        result = wave.solve(law)
         expected = wave.amplitude * float(westergaard.mean_gap(np.array(0.5)))
-        errors.append(abs(found.mean_gap - expected) / wave.amplitude)
-        assert np.mean(found.pressure) == pytest.approx(wave.pressure, rel=1e-8)
+        errors.append(abs(result.mean_gap - expected) / wave.amplitude)
+        assert np.mean(result.pressure) == pytest.approx(wave.pressure, rel=1e-8)
     assert errors[2] < 0.2 * errors[1] < 0.04 * errors[0] * 5.0
     assert errors[2] < 6e-3
 
 
 def test_a_law_in_series_with_the_blocks():
     joint = EvenJoint(1 / 4)
-    found = joint.solve(LAW)
-    p = float(np.mean(found.pressure))
-    np.testing.assert_allclose(found.pressure, p, rtol=1e-7)
+    result = joint.solve(LAW)
+    p = float(np.mean(result.pressure))
+    np.testing.assert_allclose(result.pressure, p, rtol=1e-7)
     gap = float(LAW.gap_at(np.array(p)))
-    assert found.mean_gap == pytest.approx(gap, rel=1e-7)
+    assert result.mean_gap == pytest.approx(gap, rel=1e-7)
     assert p == pytest.approx((joint.approach + gap) * MODULUS / joint.length, rel=1e-7)
 
 
@@ -64,19 +64,19 @@ def test_a_tilted_platen_presses_one_side_more():
 
 def test_a_smooth_joint_closes():
     joint = EvenJoint(1 / 4)
-    found = joint.mesh_profile(np.zeros(8))
-    np.testing.assert_allclose(found.pressure, joint.approach * MODULUS / joint.length, rtol=1e-9)
-    assert abs(found.mean_gap) < 1e-12 * joint.length
+    mesh = joint.mesh_profile(np.zeros(8))
+    np.testing.assert_allclose(mesh.pressure, joint.approach * MODULUS / joint.length, rtol=1e-9)
+    assert abs(mesh.mean_gap) < 1e-12 * joint.length
 
 
 def test_short_waves_on_the_face_carry_what_westergaard_says():
     """Eight waves on 256 nodes; both blocks give way: 1/E* is twice that of one."""
     joint, waves, n, amplitude = EvenJoint(1 / 4), 8, 256, 5e-6
     profile = -amplitude * np.cos(2.0 * np.pi * waves * np.arange(n) / n)  # free at the edges
-    found = joint.mesh_profile(profile)
+    mesh = joint.mesh_profile(profile)
     full = westergaard.full_contact_pressure(amplitude, joint.length / waves, 0.5 * MODULUS)
-    middle = np.abs(found.position) < joint.length * (0.5 - 1.0 / waves)
-    ratio = np.mean(found.pressure[middle]) / full
+    middle = np.abs(mesh.position) < joint.length * (0.5 - 1.0 / waves)
+    ratio = np.mean(mesh.pressure[middle]) / full
     assert 0.2 < ratio < 0.8
     gap = float(westergaard.mean_gap(np.array(ratio))) * amplitude
-    assert found.mean_gap == pytest.approx(gap, rel=6e-2)  # that of all waves
+    assert mesh.mean_gap == pytest.approx(gap, rel=6e-2)  # that of all waves

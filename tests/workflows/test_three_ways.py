@@ -70,7 +70,7 @@ def test_a_seed_gives_the_cell_the_surface_of_the_structure():
 def test_three_ways_leave_errors_times_and_a_figure(tmp_path, capsys):
     assert not main(["--quick", "-o", str(tmp_path)])
     assert len(capsys.readouterr().out.splitlines()) == 10
-    found = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
+    dataset = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
     methods = [
         "sequential",
         "sequential, law at hand",
@@ -78,14 +78,14 @@ def test_three_ways_leave_errors_times_and_a_figure(tmp_path, capsys):
         "concurrent",
         "direct, 4 points per wave",
     ]
-    assert list(found["method"].values) == 2 * methods
-    law, again, adapted, cells, direct = found["error"].values.reshape(2, 5).T
+    assert list(dataset["method"].values) == 2 * methods
+    law, again, adapted, cells, direct = dataset["error"].values.reshape(2, 5).T
     assert np.all(direct < 0.02)
     assert max(law[0], adapted[0], cells[0]) < 0.15
     np.testing.assert_array_equal(law, again)
-    assert np.all(found["wall_time"] > 0.0)
-    np.testing.assert_array_equal(found["cells_solved"].values > 0, 2 * [*(4 * [True]), False])
-    assert np.all(found["cells_reused"].values[3::5] > found["cells_solved"].values[3::5])
+    assert np.all(dataset["wall_time"] > 0.0)
+    np.testing.assert_array_equal(dataset["cells_solved"].values > 0, 2 * [*(4 * [True]), False])
+    assert np.all(dataset["cells_reused"].values[3::5] > dataset["cells_solved"].values[3::5])
     assert (tmp_path / "work_precision.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -126,7 +126,7 @@ def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(waves):
             lambda left: gap_of(wave, cells, left) / np.mean(direct.gaps[left]), count
         )
     assert error <= 0.007
-    fraction = np.mean([one.contact_fraction for one in direct.answers])
+    fraction = np.mean([answer.contact_fraction for answer in direct.answers])
     assert cells.answers[0].contact_fraction / fraction == pytest.approx(1.0, abs=0.06)
     solved = solve_concurrent(wave, range(8), points_per_wave=points)
     laws = [gap_of(wave, cells, [k]) for k in range(8)]

@@ -37,20 +37,20 @@ def test_every_workflow_runs(script, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("specimens", "said"),
+    ("specimens", "sentence"),
     [
         (1, "the interval of the next specimen is not known: there is one specimen"),
         (2, "the mean law within an unknown distance, the next specimen within 0.037 %"),
     ],
 )
-def test_few_measured_specimens_have_a_law_without_a_band(specimens, said, tmp_path, capsys):
+def test_few_measured_specimens_have_a_law_without_a_band(specimens, sentence, tmp_path, capsys):
     p = (1, 2, 4, 8, 16, 32)
     rows = [f"{x},{(3.0 + 1e-4 * k) * x**0.6},{k}" for k in range(specimens) for x in p]
     table = tmp_path / "runs.csv"
     table.write_text("\n".join(["pressure (MPa),stiffness (MPa/um),specimen", *rows]))
     main = runpy.run_path(str(FOLDER / "measured_stiffness.py"))["main"]
     assert not main(["--csv", str(table), "--quick", "-o", str(tmp_path)])
-    assert said in capsys.readouterr().out
+    assert sentence in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -68,8 +68,8 @@ def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_cases())
 def test_every_shipped_case_runs(name, shipped_run):
-    out, said, _ = shipped_run(name)
-    assert f"report, figures and datasets: {out}" in said
+    out, output, _ = shipped_run(name)
+    assert f"report, figures and datasets: {out}" in output
     assert (out / "report.html").stat().st_size > 10_000
 
 

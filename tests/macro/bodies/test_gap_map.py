@@ -23,7 +23,7 @@ from multiscale.macro.bodies.assembly import GROUND
 EDGE = 0.02
 NORMAL = Exponential(1e9, 0.5e-6)
 LAW = Sliders(NORMAL, 0.3, pressures=(1e5, 1e9), slabs=8)
-X, Y = (one.ravel() for one in np.meshgrid(*[np.linspace(-1e-3, EDGE + 1e-3, 23)] * 2))
+X, Y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1e-3, EDGE + 1e-3, 23)] * 2))
 SLOPE = 1e-4
 TILTED = GapMap(np.column_stack([X, Y]), SLOPE * X)
 
@@ -42,23 +42,23 @@ def pressed(gap=None, law=LAW):
 
 @pytest.mark.parametrize("method", [AssembledNewton(), LatinMethod((2, 1))])
 def test_the_law_counts_from_the_gap_of_the_map(method):
-    found = solve_assembly(pressed(TILTED), 10e6, method=method)
-    assert found.converged.values.all()
-    x = found.point_position.values[:, 0]
-    pressure = -found.traction.values[0, :, 0]
-    expected = NORMAL.pressure(found.jump.values[0, :, 0] + SLOPE * x)
+    result = solve_assembly(pressed(TILTED), 10e6, method=method)
+    assert result.converged.values.all()
+    x = result.point_position.values[:, 0]
+    pressure = -result.traction.values[0, :, 0]
+    expected = NORMAL.pressure(result.jump.values[0, :, 0] + SLOPE * x)
     np.testing.assert_allclose(pressure, expected, rtol=1e-6)
-    assert pressure @ found.point_area.values == pytest.approx(10e6 * EDGE**2)
+    assert pressure @ result.point_area.values == pytest.approx(10e6 * EDGE**2)
     assert pressure[x < 1e-3].min() > 1.5 * pressure[x > EDGE - 1e-3].max()
 
 
 def test_an_even_map_is_the_gap_of_the_law_and_other_laws_count_from_it_too():
     even = replace(TILTED, gap=np.full(X.size, 3e-7))
-    found, stated = (
-        solve_assembly(one, 10e6)
-        for one in (pressed(even), pressed(None, replace(LAW, normal=replace(NORMAL, gap=3e-7))))
+    computed, stated = (
+        solve_assembly(law, 10e6)
+        for law in (pressed(even), pressed(None, replace(LAW, normal=replace(NORMAL, gap=3e-7))))
     )
-    np.testing.assert_allclose(found.jump, stated.jump, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(computed.jump, stated.jump, rtol=1e-9, atol=1e-18)
 
 
 def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
@@ -70,8 +70,8 @@ def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
     moved = jump + 1e-7
     there, expected = law.respond(moved, state), LAW.respond(opened + 1e-7, state)
     np.testing.assert_array_equal(there.tangent, expected.tangent)
-    found = law.resolvent(there.traction + 1e13 * moved, 1e13, state)
-    np.testing.assert_allclose(found, moved, rtol=1e-9)
+    response = law.resolvent(there.traction + 1e13 * moved, 1e13, state)
+    np.testing.assert_allclose(response, moved, rtol=1e-9)
 
 
 def test_pieces_of_one_law_are_evaluated_together_as_each_alone():
@@ -84,10 +84,10 @@ def test_pieces_of_one_law_are_evaluated_together_as_each_alone():
     state = apart.at_rest(jump)
     np.testing.assert_array_equal(joined.at_rest(jump), state)
     for name in ("traction", "tangent", "state"):
-        found, expected = (getattr(law.respond(-jump, state), name) for law in (joined, apart))
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
-    found, expected = (law.resolvent(-1e13 * jump, 1e13, state) for law in (joined, apart))
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+        computed, expected = (getattr(law.respond(-jump, state), name) for law in (joined, apart))
+        np.testing.assert_allclose(computed, expected, rtol=1e-12)
+    computed, expected = (law.resolvent(-1e13 * jump, 1e13, state) for law in (joined, apart))
+    np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
 
 def test_a_small_hole_of_the_map_is_bridged():

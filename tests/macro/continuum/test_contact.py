@@ -29,13 +29,13 @@ def stack(kinds, *, law=LAW, width=1.0, **contact):
     lower = block(kinds[0], (3, 4, 2)[:d], (0.0,) * d, (1.0,) * d)
     low, high = (0.0,) * (d - 1) + (1.0,), (width,) * (d - 1) + (2.0,)
     upper = block(kinds[1], (4, 3, 2)[:d], low, high)
-    held = {"left": (0.0, *[None] * (d - 1))}
+    fixed = {"left": (0.0, *[None] * (d - 1))}
     if d == 3:
-        held["front"] = (None, 0.0, None)
+        fixed["front"] = (None, 0.0, None)
     push = {"top": (0.0,) * (d - 1) + (-PRESSURE,)}
     bodies = {
-        "lower": Body(lower, law, held | {"bottom": (*[None] * (d - 1), 0.0)}),
-        "upper": Body(upper, law, held, push),
+        "lower": Body(lower, law, fixed | {"bottom": (*[None] * (d - 1), 0.0)}),
+        "upper": Body(upper, law, fixed, push),
     }
     return FiniteAssembly(bodies, {"joint": Contact(**contact)})
 
@@ -115,9 +115,9 @@ def test_the_condensed_problem_has_the_solution_of_the_whole_one(friction):
         a, b = small.unwrap(), large.unwrap()
         for name in a.displacement:
             np.testing.assert_allclose(a.displacement[name], b.displacement[name], atol=1e-11)
-        one, two = a.contact["joint"], b.contact["joint"]
-        np.testing.assert_allclose(one.traction, two.traction, atol=1e-7 * one.pressure.max())
-        np.testing.assert_allclose(one.gap, two.gap, atol=1e-11)
+        first, two = a.contact["joint"], b.contact["joint"]
+        np.testing.assert_allclose(first.traction, two.traction, atol=1e-7 * first.pressure.max())
+        np.testing.assert_allclose(first.gap, two.gap, atol=1e-11)
 
 
 @pytest.mark.parametrize("condensed", [True, False])
@@ -136,8 +136,8 @@ def test_extreme_problems_converge(condensed, extreme):
 
 @pytest.mark.parametrize("size", [1e-9, 1e3])
 def test_the_unit_of_length_does_not_matter(size):
-    one, other = punch(0.3)[-1].unwrap(), punch(0.3, size=size)[-1].unwrap()
-    a, b = one.contact["joint"], other.contact["joint"]
+    first, other = punch(0.3)[-1].unwrap(), punch(0.3, size=size)[-1].unwrap()
+    a, b = first.contact["joint"], other.contact["joint"]
     np.testing.assert_allclose(a.traction, b.traction, atol=1e-6 * a.pressure.max())
 
 
@@ -188,9 +188,9 @@ def test_supports_of_bodies_with_memory_carry_the_contact_at_the_end_of_the_step
 def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(friction, deformable, finite_sliding):
     # NAFEMS CGS-4: (tan a + mu) / (1 - mu tan a); on a ramp that bends the slope itself turns
     expected = (0.1 + friction) / (1.0 - 0.1 * friction)
-    found = inclined_slider(friction, deformable=deformable, finite_sliding=finite_sliding)
+    result = inclined_slider(friction, deformable=deformable, finite_sliding=finite_sliding)
     exact = not (deformable and finite_sliding)
-    assert found == pytest.approx(expected, rel=1e-8 if exact else 1e-3)
+    assert result == pytest.approx(expected, rel=1e-8 if exact else 1e-3)
 
 
 OBSTACLES = [
@@ -238,9 +238,9 @@ def test_a_moving_obstacle_drags_the_body_along():
 def test_without_friction_a_contact_node_has_one_unknown():
     from multiscale.macro.continuum.contact_newton import rest
 
-    one = stack((MeshHex, MeshHex), **UPPER_FIRST)
+    stacked = stack((MeshHex, MeshHex), **UPPER_FIRST)
     three = stack((MeshHex, MeshHex), **UPPER_FIRST, friction_coefficient=0.1)
-    assert rest(one).reaction.shape[1] == 1
+    assert rest(stacked).reaction.shape[1] == 1
     assert rest(three).reaction.shape[1] == 3
 
 

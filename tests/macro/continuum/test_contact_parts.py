@@ -37,8 +37,8 @@ def curved_pair(d, *, bend=0.1, law=RUBBER, supports=None, **contact):
     for name, mesh in (("lower", lower), ("upper", upper)):
         wave = bend * np.sin(np.pi * mesh.p[0]) * np.isclose(mesh.p[-1], 1.0)
         x = np.concatenate([mesh.p[:-1], (mesh.p[-1] + wave)[None]])
-        held = {"bottom" if name == "lower" else "top": (supports or {}).get(name, (0.0,) * d)}
-        bodies[name] = Body(moved(mesh, x), law, held)
+        fixed = {"bottom" if name == "lower" else "top": (supports or {}).get(name, (0.0,) * d)}
+        bodies[name] = Body(moved(mesh, x), law, fixed)
     joint = Contact(("upper", "bottom"), ("lower", "top"), 0.8, **contact)
     return FiniteAssembly(bodies, {"joint": joint})
 
@@ -98,9 +98,9 @@ def test_gap_and_slip_do_not_change_under_a_rigid_motion_of_both_bodies(d):
     stuck = step_jump(problem, slid(0.1), slid(0.1, turn, 3.0))
     assert np.abs(stuck[:, 0]).max() > 1e-3  # there is a gap that turns
     np.testing.assert_allclose(stuck[:, 1:], 0.0, atol=1e-13)
-    one, other = (step_jump(problem, slid(0.1), slid(0.14, R, 3.0)) for R in (None, turn))
-    np.testing.assert_allclose(other[:, 0], one[:, 0], atol=1e-13)
-    sizes = [np.linalg.norm(jump[:, 1:], axis=1) for jump in (one, other)]
+    first, other = (step_jump(problem, slid(0.1), slid(0.14, R, 3.0)) for R in (None, turn))
+    np.testing.assert_allclose(other[:, 0], first[:, 0], atol=1e-13)
+    sizes = [np.linalg.norm(jump[:, 1:], axis=1) for jump in (first, other)]
     np.testing.assert_allclose(sizes[1], sizes[0], atol=1e-13)
     assert sizes[0].max() == pytest.approx(0.04, rel=0.1)
 
@@ -139,28 +139,28 @@ def local_data(components, seed=6):
     rng = np.random.default_rng(seed)
     n = 200
     reaction, jump = rng.normal(size=(2, n, components))
-    kept = np.ones((n, components), dtype=bool)
-    return reaction, jump, rng.uniform(0.0, 1.0, n), rng.uniform(0.5, 2.0, n), kept
+    unit = np.ones((n, components), dtype=bool)
+    return reaction, jump, rng.uniform(0.0, 1.0, n), rng.uniform(0.5, 2.0, n), unit
 
 
 @pytest.mark.parametrize("components", [1, 2, 3])
 def test_the_local_law_is_alart_and_curniers(components):
-    r, j, mu, rho, kept = local_data(components)
-    found = linearise_contact(r, j, mu, rho, kept).residual
-    np.testing.assert_allclose(found.T, alart_curnier(j.T, r.T, mu, rho), atol=1e-14)
+    r, j, mu, rho, stored = local_data(components)
+    residual = linearise_contact(r, j, mu, rho, stored).residual
+    np.testing.assert_allclose(residual.T, alart_curnier(j.T, r.T, mu, rho), atol=1e-14)
 
 
 @pytest.mark.parametrize("components", [1, 2, 3])
 def test_the_derivatives_of_the_local_law_are_differences(components):
-    r, j, mu, rho, kept = local_data(components)
-    kept[:40, -1] = False  # a component that a support holds
-    law = linearise_contact(r, j, mu, rho, kept)
+    r, j, mu, rho, stored = local_data(components)
+    stored[:40, -1] = False  # a component that a support holds
+    law = linearise_contact(r, j, mu, rho, stored)
     for k in range(components):
         step = np.zeros((1, components))
         step[0, k] = 1e-7
         for derivative, by_r, by_j in ((law.by_reaction, step, 0.0), (law.by_jump, 0.0, step)):
             above, below = (
-                linearise_contact(r + sign * by_r, j + sign * by_j, mu, rho, kept).residual
+                linearise_contact(r + sign * by_r, j + sign * by_j, mu, rho, stored).residual
                 for sign in (1.0, -1.0)
             )
             difference = (above - below) / 2e-7
@@ -194,13 +194,13 @@ def test_a_mesh_file_keeps_its_shape_and_its_names(kind, tmp_path):
         field_data={"solid": np.array([1, d]), "top": np.array([2, d - 1])},
     ).write(tmp_path / "block.msh", file_format="gmsh22", binary=False)
 
-    found = load_mesh(tmp_path / "block.msh", scale=1e-3)
-    assert isinstance(found, SHAPES[kind])
-    elements = prepare_elements(found)
+    entry = load_mesh(tmp_path / "block.msh", scale=1e-3)
+    assert isinstance(entry, SHAPES[kind])
+    elements = prepare_elements(entry)
     assert elements.weight.min() > 0.0
     assert elements.weight.sum() == pytest.approx(1e-3**d * (2.0 if d == 2 else 6.0))
-    assert len(found.boundaries["top"]) == len(facets)
-    middle = found.p[:, found.facets[:, found.boundaries["top"]]].mean(axis=1)
+    assert len(entry.boundaries["top"]) == len(facets)
+    middle = entry.p[:, entry.facets[:, entry.boundaries["top"]]].mean(axis=1)
     np.testing.assert_allclose(middle[-1], 1e-3 * (1.0, 3.0)[d - 2])
 
 

@@ -41,12 +41,12 @@ def plate(length, height, elements, *, notch=0.0, poissons_ratio=NU):
 def test_the_energy_of_a_crack_does_not_depend_on_the_mesh():
     energies = []
     for columns in (5, 11, 23):
-        found = follow_crack_band(plate(0.2, 0.02, (columns, 1)), LAW)
-        CRACK_BAND.check(found)
-        assert int(found["converged"]) == 1
-        assert np.count_nonzero(found["stiffness_share"].values < 1.0) == 1
-        energies.append(float(found["dissipation"][-1]) / 0.02)
-        assert float(found["factor"].max()) * 1e6 == pytest.approx(LAW.strength, rel=1e-6)
+        result = follow_crack_band(plate(0.2, 0.02, (columns, 1)), LAW)
+        CRACK_BAND.check(result)
+        assert int(result["converged"]) == 1
+        assert np.count_nonzero(result["stiffness_share"].values < 1.0) == 1
+        energies.append(float(result["dissipation"][-1]) / 0.02)
+        assert float(result["factor"].max()) * 1e6 == pytest.approx(LAW.strength, rel=1e-6)
     np.testing.assert_allclose(energies, LAW.fracture_energy, rtol=0.03)
 
 
@@ -78,8 +78,8 @@ def test_strength_falls_with_size_as_bazants_law():
     for n in sizes:
         size = 5e-3 * n
         body = plate(2.0 * size, size, (2 * n + 1, n), notch=0.25 * size)
-        found = follow_crack_band(body, brittle, teeth=10, stop=0.7)
-        strength.append(1e6 * float(found["factor"].max()))
+        result = follow_crack_band(body, brittle, teeth=10, stop=0.7)
+        strength.append(1e6 * float(result["factor"].max()))
     y = 1.0 / np.array(strength) ** 2
     slope, start = np.polyfit(sizes, y, 1)
     np.testing.assert_allclose(start + slope * sizes, y, rtol=0.01)

@@ -94,14 +94,14 @@ def test_at_rest_the_lateral_stress_is_the_pressure_and_the_network_bears_it(tes
     _, model, step, result = test_run
     period = tuple(result["period"].values[-1].tolist())
     last = result["position"].values[-1]
-    held = replace(
+    changed = replace(
         model,
         grains=model.grains.moved(last, np.zeros_like(last)),
         law=replace(model.law, compliance=0.0),
         period=period,
         strain_rate=(None, None, 0.0),
     )
-    rest = simulate_grains(held, 400 * step, step, solver=Solver(1e-6, 5000))
+    rest = simulate_grains(changed, 400 * step, step, solver=Solver(1e-6, 5000))
     assert float(rest["strain"].values[-1, 2]) == 0.0
     assert -float(rest["stress"].values[-1, 0]) == pytest.approx(PRESSURE, rel=1e-5)
     _, force, branch = granulate.network(rest)

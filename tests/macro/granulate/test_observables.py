@@ -85,6 +85,6 @@ def test_pairs_are_those_of_all_distances(ratio, period):
         d[..., a] -= period[a] * np.round(d[..., a] / period[a])
     gap = np.linalg.norm(d, axis=-1) - radius[:, None] - radius
     expected = {tuple(pair) for pair in np.argwhere(np.triu(gap <= 0.01, 1))}
-    found = {tuple(sorted(pair)) for pair in pairs.tolist()}
-    assert found == expected
-    assert len(pairs) == len(found), "a pair is listed twice"
+    results = {tuple(sorted(pair)) for pair in pairs.tolist()}
+    assert results == expected
+    assert len(pairs) == len(results), "a pair is listed twice"

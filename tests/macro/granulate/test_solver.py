@@ -107,7 +107,7 @@ def test_conjugate_directions_carry_a_stack_in_few_sweeps():
 )
 def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, compliance):
     base = heap(64)
-    found = []
+    results = []
     for friction in (0.0, 1e-13):  # a trace of it has three unknowns
         model = Model(base.grains, base.walls, ContactLaw(friction, compliance=compliance))
         state = initial_state(model)
@@ -116,21 +116,21 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
             state, step = step_grains(model, state, 1e-3, solver)
             assert step["residual"] < 1e-9
         assert step["n_contacts"] > 20
-        found.append((3 if model.frictional else 1, state.velocity[:, :3]))
-    (one, scalar), (three, full) = found
-    assert (one, three) == (1, 3)
+        results.append((3 if model.frictional else 1, state.velocity[:, :3]))
+    (first, scalar), (three, full) = results
+    assert (first, three) == (1, 3)
     # what a spring holds turns with the normal, or loses the square of the angle
     np.testing.assert_allclose(scalar, full, atol=2e-5 if compliance else 1e-8)
 
 
 def test_a_cell_without_friction_is_pressed_alike_with_one_and_three_unknowns():
-    found = [
+    results = [
         compact(np.full(20, 0.01), 1e3, ContactLaw(friction), planar=True, max_steps=25)
         for friction in (0.0, 1e-13)
     ]
-    assert ["spin" in packing for packing in found] == [False, True]
-    np.testing.assert_allclose(*(p["position"].values[-1] for p in found), atol=1e-4)
-    np.testing.assert_allclose(*(p["period"].values[-1] for p in found), rtol=1e-3)
+    assert ["spin" in packing for packing in results] == [False, True]
+    np.testing.assert_allclose(*(p["position"].values[-1] for p in results), atol=1e-4)
+    np.testing.assert_allclose(*(p["period"].values[-1] for p in results), rtol=1e-3)
 
 
 @pytest.mark.parametrize("friction", [0.0, 1.5])

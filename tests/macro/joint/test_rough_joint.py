@@ -135,9 +135,9 @@ def rigid_blocks():
         force, moment = resultants(1e-6 * unknown[0], 1e-4 * unknown[1])
         return force / load - 1.0, moment / (load * ARM) - 1.0
 
-    found = root(equilibrium, [3.0, -1.0], tol=1e-13)
-    assert np.abs(found.fun).max() < 1e-12
-    return 1e-6 * found.x[0], 1e-4 * found.x[1]
+    solution = root(equilibrium, [3.0, -1.0], tol=1e-13)
+    assert np.abs(solution.fun).max() < 1e-12
+    return 1e-6 * solution.x[0], 1e-4 * solution.x[1]
 
 
 def press_eccentric(elements, order, ratio, **options):

@@ -26,13 +26,13 @@ def pressed(block, law=LAW):
 @pytest.mark.parametrize("damage", [0.0, 0.3])
 def test_the_joint_is_springs_in_series(damage):
     porous = soften(BLOCK, 0.9)
-    found = pressed(porous, ModifiedLaw(LAW, damage))
+    result = pressed(porous, ModifiedLaw(LAW, damage))
     # an exponential law has K = p / u0 whatever share of it is damaged
     modulus = 0.9 * E
     expected = closed_form.series(PRELOAD / DECAY, modulus / HEIGHT, modulus / HEIGHT)
-    np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-8)
+    np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-8)
     gap = DECAY * np.log(4e9 * (1.0 - damage) / PRELOAD)
-    np.testing.assert_allclose(found["mean_gap"], gap, rtol=1e-8)
+    np.testing.assert_allclose(result["mean_gap"], gap, rtol=1e-8)
 
 
 def random_stiffness(seed):
@@ -44,16 +44,16 @@ def random_stiffness(seed):
 def test_blocks_with_the_tensor_of_a_volume_are_springs_with_its_compliance():
     """Between frictionless platens the stress is uniaxial, whatever shear comes with it."""
     C = random_stiffness(1)
-    found = pressed(soften(BLOCK, C))
+    result = pressed(soften(BLOCK, C))
     modulus = 1.0 / np.linalg.inv(C)[2, 2]
     expected = closed_form.series(PRELOAD / DECAY, modulus / HEIGHT, modulus / HEIGHT)
-    np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-8)
+    np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-8)
 
 
 def test_an_isotropic_tensor_is_the_solid():
     tensor = soften(BLOCK, isotropic_stiffness(E, 0.3))
     for eccentricity in (None, (0.01, 0.005)):
-        one, other = (
+        first, other = (
             press_blocks(
                 dataclasses.replace(JOINT, lower=block, upper=block, eccentricity=eccentricity),
                 LAW,
@@ -61,7 +61,7 @@ def test_an_isotropic_tensor_is_the_solid():
             )
             for block in (BLOCK, tensor)
         )
-        np.testing.assert_allclose(other.joint_stiffness, one.joint_stiffness, rtol=1e-9)
+        np.testing.assert_allclose(other.joint_stiffness, first.joint_stiffness, rtol=1e-9)
 
 
 def test_softening_keeps_everything_but_the_stiffness():

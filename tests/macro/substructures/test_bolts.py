@@ -84,13 +84,13 @@ def test_one_bolt_and_what_it_clamps_are_springs(method):
 
     pull = np.array([0.0, 0.5, 0.9, 2.0, -0.8]) * PRELOAD
     steps = np.stack([np.ones(5), pull / AREA], axis=1)
-    found = solve_assembly(clamped(), steps, method=method)
-    assert found.converged.values.all()
-    expected = [tension(one) for one in pull]
-    np.testing.assert_allclose(found.bolt_force[:, 0], expected, rtol=1e-6)
-    joint = -found.traction.values[..., 0] @ found.point_area.values
+    result = solve_assembly(clamped(), steps, method=method)
+    assert result.converged.values.all()
+    expected = [tension(load) for load in pull]
+    np.testing.assert_allclose(result.bolt_force[:, 0], expected, rtol=1e-6)
+    joint = -result.traction.values[..., 0] @ result.point_area.values
     np.testing.assert_allclose(joint, expected - pull, rtol=1e-5, atol=1e-5 * PRELOAD)
-    assert found.bolt_force[3] > 1.9 * PRELOAD  # beyond the preload the bolt carries all
+    assert result.bolt_force[3] > 1.9 * PRELOAD  # beyond the preload the bolt carries all
 
 
 CUT = BoltSection((0, 1), ("top", "bottom"), PRELOAD)
@@ -112,14 +112,14 @@ def test_a_cut_through_a_bolt_bends_as_if_it_were_whole_and_stretches_by_its_for
     with_guide = solve_assembly(Assembly((column(both, 2.0 * EDGE),)), 1.0)
     parts = column(clamp), column(guided, origin=EDGE)
     steps = np.array([[1.0, 0.0], [1.0, 1.0]])
-    found = solve_assembly(Assembly(parts, sections=(CUT,)), steps)
-    u = found["displacement"].values
+    result = solve_assembly(Assembly(parts, sections=(CUT,)), steps)
+    u = result["displacement"].values
     stretch = PRELOAD * EDGE / (E * AREA)  # of each part, towards each other
     faces = [body.nodes(name) for body, name in zip(parts, ("top", "bottom"), strict=True)]
     faces[1] = faces[1] + parts[0].basis.N
     np.testing.assert_allclose(u[0, faces[0], 2], stretch, rtol=1e-9)
     np.testing.assert_allclose(u[0, faces[1], 2], -stretch, rtol=1e-9)
-    tip = [one["displacement"].values[-1, -1, 0] for one in (whole, with_guide)]
+    tip = [item["displacement"].values[-1, -1, 0] for item in (whole, with_guide)]
     bent = (u[1] - u[0])[-1, 0]
     assert bent == pytest.approx(tip[1], rel=1e-9)
     assert abs(bent - tip[0]) > 0.1 * bent  # the guide holds the end upright
@@ -183,18 +183,18 @@ def sheared(bolt=BOLT):
 def test_a_cycle_of_shear_loses_energy_and_locked_bolts_follow_it():
     assembly = sheared(replace(BOLT, preload=AREA))  # 1 Pa under the washers
     loading = JointLoading((5e6, 10e6), shear=1.5e6, cycles=1, steps=4)
-    one, other = (
+    first, other = (
         load_joint(assembly, loading, method=method)
         for method in (AssembledNewton(), LatinMethod())
     )
-    assert one.converged.values.all()
-    assert one.cycle_energy.item() > 0.0
-    np.testing.assert_allclose(one.bolt_force[:2, 0], [5e6 * AREA, 10e6 * AREA], rtol=1e-12)
-    assert np.ptp(one.bolt_force.values[2:]) > 1e-3 * 10e6 * AREA  # the upper block tips a little
+    assert first.converged.values.all()
+    assert first.cycle_energy.item() > 0.0
+    np.testing.assert_allclose(first.bolt_force[:2, 0], [5e6 * AREA, 10e6 * AREA], rtol=1e-12)
+    assert np.ptp(first.bolt_force.values[2:]) > 1e-3 * 10e6 * AREA  # the upper block tips a little
     names = ("bolt_force", "cycle_energy", "approach", "joint_stiffness", "tangential_stiffness")
     for name in names:
-        np.testing.assert_allclose(one[name], other[name], rtol=1e-5, err_msg=name)
-    assert (one.tangential_stiffness[:2] > 0.0).all()
+        np.testing.assert_allclose(first[name], other[name], rtol=1e-5, err_msg=name)
+    assert (first.tangential_stiffness[:2] > 0.0).all()
 
 
 @pytest.mark.slow
@@ -218,25 +218,27 @@ def test_a_bolted_lap_joint_is_as_stiff_as_one_under_even_pressure():
 @pytest.mark.parametrize("method", METHODS)
 def test_bolted_bodies_that_slide_away_say_so(method):
     steps = np.array([[1.0, 0.0], [1.0, 1e6], [1.0, 4.5e6], [1.0, 0.0]])
-    found = solve_assembly(sheared(), steps, method=method)
-    np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
-    said = r"the steps end before step 2: no equilibrium found: the bodies slide on interface 0 "
-    said += r"under a load of (\S+) N, of which friction carries about (\S+) N"
-    load, carried = map(float, re.search(said, found.attrs["failure"]).groups())
+    result = solve_assembly(sheared(), steps, method=method)
+    np.testing.assert_array_equal(result.converged, [1, 1, 0, 0])
+    sentence = (
+        r"the steps end before step 2: no equilibrium found: the bodies slide on interface 0 "
+    )
+    sentence += r"under a load of (\S+) N, of which friction carries about (\S+) N"
+    load, carried = map(float, re.search(sentence, result.attrs["failure"]).groups())
     assert carried == pytest.approx(0.3 * PRELOAD, rel=0.01)  # they may turn a little
     assert carried < load <= 4.5e6 * AREA
-    assert np.isnan(found.bolt_force[2:]).all()
+    assert np.isnan(result.bolt_force[2:]).all()
 
 
 def test_a_bolt_that_comes_loose_ends_the_path():
     steps = np.array([[1.0, 0.0], [1.0, -10e6], [1.0, -1e9], [1.0, 0.0]])
-    found = solve_assembly(clamped(), steps)
-    np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
-    assert found.attrs["failure"].startswith(
+    result = solve_assembly(clamped(), steps)
+    np.testing.assert_array_equal(result.converged, [1, 1, 0, 0])
+    assert result.attrs["failure"].startswith(
         "the steps end before step 2: the load leaves the bolt from"
     )
-    assert np.isnan(found.bolt_force[2:]).all()
-    assert np.isnan(found.displacement[2:]).all()
+    assert np.isnan(result.bolt_force[2:]).all()
+    assert np.isnan(result.displacement[2:]).all()
 
 
 def test_a_load_that_parts_what_bolts_clamp_is_refused_with_all_forces():
@@ -245,10 +247,12 @@ def test_a_load_that_parts_what_bolts_clamp_is_refused_with_all_forces():
     upper = replace(upper, supports={}, tractions={"top": (0.01, 0.0, 1.0)})
     loose = replace(assembly, bodies=(lower, upper))
     pull = np.array([[1.0, 0.0], [1.0, 20.0 * PRELOAD / AREA]])
-    found = solve_assembly(loose, pull)
-    assert found.converged.values.tolist() == [1, 0]
-    said = "the load opens the faces that the bolts clamp: it is .* kN along x, y and z, and the "
-    assert re.search(said + "bolts carry 4 kN at the step before", found.attrs["failure"])
+    result = solve_assembly(loose, pull)
+    assert result.converged.values.tolist() == [1, 0]
+    sentence = (
+        "the load opens the faces that the bolts clamp: it is .* kN along x, y and z, and the "
+    )
+    assert re.search(sentence + "bolts carry 4 kN at the step before", result.attrs["failure"])
 
 
 def test_three_bolts_share_a_load_as_springs():
@@ -268,7 +272,7 @@ def test_three_bolts_share_a_load_as_springs():
     sizes = (length, EDGE, EDGE), (12, 2, 2)
     lower = drilled(box_mesh(*sizes, origin=(0.0, 0.0, -EDGE)), -EDGE)
     upper = drilled(box_mesh(*sizes), EDGE)
-    held = Body(with_clamp(lower), stiff, supports={"clamp": (0.0, 0.0, 0.0)})
+    body = Body(with_clamp(lower), stiff, supports={"clamp": (0.0, 0.0, 0.0)})
     pulled = Body(
         upper,
         stiff,
@@ -277,15 +281,15 @@ def test_three_bolts_share_a_load_as_springs():
         tractions={"right": (0.0, 0.0, 1.0)},
     )
     k = np.array([200e6, 400e6, 300e6])  # N/m
-    bolts = [Bolt((0, 1), (name, name), one, 2e3) for name, one in zip(spots, k, strict=True)]
+    bolts = [Bolt((0, 1), (name, name), item, 2e3) for name, item in zip(spots, k, strict=True)]
     assembly = Assembly(
-        (held, pulled), (Interface((0, 1), ("top", "bottom"), law),), bolts=tuple(bolts)
+        (body, pulled), (Interface((0, 1), ("top", "bottom"), law),), bolts=tuple(bolts)
     )
     steps = np.array([[1.0, 0.0], [1.0, 1e3 / AREA], [1.0, 2e3 / AREA]])
-    found = solve_assembly(assembly, steps)
-    assert found.converged.values.all()
+    result = solve_assembly(assembly, steps)
+    assert result.converged.values.all()
 
-    x, w = found.point_position.values[:, 0], found.point_area.values
+    x, w = result.point_position.values[:, 0], result.point_area.values
     at = EDGE * np.array([1.0, 3.0, 5.0])
 
     def forces(motion, tension, load):  # resultant and moment on the upper block, motion in um
@@ -304,7 +308,7 @@ def test_three_bolts_share_a_load_as_springs():
         )
         change = k * (moved(motion) - moved(start))
         assert change[2] > 0.3 * load  # the load is at the end
-        np.testing.assert_allclose(found.bolt_force[step] - 2e3, change, rtol=0.01)
+        np.testing.assert_allclose(result.bolt_force[step] - 2e3, change, rtol=0.01)
 
 
 def test_a_bolt_that_nothing_tightens_or_whose_washer_is_held_is_refused():

@@ -103,8 +103,8 @@ def coarse_of(problem, part):
     basis, first, rows = coarse_basis(problem), 0, 0.0
     for face in problem.interfaces:
         if part in face.sides:
-            own = basis[first : first + face.size].T @ face.trace[face.sides.index(part)]
-            rows = rows + own.toarray()
+            direct = basis[first : first + face.size].T @ face.trace[face.sides.index(part)]
+            rows = rows + direct.toarray()
         first += face.size
     return rows[np.abs(rows).max(axis=1) > 0.0]
 

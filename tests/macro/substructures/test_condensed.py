@@ -62,28 +62,28 @@ def stacked(law=LAW):
 def test_condensed_bodies_answer_as_whole_ones(assembly, monkeypatch):
     """Constraint modes and modes of the loads tell every displacement under these loads."""
     loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
-    found = load_joint(assembly, loading, method=AssembledNewton(), extrapolate=True)
+    result = load_joint(assembly, loading, method=AssembledNewton(), extrapolate=True)
     whole = load_whole(monkeypatch, assembly, loading)
-    assert set(found.variables) == set(whole.variables)
-    assert found.sizes == whole.sizes
-    assert found.attrs == whole.attrs
-    for name in set(found.data_vars) - {"residual", "iterations", "wall_time"}:
+    assert set(result.variables) == set(whole.variables)
+    assert result.sizes == whole.sizes
+    assert result.attrs == whole.attrs
+    for name in set(result.data_vars) - {"residual", "iterations", "wall_time"}:
         size = np.nanmax(np.abs(whole[name].values.astype(float)))
-        error = np.abs(found[name].values - whole[name].values)
+        error = np.abs(result[name].values - whole[name].values)
         assert np.nanmax(error) <= 1e-7 * size, name
     small = condense_assembly(assembly, AssembledNewton()).small
-    assert small.n < found.attrs["unknowns"]
+    assert small.n < result.attrs["unknowns"]
 
 
 def test_a_joint_that_slides_away_says_so_on_condensed_bodies(monkeypatch):
     loading = JointLoading((10e6,), 5e6, cycles=1, steps=2)
-    found = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)
+    result = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)
     whole = load_whole(monkeypatch, bolted(), loading)
-    assert found.converged.values.sum() < found.sizes["step"]
-    assert "no equilibrium found: the bodies slide on interface 0 under a load" in found.failure
-    assert found.failure == whole.failure
+    assert result.converged.values.sum() < result.sizes["step"]
+    assert "no equilibrium found: the bodies slide on interface 0 under a load" in result.failure
+    assert result.failure == whole.failure
     np.testing.assert_array_equal(
-        np.isnan(found.displacement.values), np.isnan(whole.displacement.values)
+        np.isnan(result.displacement.values), np.isnan(whole.displacement.values)
     )
 
 
@@ -95,11 +95,11 @@ def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
     base = follow_joint(joint, loading, method=method)
     alone = follow_joint(changed, loading, method=method)
     near = follow_joint(changed, loading, method=method, near=base)
-    one, other = (measure_joint(found, areas, extrapolate=True) for found in (alone, near))
+    first, other = (measure_joint(item, areas, extrapolate=True) for item in (alone, near))
     for name in ("cycle_loss", "secant_stiffness", "joint_stiffness", "traction"):
-        np.testing.assert_allclose(other[name], one[name], rtol=1e-6, atol=1.0, err_msg=name)
+        np.testing.assert_allclose(other[name], first[name], rtol=1e-6, atol=1.0, err_msg=name)
     newton = [
-        int(sum(run.result.iterations.sum() for run in found.cycles)) for found in (alone, near)
+        int(sum(run.result.iterations.sum() for run in item.cycles)) for item in (alone, near)
     ]
     assert newton[1] < 0.8 * newton[0]
     again = follow_joint(joint, loading, method=method, near=base)
@@ -107,13 +107,13 @@ def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
 
 
 def test_a_body_without_interfaces_follows_its_loads_as_a_bar_does():
-    held = {"left": (0.0, None, None), "front": (None, 0.0, None), "bottom": (None, None, 0.0)}
+    fixed = {"left": (0.0, None, None), "front": (None, 0.0, None), "bottom": (None, None, 0.0)}
     pulled = {"right": (1.0, 0.0, 0.0)}
-    bar = Body(box_mesh((0.1, EDGE, EDGE), (3, 1, 1)), Elastic(E, 0.3), held, pulled)
+    bar = Body(box_mesh((0.1, EDGE, EDGE), (3, 1, 1)), Elastic(E, 0.3), fixed, pulled)
     path = LoadPath(("pull",), (EDGE**2,), ((1e6,), (2e6,)))
     method = AssembledNewton()
     small = condense_assembly(Assembly((bar,)), method).small
-    found = follow_cut_loads(small, path, method=method)
-    np.testing.assert_allclose(found.load_stiffness[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
-    np.testing.assert_allclose(found.load_secant[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
-    np.testing.assert_array_equal(found.interface_compliance, 0.0)
+    result = follow_cut_loads(small, path, method=method)
+    np.testing.assert_allclose(result.load_stiffness[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
+    np.testing.assert_allclose(result.load_secant[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
+    np.testing.assert_array_equal(result.interface_compliance, 0.0)

@@ -76,8 +76,8 @@ def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(s
         size = np.abs(expected).max()
         np.testing.assert_allclose(result.displacement[step], expected, atol=1e-8 * size)
         traction = law.respond((jump @ u).reshape(3, -1), before).traction.T
-        found = result.traction.values[step]
-        np.testing.assert_allclose(found, traction, atol=1e-7 * np.abs(traction).max())
+        computed = result.traction.values[step]
+        np.testing.assert_allclose(computed, traction, atol=1e-7 * np.abs(traction).max())
         np.testing.assert_allclose(
             result.jump.values[step], (jump @ u).reshape(3, -1).T, atol=1e-8 * size
         )
@@ -90,21 +90,21 @@ def pushed(law, parts, share, tilt=0.0):
 
 def say_slide(result):
     """Load and capacity, N, in the sentence of a step that slides away."""
-    said = result.attrs["failure"]
-    found = re.search(r"on interface 0 under a load of (\S+) N, .* carries about (\S+) N", said)
-    assert found, said
-    return float(found[1]), float(found[2])
+    text = result.attrs["failure"]
+    match = re.search(r"on interface 0 under a load of (\S+) N, .* carries about (\S+) N", text)
+    assert match, text
+    return float(match[1]), float(match[2])
 
 
 @pytest.mark.parametrize(("solve", "parts"), [(solve_latin, 2), (solve_schur, 1)])
 def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(solve, parts):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
-    held = solve(pushed(law, parts, 0.99), np.eye(3))
-    assert np.all(held.converged == 1)
-    assert "failure" not in held.attrs
+    outcome = solve(pushed(law, parts, 0.99), np.eye(3))
+    assert np.all(outcome.converged == 1)
+    assert "failure" not in outcome.attrs
     result = solve(pushed(law, parts, 1.5), np.eye(3))
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    np.testing.assert_array_equal(result.displacement[0], held.displacement[0])
+    np.testing.assert_array_equal(result.displacement[0], outcome.displacement[0])
     assert np.isnan(result.displacement[1:]).all()
     assert "the steps end before step 1: no equilibrium" in result.attrs["failure"]
     np.testing.assert_allclose(say_slide(result), [1.5 * 1600.0, 1600.0], rtol=1e-3)
@@ -113,9 +113,9 @@ def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(sol
 @pytest.mark.parametrize("method", [AssembledNewton, LatinMethod, NewtonSchur])
 def test_every_method_tells_of_every_step_that_converged(method):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
-    problem, told = stacked_blocks(law, 1, (1.0, 2.0)), []
-    result = method(after_step=lambda: told.append(1)).solve(problem, np.eye(2))
-    assert len(told) == int(result.converged.sum()) == 2
+    problem, text = stacked_blocks(law, 1, (1.0, 2.0)), []
+    result = method(after_step=lambda: text.append(1)).solve(problem, np.eye(2))
+    assert len(text) == int(result.converged.sum()) == 2
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def law_of_stiffness(ratio):
 
 def whole_blocks(problem, law, steps=1):
     """Displacement of the nodes in every step, in one piece."""
-    whole, state, u, found = assemble(problem), None, None, []
+    whole, state, u, computed = assemble(problem), None, None, []
     for step in range(steps):
         u = solve_interface(
             whole.stiffness,
@@ -217,8 +217,8 @@ def whole_blocks(problem, law, steps=1):
         ).unwrap()
         before = np.zeros((law.n_state, whole.weight.size)) if state is None else state
         state = law.respond((whole.jump @ u).reshape(3, -1), before).state
-        found.append(problem.displacement(u))
-    return np.array(found)
+        computed.append(problem.displacement(u))
+    return np.array(computed)
 
 
 def test_a_piece_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart():
@@ -250,7 +250,7 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
     assert np.all(newton.iterations <= 8)
     # what rounding excuses is far below the load, whatever the motion
     assert np.all(newton.residual <= (1e-10 if ratio > 1e-6 else 1e-8))
-    u = [found.displacement.values for found in (newton, result)]
+    u = [outcome.displacement.values for outcome in (newton, result)]
     np.testing.assert_allclose(u[0], u[1], atol=1e-7 * np.abs(u[1]).max())
     force = np.einsum("spd,p->sd", result.traction.values, result.point_area.values)
     np.testing.assert_allclose(force[:, 0], -20e6 * 0.02**2, rtol=1e-7)
@@ -270,14 +270,14 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
 )
 def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law):
     size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
-    held, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
+    fixed, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
     lower = Body(
-        box_mesh(size, (4, 4, 2), origin=(0.0, 0.0, -0.02)), steel, supports={"bottom": held}
+        box_mesh(size, (4, 4, 2), origin=(0.0, 0.0, -0.02)), steel, supports={"bottom": fixed}
     )
     upper = Body(
         box_mesh(size, (4, 4, 2)),
         steel,
-        supports={"top": held},
+        supports={"top": fixed},
         tractions={"left": pulled, "right": pulled},
     )
     assembly = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))

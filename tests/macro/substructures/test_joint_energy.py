@@ -31,8 +31,8 @@ class OneSpring(InterfaceLaw):
     def sliding(self, jump, state):
         new = self.respond(jump, state).state
         before, after = (
-            0.5 * np.sum(one[:2] ** 2, axis=0) / (KAPPA * NORMAL.stiffness(one[2]))
-            for one in (state, new)
+            0.5 * np.sum(entry[:2] ** 2, axis=0) / (KAPPA * NORMAL.stiffness(entry[2]))
+            for entry in (state, new)
         )
         work = np.sum(new[:2] * (jump[1:] - state[3:]), axis=0)
         return Sliding(0.0 * work, work - (after - before), after, new)
@@ -84,23 +84,23 @@ def test_metal_that_flows_and_slips_is_solved_alike_by_both_solvers():
     law = Sliders(metal, 0.3, KAPPA, pressures=(1e6, 1e8), slabs=16)
     problem = cut_assembly(stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law]))
     path = np.array([[1e7, 0.0], [2e7, 2e6], [8e6, 1e6], [3e7, -2e6]])
-    one, two = solve_latin(problem, path), solve_schur(problem, path)
-    assert one.converged.values.all()
+    first, two = solve_latin(problem, path), solve_schur(problem, path)
+    assert first.converged.values.all()
     assert two.converged.values.all()
     assert two.iterations.values.max() <= 15
     size = np.abs(two.displacement.values).max()
-    np.testing.assert_allclose(one.displacement, two.displacement, atol=1e-6 * size)
+    np.testing.assert_allclose(first.displacement, two.displacement, atol=1e-6 * size)
 
 
 def loss_of_steps(problem, result):
     """Dissipation of every step, J, and the largest energy stored."""
-    (face,), found, most = problem.joints, [], 0.0
+    (face,), computed, most = problem.joints, [], 0.0
     state = np.zeros((face.law.n_state, face.weight.size))
     for jump in result.jump.values:
         state, account = advance_state(face.law, jump.T, state)
-        found.append(account.dissipated @ face.weight)
+        computed.append(account.dissipated @ face.weight)
         most = max(most, float(account.stored @ face.weight))
-    return np.array(found), most
+    return np.array(computed), most
 
 
 @pytest.mark.slow

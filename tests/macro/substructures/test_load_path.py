@@ -28,7 +28,7 @@ def masing(amplitude, steps, stiffness=1e12, slip=2e-21):
 def test_the_work_is_exact_where_slip_grows_as_the_square_of_the_shear(steps):
     """Masing's loop loses 4/3 c tau^3, the third power of Mindlin at small amplitude."""
     amplitude = np.array([1e6, 3e6])
-    loop = np.stack([masing(one, steps) for one in amplitude])
+    loop = np.stack([masing(level, steps) for level in amplitude])
     np.testing.assert_allclose(cycle_work(amplitude, loop), 4.0 / 3.0 * 2e-21 * amplitude**3)
 
 
@@ -48,29 +48,29 @@ def blocks():
 
 def test_cycles_of_the_last_preload_are_those_of_the_path(blocks):
     loading = JointLoading((10e6, 20e6), 2e6, 1, 4, amplitudes=(0.5e6, 2e6))
-    found = load_joint(blocks, loading, method=AssembledNewton())
-    loss, secant = found["cycle_loss"].values, found["secant_stiffness"].values
+    result = load_joint(blocks, loading, method=AssembledNewton())
+    loss, secant = result["cycle_loss"].values, result["secant_stiffness"].values
     assert loss.shape == (2, 2)
-    assert loss[1, 1] == pytest.approx(found["cycle_energy"].item(), rel=0.02)
-    along, first = found["shear_displacement"].values, 2 + 4 - 1
+    assert loss[1, 1] == pytest.approx(result["cycle_energy"].item(), rel=0.02)
+    along, first = result["shear_displacement"].values, 2 + 4 - 1
     stiffness = 4e6 / (along[first] - along[first + 8])
     assert secant[1, 1] == pytest.approx(stiffness, rel=1e-3)
-    assert found["cycle_slip"].values[1, 1] == pytest.approx(
-        float(found["slipping_load"][-1]), rel=5e-3
+    assert result["cycle_slip"].values[1, 1] == pytest.approx(
+        float(result["slipping_load"][-1]), rel=5e-3
     )
     assert np.all(np.diff(loss, axis=1) > 0.0)
     assert np.all(loss[0] > loss[1])  # a lighter preload slips and loses more
     assert np.all(np.diff(secant, axis=1) < 0.0)
-    assert np.all(secant < found["tangential_stiffness"].values[:2, None])
-    density = found["loss_density"].values @ found["point_area"].values
+    assert np.all(secant < result["tangential_stiffness"].values[:2, None])
+    density = result["loss_density"].values @ result["point_area"].values
     np.testing.assert_allclose(density, loss)
-    assert np.all(found["loss_density"].values >= 0.0)
+    assert np.all(result["loss_density"].values >= 0.0)
 
 
 def test_a_cycle_beyond_friction_is_unknown_and_the_others_stay(blocks):
     loading = JointLoading((2e6, 20e6), 1e6, 1, 2, amplitudes=(0.2e6, 1e6))
-    found = load_joint(blocks, loading, method=AssembledNewton(), extrapolate=True)
-    np.testing.assert_array_equal(np.isfinite(found["cycle_loss"]), [[True, False], [True, True]])
-    said = found.attrs["cautions"]
-    assert "cycles at the preload 2 MPa have no answer from the amplitude 1 MPa on" in said
-    assert np.isfinite(found["cycle_energy"]).all()
+    result = load_joint(blocks, loading, method=AssembledNewton(), extrapolate=True)
+    np.testing.assert_array_equal(np.isfinite(result["cycle_loss"]), [[True, False], [True, True]])
+    text = result.attrs["cautions"]
+    assert "cycles at the preload 2 MPa have no answer from the amplitude 1 MPa on" in text
+    assert np.isfinite(result["cycle_energy"]).all()

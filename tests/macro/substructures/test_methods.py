@@ -47,9 +47,9 @@ def test_factors_that_do_not_fit_are_cut_until_they_do():
 
 @pytest.mark.parametrize("size", [LAP, LONG])
 def test_the_choice_says_what_the_others_would_take(size):
-    said = choose_method(size, memory=10.0 * GIGABYTE).explain()
-    assert "Newton's method on the whole needs" in said
-    assert "LATIN needs" in said
+    lines = choose_method(size, memory=10.0 * GIGABYTE).explain()
+    assert "Newton's method on the whole needs" in lines
+    assert "LATIN needs" in lines
 
 
 def test_bodies_of_a_million_unknowns_are_solved_by_multigrid():

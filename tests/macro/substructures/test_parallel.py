@@ -71,10 +71,10 @@ def test_the_answer_is_the_same_for_any_number_of_processes(method, tmp_path):
         assert done.returncode == 0, done.stderr
         assert done.stdout.split() == [str(ranks)]
         answers.append(np.load(file))
-    for name, one in answers[0].items():
-        scale = np.abs(one).max()
+    for name, value in answers[0].items():
+        scale = np.abs(value).max()
         for answer in answers[1:]:
-            np.testing.assert_allclose(answer[name], one, rtol=0.0, atol=1e-10 * scale)
+            np.testing.assert_allclose(answer[name], value, rtol=0.0, atol=1e-10 * scale)
 
 
 def test_more_processes_than_substructures_are_refused():

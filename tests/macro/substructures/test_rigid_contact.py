@@ -50,7 +50,7 @@ def condensed_steps(problem, law, factors):
     order = np.arange(3 * points).reshape(3, points).T.ravel()
     J = whole.jump.toarray()[order]
     solve = splu(whole.stiffness.tocsc()).solve
-    compliance, slipped, found = solve(J.T), np.zeros(3 * points), []
+    compliance, slipped, computed = solve(J.T), np.zeros(3 * points), []
     for factor in factors:
         free = solve(whole.load @ factor)
         q = J @ free - slipped
@@ -62,8 +62,8 @@ def condensed_steps(problem, law, factors):
         u = free + compliance @ force
         slipped = J @ u
         slipped[::3] = 0.0
-        found.append((u, force.reshape(-1, 3)))
-    return found
+        computed.append((u, force.reshape(-1, 3)))
+    return computed
 
 
 @pytest.mark.parametrize(
@@ -87,9 +87,9 @@ def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(gap
 
     result = solve_latin(problem, tolerance=1e-8)
     assert result.converged == 1
-    found = result.displacement.values[0]
+    computed = result.displacement.values[0]
     size = np.abs(expected).max()
-    np.testing.assert_allclose(found, problem.displacement(expected), atol=1e-6 * size)
+    np.testing.assert_allclose(computed, problem.displacement(expected), atol=1e-6 * size)
     traction = result.traction.values[0]
     round_off = 1e-9 * np.abs(traction).max()
     assert np.all(traction[:, 0] <= round_off)
@@ -129,10 +129,10 @@ def test_pressed_blocks_without_a_gap_are_one_block():
         Body(
             box_mesh((0.02, 0.02, 0.01), (2, 2, 2), origin=(0.0, 0.0, z)),
             Elastic(E, 0.0),
-            supports=held,
+            supports=item,
             tractions=load,
         )
-        for z, held, load in (
+        for z, item, load in (
             (-0.01, {"bottom": (0.0, 0.0, 0.0)}, {}),
             (0.0, {"front": (None, 0.0, None)}, {"top": (0.0, 0.0, -5e6)}),
         )

@@ -204,30 +204,30 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
     assert "at step 2 with the preload 9 MPa: the answer there is unknown" in far
     assert "100 % of the load lies above the pressures of the law of interface 1" in near
     for name in ("joint_stiffness", "approach", "displacement", "traction"):
-        found = np.isfinite(result[name].values.reshape(result.sizes["step"], -1))
-        assert found[:2].all()
-        assert not found[2:].any()
+        finite = np.isfinite(result[name].values.reshape(result.sizes["step"], -1))
+        assert finite[:2].all()
+        assert not finite[2:].any()
     assert np.isnan(result.cycle_energy).all()
 
     cut = load_joint(blocks, JointLoading((9e6,)), method=LatinMethod(parts=(2, 1)))
     np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not pieces
 
-    told = load_joint(blocks, loading, extrapolate=True)
-    np.testing.assert_array_equal(told.known, result.known)
-    np.testing.assert_array_equal(told.joint_stiffness[:2], result.joint_stiffness[:2])
-    assert np.isfinite(told.joint_stiffness[2])
-    assert np.isfinite(told.cycle_energy).all()
-    assert "extrapolated, and its error is unknown" in told.attrs["cautions"]
+    text = load_joint(blocks, loading, extrapolate=True)
+    np.testing.assert_array_equal(text.known, result.known)
+    np.testing.assert_array_equal(text.joint_stiffness[:2], result.joint_stiffness[:2])
+    assert np.isfinite(text.joint_stiffness[2])
+    assert np.isfinite(text.cycle_energy).all()
+    assert "extrapolated, and its error is unknown" in text.attrs["cautions"]
 
 
 def test_joint_and_bodies_in_series_are_the_whole(lap):
     """Springs for blocks, and for the lap joint the compliances of joint and bodies add up."""
     E, h, pressure = 70e9, 0.01, np.array([2e6, 20e6])
     blocks = stacked_blocks((0.02, 0.02, h), (2, 2, 1), [Elastic(E, 0.0)] * 3, [LAW, LAW])
-    found = load_joint(blocks, JointLoading(tuple(pressure)))
+    result = load_joint(blocks, JointLoading(tuple(pressure)))
     of_law = LAW.normal.stiffness(LAW.normal.gap_at(pressure))
-    np.testing.assert_allclose(found.interface_stiffness, 0.5 * of_law, rtol=1e-6)
-    np.testing.assert_allclose(found.solid_stiffness, E / (3.0 * h), rtol=1e-6)
+    np.testing.assert_allclose(result.interface_stiffness, 0.5 * of_law, rtol=1e-6)
+    np.testing.assert_allclose(result.solid_stiffness, E / (3.0 * h), rtol=1e-6)
     whole = series(lap.interface_stiffness[:2].values, lap.solid_stiffness[:2].values)
     np.testing.assert_allclose(whole, lap.joint_stiffness[:2], rtol=1e-9)
     assert lap.interface_stiffness[1] > lap.interface_stiffness[0]

@@ -44,9 +44,9 @@ def follow(laws, steps, parts=HALVES, gap=None, elements=2):
     assembly = Assembly((block,), faces, times=(1.0, 2.0), areas=(AREA, AREA))
     path = LoadPath(("press", "push"), (AREA, AREA), tuple(steps))
     small = condense_assembly(assembly, AssembledNewton()).small
-    found = follow_cut_loads(small, path, method=AssembledNewton(), extrapolate=True)
-    assert found["converged"].values.all(), found.attrs
-    return found
+    result = follow_cut_loads(small, path, method=AssembledNewton(), extrapolate=True)
+    assert result["converged"].values.all(), result.attrs
+    return result
 
 
 STATES = {
@@ -61,19 +61,19 @@ STATES = {
 def test_a_small_rise_meets_the_springs_that_still_hold(state):
     left, right, push, share = STATES[state]
     # one slab: no point slips before all of it does
-    found = follow([bed(left, 1), bed(right, 1)], [(PRESSURE, 0.0), (PRESSURE, push * PRESSURE)])
-    stiffness = found["load_stiffness"].values[-1]
+    result = follow([bed(left, 1), bed(right, 1)], [(PRESSURE, 0.0), (PRESSURE, push * PRESSURE)])
+    stiffness = result["load_stiffness"].values[-1]
     np.testing.assert_allclose(stiffness[1], share * SPRINGS, rtol=1e-6)
     # normal springs in series with a rigid block
     np.testing.assert_allclose(stiffness[0], PRESSURE / DECAY * AREA, rtol=1e-6)
-    np.testing.assert_allclose(found["interface_compliance"].values[-1], 1.0, rtol=1e-6)
+    np.testing.assert_allclose(result["interface_compliance"].values[-1], 1.0, rtol=1e-6)
     stuck = SPRINGS * (0.5 if state == "frictionless" else 1.0)
-    np.testing.assert_allclose(found["stuck_stiffness"].values[-1, 1], stuck, rtol=1e-6)
+    np.testing.assert_allclose(result["stuck_stiffness"].values[-1, 1], stuck, rtol=1e-6)
 
 
 def test_slip_is_a_share_of_the_force_and_of_the_area():
-    found = follow([bed(0.1, 1), bed(0.9, 1)], [(PRESSURE, 0.0), (PRESSURE, 0.2 * PRESSURE)])
-    end = found.isel(step=-1)
+    result = follow([bed(0.1, 1), bed(0.9, 1)], [(PRESSURE, 0.0), (PRESSURE, 0.2 * PRESSURE)])
+    end = result.isel(step=-1)
     # the right half has a third of its limit: of a bed of exponential springs, those slip whose
     # pressure lies above 2/3
     right = 1.0 - 2.0 / 3.0 * (1.0 + np.log(1.5))
@@ -81,63 +81,63 @@ def test_slip_is_a_share_of_the_force_and_of_the_area():
     np.testing.assert_allclose(end["interface_slip"], [1.0, 0.0])
     np.testing.assert_allclose(end["slipping_load"], 0.5 * (1.0 + right), rtol=1e-6)
     np.testing.assert_allclose(end["slip_fraction"], 0.5)
-    np.testing.assert_allclose(found["slipping_load"][0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(result["slipping_load"][0], 0.0, atol=1e-12)
 
 
 def test_what_carries_next_to_nothing_is_open_and_does_not_slip():
     """The middle has a gap of ten decay lengths, and carries e^-10 of the pressure beside it."""
-    x, y = (one.ravel() for one in np.meshgrid(np.linspace(0.0, EDGE, 7), [0.0, EDGE]))
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0.0, EDGE, 7), [0.0, EDGE]))
     middle = np.abs(x - 0.5 * EDGE) < 0.4 * EDGE
     gap = GapMap(np.column_stack([x, y]), 10.0 * DECAY * middle)
     steps = [(PRESSURE, 0.0), (PRESSURE, 0.1 * PRESSURE)]
-    found = follow([bed(0.2)], steps, {"whole": inside(0.0, 1.0)}, gap, 6).isel(step=-1)
-    place = found["point_position"].values[:, 0]
+    part = follow([bed(0.2)], steps, {"whole": inside(0.0, 1.0)}, gap, 6).isel(step=-1)
+    place = part["point_position"].values[:, 0]
     middle = np.abs(place - 0.5 * EDGE) < 0.4 * EDGE
-    pressure = -found["traction"].values[:, 0]
+    pressure = -part["traction"].values[:, 0]
     assert 0.0 < pressure[middle].max() < 1e-4 * pressure.max()
-    np.testing.assert_array_equal(found["contact_state"].values == 0, middle)
-    whole = found["open_fraction"] + found["stick_fraction"] + found["slip_fraction"]
-    np.testing.assert_allclose([found["open_fraction"], whole], [5.0 / 6.0, 1.0])
+    np.testing.assert_array_equal(part["contact_state"].values == 0, middle)
+    whole = part["open_fraction"] + part["stick_fraction"] + part["slip_fraction"]
+    np.testing.assert_allclose([part["open_fraction"], whole], [5.0 / 6.0, 1.0])
 
 
 def test_a_small_rise_meets_half_a_bed_where_the_other_half_slips():
     # two slabs: the edge lies at half the pressure, so that half of the stiffness slips first
     log = np.log(2.0)
-    held = 0.5 * PRESSURE  # K(b) of the slab that holds, times the decay length
-    slips = PRESSURE - held - held * log  # load of the slab that slips
+    fixed = 0.5 * PRESSURE  # K(b) of the slab that holds, times the decay length
+    slips = PRESSURE - fixed - fixed * log  # load of the slab that slips
     friction, slip = 0.3, 0.8 * 0.3 * DECAY / RATIO
-    push = friction * slips + RATIO * held / DECAY * slip
-    found = follow([bed(friction, 2)] * 2, [(PRESSURE, 0.0), (PRESSURE, push)])
-    np.testing.assert_allclose(found["load_stiffness"].values[0, 1], SPRINGS, rtol=1e-6)
-    np.testing.assert_allclose(found["load_stiffness"].values[1, 1], 0.5 * SPRINGS, rtol=1e-6)
-    np.testing.assert_allclose(found["stuck_stiffness"].values[1, 1], SPRINGS, rtol=1e-6)
+    push = friction * slips + RATIO * fixed / DECAY * slip
+    result = follow([bed(friction, 2)] * 2, [(PRESSURE, 0.0), (PRESSURE, push)])
+    np.testing.assert_allclose(result["load_stiffness"].values[0, 1], SPRINGS, rtol=1e-6)
+    np.testing.assert_allclose(result["load_stiffness"].values[1, 1], 0.5 * SPRINGS, rtol=1e-6)
+    np.testing.assert_allclose(result["stuck_stiffness"].values[1, 1], SPRINGS, rtol=1e-6)
 
 
 def test_what_has_slipped_sticks_again_under_a_load_that_turns_back():
-    found = follow(
+    result = follow(
         [bed(0.1, 1), bed(0.9, 1)],
         [(PRESSURE, 0.0), (PRESSURE, 0.2 * PRESSURE), (PRESSURE, 0.1 * PRESSURE)],
     )
     # the left half has slid forth, and has come back without slip
     np.testing.assert_allclose(
-        found["load_stiffness"].values[:, 1], SPRINGS * np.array([1.0, 0.5, 1.0]), rtol=1e-6
+        result["load_stiffness"].values[:, 1], SPRINGS * np.array([1.0, 0.5, 1.0]), rtol=1e-6
     )
 
 
 def test_a_frictionless_face_resists_no_push():
-    found = follow([bed(0.0)] * 2, [(PRESSURE, 0.0)])
-    assert found["load_stiffness"].values[0, 1] == 0.0
-    assert found["interface_compliance"].values[0, 1] == 1.0
+    result = follow([bed(0.0)] * 2, [(PRESSURE, 0.0)])
+    assert result["load_stiffness"].values[0, 1] == 0.0
+    assert result["interface_compliance"].values[0, 1] == 1.0
     np.testing.assert_allclose(
-        found["load_stiffness"].values[0, 0], PRESSURE / DECAY * AREA, rtol=1e-6
+        result["load_stiffness"].values[0, 0], PRESSURE / DECAY * AREA, rtol=1e-6
     )
 
 
 def test_metal_that_has_flowed_is_stiffer_against_a_load_that_rises_again():
     law = HystereticLaw(Exponential(1e9, DECAY), 3.0, 2.0)
     pair = [Sliders(law, 0.3, RATIO, pressures=(1e6, 1e8))] * 2
-    found = follow(pair, [(PRESSURE, 0.0), (0.5 * PRESSURE, 0.0)])
-    flows, again = found["load_stiffness"].values[:, 0] / AREA
+    result = follow(pair, [(PRESSURE, 0.0), (0.5 * PRESSURE, 0.0)])
+    flows, again = result["load_stiffness"].values[:, 0] / AREA
     np.testing.assert_allclose(flows, PRESSURE / DECAY, rtol=1e-6)
     branch = law.branch(np.array(PRESSURE))
     expected = branch.stiffness(branch.gap_at(np.array(0.5 * PRESSURE)))

@@ -40,11 +40,11 @@ def test_collinear_cracks_are_softer_than_their_damage_says(damage):
     expected = 1.0 / (1.0 + extra / height)
     assert extra == pytest.approx(-4.0 / np.pi * np.log(np.cos(np.pi * damage / 2.0)), rel=2e-3)
     sizes = np.array([40, 80, 160])
-    found = np.array([collinear(damage, n, height) for n in sizes])
-    limit = 2.0 * found[-1] - found[-2]  # the error is first order in the thickness of the crack
+    result = np.array([collinear(damage, n, height) for n in sizes])
+    limit = 2.0 * result[-1] - result[-2]  # the error is first order in the thickness of the crack
     assert limit == pytest.approx(expected, rel=0.005)
-    assert found[-1] == pytest.approx(expected, rel=0.02)
-    assert observed_rate(1.0 / sizes, np.abs(found - expected)) == pytest.approx(1.0, abs=0.35)
+    assert result[-1] == pytest.approx(expected, rel=0.02)
+    assert observed_rate(1.0 / sizes, np.abs(result - expected)) == pytest.approx(1.0, abs=0.35)
     # per cell of height W: far from 1 - D
     cell = 1.0 / (1.0 + height * (1.0 / limit - 1.0))
     assert cell > 1.0 - damage + 0.08 if damage < 0.6 else cell > 1.0 - damage + 0.1
@@ -106,6 +106,6 @@ def test_few_penny_cracks_have_the_limit_without_interaction():
 @pytest.mark.slow
 def test_a_cubic_array_of_penny_cracks_is_near_the_limit_without_interaction():
     """A cubic array interacts: the compliance added is 8 % larger."""
-    found = moduli([penny_cracks(MIDDLE, (0, 0, 1), 0.05 ** (1.0 / 3.0))], 48)
-    assert found[2] == pytest.approx(0.8047, rel=0.03)
-    assert found[0] == pytest.approx(1.0, abs=0.01)
+    result = moduli([penny_cracks(MIDDLE, (0, 0, 1), 0.05 ** (1.0 / 3.0))], 48)
+    assert result[2] == pytest.approx(0.8047, rel=0.03)
+    assert result[0] == pytest.approx(1.0, abs=0.01)

@@ -76,7 +76,7 @@ def test_the_softening_law_has_the_energy_of_the_section():
 def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weaker():
     strengths = []
     for edge in (0.05, 0.1, 0.2):
-        found = [
+        results = [
             grow_microcracks(
                 drawn(edge, 6.6e-3, 2.2e-3, seed=seed, rise=1.0, bridging=2e-3),
                 1e6 * PULL,
@@ -84,9 +84,9 @@ def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weake
             )
             for seed in range(6)
         ]
-        strengths.append(np.mean([float(one["factor"].max()) for one in found]))
-        assert any(int(one["grown"][-1]) > 1 for one in found)
-        assert all(0.0 < float(one["modulus_ratio"][-1]) < 0.05 for one in found)
+        strengths.append(np.mean([float(item["factor"].max()) for item in results]))
+        assert any(int(item["grown"][-1]) > 1 for item in results)
+        assert all(0.0 < float(item["modulus_ratio"][-1]) < 0.05 for item in results)
     assert strengths[0] > strengths[1] > strengths[2]
 
 

@@ -34,8 +34,8 @@ def discs(*centre_and_radius):
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e3])
 def test_closed_forms_in_any_unit(sets, area, unit):
     centre, root = discs(*sets)
-    found = union_area(unit * SQUARE, unit * centre, unit * root)
-    assert found == pytest.approx(unit**2 * area, abs=1e-12 * unit**2)
+    entry = union_area(unit * SQUARE, unit * centre, unit * root)
+    assert entry == pytest.approx(unit**2 * area, abs=1e-12 * unit**2)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -53,5 +53,5 @@ def test_random_unions_cover_what_counting_says(seed):
         u = W[0, 0] * (x - c[0]) + W[0, 1] * (y - c[1])
         v = W[1, 0] * (x - c[0]) + W[1, 1] * (y - c[1])
         covered |= u * u + v * v <= 1.0
-    found = union_area(PENTAGON, centre, root)
-    assert found == pytest.approx((covered & inside).mean(), abs=5e-5)
+    area = union_area(PENTAGON, centre, root)
+    assert area == pytest.approx((covered & inside).mean(), abs=5e-5)

@@ -24,9 +24,9 @@ def reversed_stress(amplitude):
 
 
 def lives(history, material, **options):
-    found = two_scale_fatigue(history, material, **options)
-    FATIGUE.check(found)
-    return float(found["cycles_to_rupture"])
+    fatigue = two_scale_fatigue(history, material, **options)
+    FATIGUE.check(fatigue)
+    return float(fatigue["cycles_to_rupture"])
 
 
 # --- closed forms ----------------------------------------------------------------------------
@@ -47,9 +47,9 @@ def test_reversed_tension_has_its_closed_form(amplitude, dp, dD, initiation, rup
     assert damage == pytest.approx(dD, rel=2e-6)
     assert reversed_life(plastic, damage, 0.05, 0.3) == pytest.approx(rupture, rel=2e-5)
     for tolerance in (None, 0.02):
-        found = two_scale_fatigue(reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance)
-        assert float(found["cycles_to_rupture"]) == pytest.approx(rupture, rel=5e-3)
-        assert float(found["cycles_to_initiation"]) == pytest.approx(initiation, abs=1.0)
+        fatigue = two_scale_fatigue(reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance)
+        assert float(fatigue["cycles_to_rupture"]) == pytest.approx(rupture, rel=5e-3)
+        assert float(fatigue["cycles_to_initiation"]) == pytest.approx(initiation, abs=1.0)
     # from the state of a run: within .1 %, here to round-off
     state = np.zeros(STATE_SIZE)
     path = reversed_stress(amplitude)[:, None] * np.eye(6)[0]
@@ -74,17 +74,17 @@ def test_torsion_flows_by_its_mises_stress(hardening):
 
 @pytest.mark.parametrize("amplitude", [1e6, 150e6, 199.99e6, 200e6])
 def test_below_the_limit_there_is_no_end(amplitude):
-    found = two_scale_fatigue(reversed_stress(amplitude), FULL)
-    assert float(found["cycles_to_rupture"]) == np.inf
-    assert int(found["run_out"]) == 1
-    assert float(found["computed_cycles"]) < 5
+    fatigue = two_scale_fatigue(reversed_stress(amplitude), FULL)
+    assert float(fatigue["cycles_to_rupture"]) == np.inf
+    assert int(fatigue["run_out"]) == 1
+    assert float(fatigue["computed_cycles"]) < 5
 
 
 def test_a_mean_stress_shakes_down_with_hardening():
     """The first load flows; then the back stress has moved the surface and nothing does."""
-    found = two_scale_fatigue(np.array([350e6, 0.0]), FULL)
-    assert int(found["run_out"]) == 1
-    assert float(found["plastic_strain"][-1]) > 0.0
+    fatigue = two_scale_fatigue(np.array([350e6, 0.0]), FULL)
+    assert int(fatigue["run_out"]) == 1
+    assert float(fatigue["plastic_strain"][-1]) > 0.0
 
 
 # --- localisation ----------------------------------------------------------------------------
@@ -93,13 +93,13 @@ def test_a_mean_stress_shakes_down_with_hardening():
 def localised(stress, damage, plastic, poissons_ratio):
     """Effective stress of the inclusion from Eshelby's equivalent inclusion, tensors as (9,)."""
     nu = poissons_ratio
-    one, delta = np.eye(9), np.eye(3)
+    first, delta = np.eye(9), np.eye(3)
     volume = np.outer(delta, delta)
     # Eshelby's tensor of a ball, J. D. Eshelby, Proc. R. Soc. A 241 (1957) 376-396
     ball = (5.0 * nu - 1.0) / (15.0 * (1.0 - nu)) * volume
-    ball = ball + 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu)) * one  # on symmetric tensors
+    ball = ball + 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu)) * first  # on symmetric tensors
     lame, shear = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
-    C = lame * volume + 2.0 * shear * one
+    C = lame * volume + 2.0 * shear * first
     far = np.linalg.solve(C, stress)
     # (1 - D) C (far + S e - plastic) = C (far + S e - e)
     matrix = C - damage * C @ ball
@@ -119,10 +119,10 @@ def test_the_stress_of_the_inclusion_is_that_of_the_equivalent_one(damage, poiss
     state = np.zeros(STATE_SIZE)
     state[0], state[2:8] = damage, plastic[i, j]
     parameters = dataclasses.replace(FULL, poissons_ratio=poissons_ratio).parameters()
-    nu, found = poissons_ratio, np.empty(6)
+    nu, computed = poissons_ratio, np.empty(6)
     shear, b = E / (2.0 * (1.0 + nu)), 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
-    effective_stress(state, np.zeros(6), stress[i, j], 1.0, parameters, shear, b, found)
-    np.testing.assert_allclose(found, expected[i, j], rtol=1e-10, atol=1e-3)
+    effective_stress(state, np.zeros(6), stress[i, j], 1.0, parameters, shear, b, computed)
+    np.testing.assert_allclose(computed, expected[i, j], rtol=1e-10, atol=1e-3)
 
 
 def test_total_damage_dilates_like_a_void():
@@ -131,12 +131,12 @@ def test_total_damage_dilates_like_a_void():
     # u = A r + B / r^2 with sigma_r = 0 at r = 1 and = pull at r = outer
     K, G = E / (3.0 * (1.0 - 2.0 * NU)), E / (2.0 * (1.0 + NU))
     A, B = np.linalg.solve([[3 * K, -4 * G], [3 * K, -4 * G / outer**3]], [0.0, pull])
-    state, found = np.zeros(STATE_SIZE), np.empty(6)
+    state, computed = np.zeros(STATE_SIZE), np.empty(6)
     state[0] = 1.0
     b = 2.0 * (4.0 - 5.0 * NU) / (15.0 * (1.0 - NU))
     stress = pull * np.array([1.0, 1, 1, 0, 0, 0])
-    effective_stress(state, np.zeros(6), stress, 1.0, FULL.parameters(), G, b, found)
-    assert found[0] / (3.0 * K) == pytest.approx(A + B, rel=1e-6)
+    effective_stress(state, np.zeros(6), stress, 1.0, FULL.parameters(), G, b, computed)
+    assert computed[0] / (3.0 * K) == pytest.approx(A + B, rel=1e-6)
 
 
 # --- the increments --------------------------------------------------------------------------
@@ -183,13 +183,13 @@ def test_a_path_that_turns_follows_the_rate_equations_exactly():
 
 def test_a_straight_pull_is_integrated_exactly_from_the_threshold_on():
     """The energy is quadratic along it, and the damage is that of the strain beyond."""
-    found = []
+    results = []
     for threshold, substeps in ((0.0, 1), (0.0, 64), (4e-4, 1)):
         material = dataclasses.replace(PLAIN, hardening=20e9, threshold=threshold)
         state = np.zeros(STATE_SIZE)
         run_cycles(state, 1.5 * LIMIT * np.eye(6)[:1], 1, material.parameters(), substeps)
-        found.append(state[:2])
-    (once, p), (fine, _), (late, _) = found
+        results.append(state[:2])
+    (once, p), (fine, _), (late, _) = results
     assert once == pytest.approx(fine, rel=1e-9)
     assert late == pytest.approx(once * (1.0 - 4e-4 / p), rel=1e-9)
     assert 0.1 < 4e-4 / p < 0.9
@@ -218,10 +218,10 @@ def test_turning_the_axes_changes_nothing():
         i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
         return tensors[:, i, j]
 
-    one = lives(as_path(corners), FULL, jump_tolerance=None)
+    life = lives(as_path(corners), FULL, jump_tolerance=None)
     other = lives(as_path(q @ corners @ q.T), FULL, jump_tolerance=None)
-    assert np.isfinite(one)
-    assert other == pytest.approx(one, rel=1e-9)
+    assert np.isfinite(life)
+    assert other == pytest.approx(life, rel=1e-9)
 
 
 def test_compression_damages_less_if_cracks_close():
@@ -252,8 +252,8 @@ def test_the_energy_that_drives_damage_has_its_closed_form(damage, closure):
         energy = ((1.0 + NU) * both[0] - NU * both[1]) / (2.0 * E)
         i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
         parameters = dataclasses.replace(FULL, closure=closure).parameters()
-        found = damage_rate(sign * stress[i, j], damage, parameters)
-        assert found == pytest.approx((energy / STRENGTH) ** 2, rel=1e-10)
+        rate = damage_rate(sign * stress[i, j], damage, parameters)
+        assert rate == pytest.approx((energy / STRENGTH) ** 2, rel=1e-10)
 
 
 def test_damage_in_the_localisation_shortens_the_life():
@@ -275,9 +275,9 @@ def test_units_do_not_matter():
 @pytest.mark.parametrize("amplitude", [201e6, 220e6, 260e6])
 def test_jumps_agree_with_every_cycle_for_a_tenth_of_them(amplitude):
     every = lives(reversed_stress(amplitude), FULL, jump_tolerance=None)
-    found = two_scale_fatigue(reversed_stress(amplitude), FULL)
-    assert float(found["cycles_to_rupture"]) == pytest.approx(every, rel=0.01)
-    assert float(found["computed_cycles"]) < 0.11 * every
+    fatigue = two_scale_fatigue(reversed_stress(amplitude), FULL)
+    assert float(fatigue["cycles_to_rupture"]) == pytest.approx(every, rel=0.01)
+    assert float(fatigue["computed_cycles"]) < 0.11 * every
 
 
 def test_the_error_falls_with_the_tolerance_of_the_jumps():
@@ -308,38 +308,38 @@ def test_a_program_of_cycles_is_repeated_as_a_whole():
 
 
 def test_the_order_of_blocks_matters_little_when_they_are_short():
-    one = lives(program(*BLOCKS), PLAIN)
-    assert lives(program(*BLOCKS[::-1]), PLAIN) == pytest.approx(one, rel=0.02)
+    life = lives(program(*BLOCKS), PLAIN)
+    assert lives(program(*BLOCKS[::-1]), PLAIN) == pytest.approx(life, rel=0.02)
     # linear accumulation without feedback: Palmgren and Miner's sum of damage beyond the onset
     damage = 10 * damage_per_cycle(210e6, E, NU, LIMIT, STRENGTH)
     damage += damage_per_cycle(230e6, E, NU, LIMIT, STRENGTH)
     plastic = 10 * plastic_strain_per_cycle(210e6, E, NU, LIMIT)
     plastic += plastic_strain_per_cycle(230e6, E, NU, LIMIT)
-    assert one == pytest.approx(0.05 / plastic + 0.3 / damage, rel=0.02)
+    assert life == pytest.approx(0.05 / plastic + 0.3 / damage, rel=0.02)
 
 
 @pytest.mark.parametrize("tolerance", [0.02, None])
 def test_a_million_cycles(tolerance):
     amplitude = LIMIT * (1.0 + 2.3e-4)
     # the stress keeps its direction and the energy is quadratic in it: one step is exact
-    found = two_scale_fatigue(
+    fatigue = two_scale_fatigue(
         reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance, substeps=1
     )
     plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
     damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
     expected = reversed_life(plastic, damage, 0.05, 0.3)
     assert 1e6 < expected < 1.1e6
-    assert float(found["cycles_to_rupture"]) == pytest.approx(expected, rel=1e-3)
+    assert float(fatigue["cycles_to_rupture"]) == pytest.approx(expected, rel=1e-3)
 
 
 def test_what_does_not_end_in_time_is_not_called_a_life():
     for tolerance in (None, 0.02):
-        found = two_scale_fatigue(
+        fatigue = two_scale_fatigue(
             reversed_stress(210e6), PLAIN, max_cycles=1000, jump_tolerance=tolerance
         )
-        assert int(found["converged"]) == 0
-        assert np.isnan(float(found["cycles_to_rupture"]))
-        assert float(found["cycles"][-1]) == 1000.0
+        assert int(fatigue["converged"]) == 0
+        assert np.isnan(float(fatigue["cycles_to_rupture"]))
+        assert float(fatigue["cycles"][-1]) == 1000.0
 
 
 def test_a_list_of_stresses_is_a_path():
@@ -347,20 +347,20 @@ def test_a_list_of_stresses_is_a_path():
 
 
 def test_damage_never_heals():
-    found = two_scale_fatigue(program(*BLOCKS), FULL)
+    fatigue = two_scale_fatigue(program(*BLOCKS), FULL)
     for name in ("cycles", "damage", "plastic_strain"):
-        assert np.all(np.diff(found[name]) >= 0.0)
-    assert float(found["damage"][-1]) == pytest.approx(0.3)
+        assert np.all(np.diff(fatigue[name]) >= 0.0)
+    assert float(fatigue["damage"][-1]) == pytest.approx(0.3)
 
 
 def test_a_woehler_curve_falls_to_the_limit():
     amplitudes = np.array([190e6, 200.1e6, 205e6, 220e6, 300e6])
-    found = woehler_curve(FULL, amplitudes)
-    WOEHLER.check(found)
-    life = found["cycles_to_rupture"].values
+    curve = woehler_curve(FULL, amplitudes)
+    WOEHLER.check(curve)
+    life = curve["cycles_to_rupture"].values
     assert life[0] == np.inf
     assert np.all(np.diff(life[1:]) < 0.0)
-    assert found["converged"].values.all()
+    assert curve["converged"].values.all()
     pulsating = woehler_curve(PLAIN, np.array([230e6]), stress_ratio=0.0)
     assert int(pulsating["run_out"][0]) == 0
 

@@ -40,25 +40,25 @@ def bars(mean):
 
 @pytest.mark.parametrize("amplitude", [210e6, 250e6])
 def test_one_element_has_the_closed_form_of_reversed_tension(amplitude):
-    found = local_fatigue(lambda share: reversed_pull([amplitude]), 1, PLAIN)
-    FATIGUE_LIFE.check(found)
+    fatigue = local_fatigue(lambda share: reversed_pull([amplitude]), 1, PLAIN)
+    FATIGUE_LIFE.check(fatigue)
     plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
     damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
     life = reversed_life(plastic, damage, 0.05, 0.3)
-    assert float(found["cycles_to_crack"]) == pytest.approx(life, rel=1e-3)
-    assert int(found["solves"]) == 1
+    assert float(fatigue["cycles_to_crack"]) == pytest.approx(life, rel=1e-3)
+    assert int(fatigue["solves"]) == 1
 
 
 def test_elements_are_independent_and_the_first_one_cracks():
     amplitudes = np.array([150e6, 230e6, 260e6, 215e6])
-    found = local_fatigue(lambda share: reversed_pull(amplitudes), 4, FULL)
-    assert int(found["crack_element"]) == 2
+    fatigue = local_fatigue(lambda share: reversed_pull(amplitudes), 4, FULL)
+    assert int(fatigue["crack_element"]) == 2
     alone = [
         float(two_scale_fatigue(np.array([a, -a]), FULL)["cycles_to_rupture"]) for a in amplitudes
     ]
-    np.testing.assert_allclose(found["first_crack"], alone, rtol=1e-3)
-    assert float(found["cycles_to_crack"]) == pytest.approx(alone[2], rel=1e-3)
-    np.testing.assert_allclose(found["equivalent_amplitude"], amplitudes)
+    np.testing.assert_allclose(fatigue["first_crack"], alone, rtol=1e-3)
+    assert float(fatigue["cycles_to_crack"]) == pytest.approx(alone[2], rel=1e-3)
+    np.testing.assert_allclose(fatigue["equivalent_amplitude"], amplitudes)
 
 
 def every_cycle(mean, scatter):
@@ -101,7 +101,7 @@ def test_what_stays_elastic_runs_out_and_what_is_cut_off_is_unknown():
 
 
 def test_weak_inclusions_may_crack_and_the_others_stay_elastic():
-    found = local_fatigue(lambda share: reversed_pull([LIMIT]), 1, FULL, scatter=0.04)
-    assert float(found["cracked_share"][0]) == 0.5
-    assert int(found["run_out"]) == 1
-    assert float(found["cycles_to_first"]) < float(found["cycles_to_crack"]) == np.inf
+    fatigue = local_fatigue(lambda share: reversed_pull([LIMIT]), 1, FULL, scatter=0.04)
+    assert float(fatigue["cracked_share"][0]) == 0.5
+    assert int(fatigue["run_out"]) == 1
+    assert float(fatigue["cycles_to_first"]) < float(fatigue["cycles_to_crack"]) == np.inf

@@ -52,8 +52,8 @@ def test_published_damage_of_lattices():
         for normal, expected in table.items():
             period = 1.0 / np.linalg.norm(normal)
             places = np.concatenate([offset, np.arange(-4, 5) * period / 4])
-            found = np.max(plane_damage(rve, normal, places, closed=True))
-            assert found == pytest.approx(expected, rel=3e-5)
+            result = np.max(plane_damage(rve, normal, places, closed=True))
+            assert result == pytest.approx(expected, rel=3e-5)
 
 
 # validation: within 2 % at 16 voxels a radius
@@ -63,33 +63,33 @@ def test_images_of_lattices_have_their_damage(name, radius):
     image = voxelise(rve, round(16 / radius))
     for normal in ((1, 0, 0), (1, 1, 0), (1, 1, 1)):
         places = np.linspace(-0.5, 0.5, 81) / np.linalg.norm(normal)
-        exact, found = (
+        exact, computed = (
             plane_damage(body, normal, places, closed=True).max() for body in (rve, image)
         )
-        assert found == pytest.approx(exact, rel=0.02)
+        assert computed == pytest.approx(exact, rel=0.02)
 
 
 @pytest.mark.parametrize("smallest", [0.3, 0.8])
 def test_the_worst_plane_cuts_no_corner_smaller_than_asked_for(smallest):
     rve = Cavities(CUBE, [spheres([[0.2, 0.2, 0.2]], 0.3)])
-    found = max_damage(rve, level=1, sections=9, smallest_section=smallest)
-    place = np.array([0.0, float(found["worst_offset"])])
-    through_centre, area = box_section(CUBE, found["worst_normal"].values, place)
+    damage = max_damage(rve, level=1, sections=9, smallest_section=smallest)
+    place = np.array([0.0, float(damage["worst_offset"])])
+    through_centre, area = box_section(CUBE, damage["worst_normal"].values, place)
     assert area >= smallest * through_centre
     corners = max_damage(rve, level=1, sections=9, smallest_section=0.0)
-    assert corners["maximum_damage"] > 1.1 * found["maximum_damage"]
+    assert corners["maximum_damage"] > 1.1 * damage["maximum_damage"]
 
 
 def test_the_worst_plane_of_a_lattice_is_the_densest_one():
-    found = max_damage(lattice("simple cubic", 0.3, edge=1.0), closed=True, level=0)
-    assert float(found["maximum_damage"]) == pytest.approx(np.pi * 0.09, rel=1e-9)
-    assert np.sort(np.abs(found["worst_normal"].values)) == pytest.approx([0, 0, 1])
+    damage = max_damage(lattice("simple cubic", 0.3, edge=1.0), closed=True, level=0)
+    assert float(damage["maximum_damage"]) == pytest.approx(np.pi * 0.09, rel=1e-9)
+    assert np.sort(np.abs(damage["worst_normal"].values)) == pytest.approx([0, 0, 1])
     phi = 4.0 / 3.0 * np.pi * 0.3**3
-    assert float(found["maximum_damage"]) / phi == pytest.approx(2.5, rel=1e-9)
-    found = max_damage(lattice("face-centred cubic", 0.2, edge=1.0), closed=True, level=0)
+    assert float(damage["maximum_damage"]) / phi == pytest.approx(2.5, rel=1e-9)
+    damage = max_damage(lattice("face-centred cubic", 0.2, edge=1.0), closed=True, level=0)
     densest = 4.0 * np.pi * 0.2**2 / np.sqrt(3.0)
-    assert float(found["maximum_damage"]) == pytest.approx(densest, rel=1e-6)
-    assert np.abs(found["worst_normal"].values) == pytest.approx(np.full(3, 3**-0.5))
+    assert float(damage["maximum_damage"]) == pytest.approx(densest, rel=1e-6)
+    assert np.abs(damage["worst_normal"].values) == pytest.approx(np.full(3, 3**-0.5))
 
 
 def test_one_sphere_and_one_ellipsoid_in_a_cube():
@@ -103,8 +103,8 @@ def test_one_sphere_and_one_ellipsoid_in_a_cube():
     expected = np.pi * 0.3 * 0.2 / area
     assert plane_damage(rve, normal) == pytest.approx(expected, rel=1e-12)
     straight = Cavities(CUBE, [ellipsoids(MIDDLE, [0.4, 0.3, 0.2])])
-    found = plane_damage(straight, (1, 0, 0), [0.0, 0.2])
-    assert found == pytest.approx(np.pi * 0.06 * np.array([1.0, 0.75]), rel=1e-12)
+    damage = plane_damage(straight, (1, 0, 0), [0.0, 0.2])
+    assert damage == pytest.approx(np.pi * 0.06 * np.array([1.0, 0.75]), rel=1e-12)
 
 
 def test_bodies_that_overlap_are_counted_once():
@@ -119,8 +119,8 @@ def test_bodies_that_overlap_are_counted_once():
 def test_a_body_that_only_touches_an_edge_of_the_section_covers_none_of_it():
     """The edge at y = .2 touches the ellipse in its middle."""
     rve = channels(MIDDLE, [0.3])
-    found = plane_damage(rve, (0, -1, 1), -0.2 / np.sqrt(2.0))
-    assert found == pytest.approx(np.pi * 0.09 / 0.8, rel=1e-9)
+    damage = plane_damage(rve, (0, -1, 1), -0.2 / np.sqrt(2.0))
+    assert damage == pytest.approx(np.pi * 0.09 / 0.8, rel=1e-9)
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (1, 2, 3), (0.1, -1.0, 1e-6)])
@@ -134,11 +134,11 @@ def test_sections_add_up_to_the_volume(normal):
     area = box_section(CUBE, n, offset)
     assert area.mean() * 2.0 * half == pytest.approx(1.0, rel=1e-4)
     volume = 4.0 / 3.0 * np.pi * (0.25**3 + 0.15**2 * 0.3)
-    found = np.mean(plane_damage(rve, normal, offset) * area) * 2.0 * half
-    assert found == pytest.approx(volume, rel=2e-3)
+    computed = np.mean(plane_damage(rve, normal, offset) * area) * 2.0 * half
+    assert computed == pytest.approx(volume, rel=2e-3)
     image = voxelise(rve, 32)
-    found = void_section(image.void, image.size, n, offset).mean() * 2.0 * half
-    assert found == pytest.approx(image.porosity, rel=5e-3)
+    computed = void_section(image.void, image.size, n, offset).mean() * 2.0 * half
+    assert computed == pytest.approx(image.porosity, rel=5e-3)
 
 
 def test_a_voxel_image_is_cut_exactly():
@@ -160,8 +160,8 @@ def test_the_section_of_a_box_is_the_polygon_within_it():
     everything = spheres(MIDDLE, 9.0)
     rve = Cavities(CUBE, [everything], periodic=False)
     for normal in np.random.default_rng(1).normal(size=(20, 3)):
-        found = plane_damage(rve, normal, [0.0, 0.3, -0.4])
-        np.testing.assert_allclose(found[np.isfinite(found)], 1.0, rtol=1e-12)
+        damage = plane_damage(rve, normal, [0.0, 0.3, -0.4])
+        np.testing.assert_allclose(damage[np.isfinite(damage)], 1.0, rtol=1e-12)
     assert np.isnan(plane_damage(rve, (0, 0, 1), 0.6))
 
 
@@ -204,8 +204,8 @@ def test_isotropic_cracks_cast_half_their_area_on_average():
     rng = np.random.default_rng(5)
     m = rng.normal(size=(400, 3))
     rve = Cavities(CUBE, [penny_cracks(rng.uniform(size=(400, 3)), m, 1e-3)])
-    found = plane_damage(rve, (0, 0, 1), slab=2.0)
-    assert found == pytest.approx(400 * np.pi * 1e-6 / 2.0, rel=0.06)
+    damage = plane_damage(rve, (0, 0, 1), slab=2.0)
+    assert damage == pytest.approx(400 * np.pi * 1e-6 / 2.0, rel=0.06)
 
 
 def test_a_crack_through_the_whole_section_is_total_damage():
@@ -237,9 +237,9 @@ def test_voxels_converge_to_the_closed_form(normal):
 
 def test_half_the_resolution_tells_the_error():
     rve = lattice("simple cubic", 0.3, edge=1.0)
-    found = max_damage(voxelise(rve, 48), level=1, sections=48)
-    error = abs(float(found["maximum_damage"]) - np.pi * 0.09)
-    assert error <= 2.0 * float(found["resolution_error"]) + 1e-3
+    damage = max_damage(voxelise(rve, 48), level=1, sections=48)
+    error = abs(float(damage["maximum_damage"]) - np.pi * 0.09)
+    assert error <= 2.0 * float(damage["resolution_error"]) + 1e-3
     assert error < 0.02 * np.pi * 0.09
 
 
@@ -255,15 +255,15 @@ def test_voxels_need_not_be_cubes():
 
 
 def test_the_dataset_follows_its_schema_and_counts_its_planes():
-    found = max_damage(random_spheres(CUBE, 0.12, porosity=0.1, seed=2), level=1, sections=11)
-    DAMAGE_SECTIONS.check(found)
-    assert found.sizes["direction"] >= 21
-    assert found.sizes["section"] == 11
-    assert float(found["maximum_damage"]) >= float(found["damage"].max())
-    assert np.all(np.diff(found["quantile_damage"]) >= 0.0)
-    normal, offset = found["worst_normal"].values, float(found["worst_offset"])
+    damage = max_damage(random_spheres(CUBE, 0.12, porosity=0.1, seed=2), level=1, sections=11)
+    DAMAGE_SECTIONS.check(damage)
+    assert damage.sizes["direction"] >= 21
+    assert damage.sizes["section"] == 11
+    assert float(damage["maximum_damage"]) >= float(damage["damage"].max())
+    assert np.all(np.diff(damage["quantile_damage"]) >= 0.0)
+    normal, offset = damage["worst_normal"].values, float(damage["worst_offset"])
     again = plane_damage(random_spheres(CUBE, 0.12, porosity=0.1, seed=2), normal, offset)
-    assert again == pytest.approx(float(found["maximum_damage"]), rel=1e-12)
+    assert again == pytest.approx(float(damage["maximum_damage"]), rel=1e-12)
 
 
 def test_the_tensor_returns_a_quadratic_form():
@@ -285,9 +285,9 @@ def test_the_tensor_of_aligned_cracks_points_along_their_normal():
 def test_turning_the_volume_turns_the_damage():
     body = ellipsoids([[2.0, 2.0, 2.0]], [0.5, 0.3, 0.2], random_rotation(4))
     turned = Ellipsoids(body.centre, body.root[:, ::-1])  # x and z exchanged
-    one, other = (Cavities((4.0,) * 3, [kind]) for kind in (body, turned))
+    first, other = (Cavities((4.0,) * 3, [kind]) for kind in (body, turned))
     for normal in np.random.default_rng(2).normal(size=(5, 3)):
-        assert plane_damage(other, normal[::-1]) == pytest.approx(plane_damage(one, normal))
+        assert plane_damage(other, normal[::-1]) == pytest.approx(plane_damage(first, normal))
 
 
 # --- random media ----------------------------------------------------------------------------
@@ -298,19 +298,19 @@ def test_no_porosity_is_no_damage():
         boolean_spheres(CUBE, 0.1, porosity=0.0, seed=0),
         VoxelImage(np.zeros((8, 8, 8)), CUBE),
     ):
-        found = max_damage(rve, level=0, sections=5)
-        assert float(found["maximum_damage"]) == 0.0
-        assert not found["anisotropy"].values.any()
+        damage = max_damage(rve, level=0, sections=5)
+        assert float(damage["maximum_damage"]) == 0.0
+        assert not damage["anisotropy"].values.any()
 
 
 @pytest.mark.parametrize("as_image", [False, True])
 def test_percolating_voids_leave_the_damage_between_zero_and_one(as_image):
     rve = boolean_spheres(CUBE, 0.15, porosity=0.6, seed=1)
-    found = max_damage(voxelise(rve, 32) if as_image else rve, level=0, sections=17)
-    damage = found["damage"].values
+    entry = max_damage(voxelise(rve, 32) if as_image else rve, level=0, sections=17)
+    damage = entry["damage"].values
     assert np.all((damage >= 0.0) & (damage <= 1.0))
-    assert float(found["mean_damage"]) == pytest.approx(voxelise(rve, 64).porosity, abs=0.04)
-    assert float(found["maximum_damage"]) < 1.0
+    assert float(entry["mean_damage"]) == pytest.approx(voxelise(rve, 64).porosity, abs=0.04)
+    assert float(entry["maximum_damage"]) < 1.0
 
 
 def test_a_packing_does_not_overlap_and_has_the_porosity():

@@ -49,22 +49,22 @@ def rotate_stiffness(stiffness, Q):
 # validation: through channels along n are the only case of E (1 - D) exactly
 def test_channels_through_the_volume_lose_their_damage_as_stiffness():
     image = voxelise(channels(MIDDLE, [0.3]), (64, 64, 1))
-    found = effective_stiffness(image, E, NU, tolerance=1e-9)
+    stiffness = effective_stiffness(image, E, NU, tolerance=1e-9)
     # against the damage of the image to round-off: the stress along the channels is uniaxial
-    assert ratio(found)[2] == pytest.approx(1.0 - plane_damage(image, (0, 0, 1)), rel=1e-7)
-    assert ratio(found)[2] == pytest.approx(1.0 - np.pi * 0.09, rel=0.01)
+    assert ratio(stiffness)[2] == pytest.approx(1.0 - plane_damage(image, (0, 0, 1)), rel=1e-7)
+    assert ratio(stiffness)[2] == pytest.approx(1.0 - np.pi * 0.09, rel=0.01)
     # across them it does not hold: the solid between them carries more than its section
-    assert ratio(found)[0] > 1.2 * (1.0 - plane_damage(image, (1, 0, 0)))
+    assert ratio(stiffness)[0] > 1.2 * (1.0 - plane_damage(image, (1, 0, 0)))
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    turned = rotate_stiffness(found.value, quarter)
-    np.testing.assert_allclose(turned, found.value, atol=1e-6 * E)
+    turned = rotate_stiffness(stiffness.value, quarter)
+    np.testing.assert_allclose(turned, stiffness.value, atol=1e-6 * E)
 
 
 def test_layers_have_their_closed_form():
     """Backus: uniform in-plane strain and normal stress."""
     soft = 0.2 * E
     image = VoxelImage(np.arange(10)[None, None, :] >= 6, CUBE)
-    found = effective_stiffness(image, E, NU, void_modulus=soft).unwrap()
+    value = effective_stiffness(image, E, NU, void_modulus=soft).unwrap()
     share = np.array([0.6, 0.4])
     moduli = np.array([E, soft])
     lame, shear = moduli * NU / ((1 + NU) * (1 - 2 * NU)), moduli / (2 * (1 + NU))
@@ -73,9 +73,9 @@ def test_layers_have_their_closed_form():
     c13 = c33 * np.sum(share * lame / p_wave)
     c11 = np.sum(share * (p_wave - lame**2 / p_wave)) + c13**2 / c33
     expected = [c11, c13, c33, 1.0 / np.sum(share / shear), np.sum(share * shear)]
-    np.testing.assert_allclose(found[[0, 0, 2, 3, 5], [0, 2, 2, 3, 5]], expected, rtol=1e-9)
+    np.testing.assert_allclose(value[[0, 0, 2, 3, 5], [0, 2, 2, 3, 5]], expected, rtol=1e-9)
     eighth = np.sqrt(0.5) * np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]])
-    np.testing.assert_allclose(rotate_stiffness(found, eighth), found, atol=1e-9 * E)
+    np.testing.assert_allclose(rotate_stiffness(value, eighth), value, atol=1e-9 * E)
 
 
 # validation: 1 - 2.0045 phi within 3 % for phi <= .05
@@ -83,10 +83,10 @@ def test_layers_have_their_closed_form():
 def test_few_spherical_voids_have_the_dilute_limit(radius):
     phi = 4.0 / 3.0 * np.pi * radius**3
     image = voxelise(lattice("simple cubic", radius, edge=1.0), 40)
-    found = ratio(effective_stiffness(image, E, NU))
-    assert found == pytest.approx(np.full(3, 1.0 - SPHERE * phi), rel=0.03)
+    result = ratio(effective_stiffness(image, E, NU))
+    assert result == pytest.approx(np.full(3, 1.0 - SPHERE * phi), rel=0.03)
     # and the loss itself, which is small
-    assert 1.0 - found[0] == pytest.approx(SPHERE * phi, rel=0.12)
+    assert 1.0 - result[0] == pytest.approx(SPHERE * phi, rel=0.12)
 
 
 SIDES_OF_A_CUT_SPHERE = {
@@ -100,8 +100,8 @@ SIDES_OF_A_CUT_SPHERE = {
 @pytest.mark.parametrize("sides", SIDES)
 def test_voxels_have_the_stiffness_of_tetrahedra_with_all_sides(sides):
     rve = Cavities(CUBE, [spheres([[0.1, 0.5, 0.5]], 0.3)])  # reaches through a side
-    found = effective_stiffness(voxelise(rve, 20), E, NU, sides=sides).unwrap()
-    np.testing.assert_allclose(np.diag(found) / E, SIDES_OF_A_CUT_SPHERE[sides], rtol=0.03)
+    value = effective_stiffness(voxelise(rve, 20), E, NU, sides=sides).unwrap()
+    np.testing.assert_allclose(np.diag(value) / E, SIDES_OF_A_CUT_SPHERE[sides], rtol=0.03)
 
 
 @pytest.mark.slow
@@ -119,22 +119,22 @@ def test_half_an_image_turned_is_the_tensor_turned():
     image = VoxelImage(void, (0.6, 0.8, 1.0))
     turned = VoxelImage(void.transpose(2, 0, 1), (1.0, 0.6, 0.8))
     Q = np.roll(np.eye(3), 1, axis=0)  # x -> y -> z -> x
-    one = effective_stiffness(image, E, NU, tolerance=1e-8).unwrap()
+    value = effective_stiffness(image, E, NU, tolerance=1e-8).unwrap()
     other = effective_stiffness(turned, E, NU, tolerance=1e-8).unwrap()
-    np.testing.assert_allclose(other, rotate_stiffness(one, Q), rtol=1e-5, atol=1e-6 * E)
+    np.testing.assert_allclose(other, rotate_stiffness(value, Q), rtol=1e-5, atol=1e-6 * E)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("porosity", [0.1, 0.3])
 def test_stiffness_stays_within_its_bounds(porosity):
     image = voxelise(random_spheres(CUBE, 0.14, porosity=porosity, seed=3), 32)
-    found = effective_stiffness(image, E, NU).unwrap()
+    value = effective_stiffness(image, E, NU).unwrap()
     solid = isotropic_stiffness(E, NU)
-    assert np.linalg.eigvalsh(voigt_bound(solid, image.porosity) - found).min() > 0.0
-    assert np.linalg.eigvalsh(found).min() > 0.0
+    assert np.linalg.eigvalsh(voigt_bound(solid, image.porosity) - value).min() > 0.0
+    assert np.linalg.eigvalsh(value).min() > 0.0
     bulk, shear = hashin_shtrikman_bound(E, NU, image.porosity)
-    assert found[:3, :3].sum() / 9.0 < bulk
-    assert np.diag(found)[3:].mean() < shear
+    assert value[:3, :3].sum() / 9.0 < bulk
+    assert np.diag(value)[3:].mean() < shear
     # damage of the weakest section bounds nothing: it is geometric
     assert np.all(ratio(effective_stiffness(image, E, NU)) < 1.0 - image.porosity)
 
@@ -144,9 +144,9 @@ def test_iterations_grow_neither_with_the_resolution_nor_with_the_contrast():
     counts = []
     for n, contrast in ((16, 1e2), (32, 1e4), (32, np.inf)):
         image = voxelise(random_spheres(CUBE, 0.2, porosity=0.2, seed=1), n)
-        found = effective_stiffness(image, E, NU, void_modulus=E / contrast)
-        found.unwrap()
-        counts.append(max(int(line.split(": ")[1].split()[0]) for line in found.trail))
+        stiffness = effective_stiffness(image, E, NU, void_modulus=E / contrast)
+        stiffness.unwrap()
+        counts.append(max(int(line.split(": ")[1].split()[0]) for line in stiffness.trail))
     assert max(counts) < 60
 
 
@@ -154,10 +154,10 @@ def test_iterations_grow_neither_with_the_resolution_nor_with_the_contrast():
 @pytest.mark.parametrize("contrast", [1e4, np.inf])
 def test_percolating_voids_and_high_porosity(contrast):
     image = voxelise(boolean_spheres(CUBE, 0.15, porosity=0.6, seed=1), 32)
-    found = effective_stiffness(image, E, NU, void_modulus=E / contrast)
-    assert found.status is Status.CONVERGED
+    stiffness = effective_stiffness(image, E, NU, void_modulus=E / contrast)
+    assert stiffness.status is Status.CONVERGED
     bulk, _ = hashin_shtrikman_bound(E, NU, image.porosity)
-    assert 0.0 < ratio(found).min() < ratio(found).max() < bulk / E * 3.0
+    assert 0.0 < ratio(stiffness).min() < ratio(stiffness).max() < bulk / E * 3.0
 
 
 def test_the_stiffness_has_the_square_of_the_tolerance_as_error():
@@ -181,25 +181,25 @@ def test_voxels_need_not_be_cubes():
     # the same numbers in another unit of length
     image = voxelise(rve, (12, 16, 16))
     small = VoxelImage(image.void, tuple(1e-9 * length for length in image.size))
-    one, other = (effective_stiffness(each, E, NU).unwrap() for each in (image, small))
-    np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-9 * E)
+    first, other = (effective_stiffness(each, E, NU).unwrap() for each in (image, small))
+    np.testing.assert_allclose(other, first, rtol=1e-6, atol=1e-9 * E)
 
 
 def test_a_body_that_touches_nothing_is_no_stiffness():
     ball = np.logical_not(voxelise(Cavities(CUBE, [spheres(MIDDLE, 0.3)]), 16).void)
-    found = effective_stiffness(VoxelImage(ball, CUBE), E, NU)
-    assert found.status is Status.CONVERGED
-    assert "zero stiffness for the strains xx, yy, zz, yz, xz, xy" in found.detail
-    np.testing.assert_allclose(found.value, 0.0, atol=1e-12 * E)
-    np.testing.assert_array_equal(ratio(found), 0.0)
+    stiffness = effective_stiffness(VoxelImage(ball, CUBE), E, NU)
+    assert stiffness.status is Status.CONVERGED
+    assert "zero stiffness for the strains xx, yy, zz, yz, xz, xy" in stiffness.detail
+    np.testing.assert_allclose(stiffness.value, 0.0, atol=1e-12 * E)
+    np.testing.assert_array_equal(ratio(stiffness), 0.0)
 
 
 def test_a_soft_filling_is_not_lost():
     """A contrast of 1e8 across a crack through the section: the stiffness is that of a layer."""
     rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 5.0)])
-    found = effective_stiffness(voxelise(rve, 8), E, NU, void_modulus=1e-8 * E)
-    assert found.detail == ""
-    assert found.value[2, 2] == pytest.approx(
+    stiffness = effective_stiffness(voxelise(rve, 8), E, NU, void_modulus=1e-8 * E)
+    assert stiffness.detail == ""
+    assert stiffness.value[2, 2] == pytest.approx(
         1.0 / np.sum(np.array([7.0, 1e8]) / 8.0 / isotropic_stiffness(E, NU)[0, 0]), rel=1e-6
     )
 
@@ -210,27 +210,27 @@ def test_a_loose_island_carries_nothing():
     hollow = VoxelImage(void.copy(), CUBE)
     void[4:8, 4:8, 4:8] = False
     island = VoxelImage(void, CUBE)
-    one, other = (effective_stiffness(image, E, NU).unwrap() for image in (hollow, island))
-    np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-8 * E)
+    first, other = (effective_stiffness(image, E, NU).unwrap() for image in (hollow, island))
+    np.testing.assert_allclose(other, first, rtol=1e-6, atol=1e-8 * E)
 
 
 def test_a_crack_through_the_whole_section_leaves_no_stiffness():
     rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 5.0)])
     image = voxelise(rve, 8)
     assert plane_damage(image, (0, 0, 1)) == pytest.approx(1.0)
-    found = effective_stiffness(image, E, NU)
-    assert found.status is Status.CONVERGED
-    assert "zero stiffness for the strains zz, yz, xz: the solid is cut through" in found.detail
-    assert ratio(found)[2] == 0.0
-    assert ratio(found)[0] == pytest.approx(7.0 / 8.0, rel=1e-6)
+    stiffness = effective_stiffness(image, E, NU)
+    assert stiffness.status is Status.CONVERGED
+    assert "zero stiffness for the strains zz, yz, xz: the solid is cut through" in stiffness.detail
+    assert ratio(stiffness)[2] == 0.0
+    assert ratio(stiffness)[0] == pytest.approx(7.0 / 8.0, rel=1e-6)
 
 
 def test_what_does_not_converge_says_so():
     image = voxelise(boolean_spheres(CUBE, 0.15, porosity=0.5, seed=1), 16)
-    found = effective_stiffness(image, E, NU, max_iterations=3)
-    assert found.status is Status.MAX_ITERATIONS
+    stiffness = effective_stiffness(image, E, NU, max_iterations=3)
+    assert stiffness.status is Status.MAX_ITERATIONS
     with pytest.raises(ConvergenceError, match="iteration limit"):
-        found.unwrap()
+        stiffness.unwrap()
 
 
 # --- the tensor ------------------------------------------------------------------------------
@@ -250,8 +250,8 @@ def test_directions_of_an_isotropic_solid_are_alike():
 @pytest.mark.parametrize("sides", SIDES)
 def test_a_solid_box_has_the_stiffness_of_its_material_with_all_sides(sides):
     bricks = VoxelImage(np.zeros((4, 6, 5), dtype=bool), (1.0, 2.0, 0.5))
-    found = effective_stiffness(bricks, E, NU, sides=sides, tolerance=1e-8).unwrap()
-    assert found == pytest.approx(isotropic_stiffness(E, NU), abs=1e-9 * E)
+    value = effective_stiffness(bricks, E, NU, sides=sides, tolerance=1e-8).unwrap()
+    assert value == pytest.approx(isotropic_stiffness(E, NU), abs=1e-9 * E)
 
 
 @pytest.mark.parametrize(
@@ -283,6 +283,6 @@ def test_traction_sides_are_softer_than_periodic_sides_and_those_than_displaceme
 def test_a_box_that_is_cut_through_carries_nothing_across_with_traction_sides():
     void = np.zeros((8, 8, 8), dtype=bool)
     void[3] = True
-    found = effective_stiffness(VoxelImage(void, CUBE), E, NU, sides="traction")
-    assert found.converged
-    assert "zero stiffness for the strains xx, xz, xy" in found.detail
+    stiffness = effective_stiffness(VoxelImage(void, CUBE), E, NU, sides="traction")
+    assert stiffness.converged
+    assert "zero stiffness for the strains xx, xz, xy" in stiffness.detail

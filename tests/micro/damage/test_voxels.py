@@ -45,11 +45,11 @@ def assembled(lame, shear, u):
             corner: tuple((i + a) % m for i, a, m in zip(brick, corner, n, strict=True))
             for corner in np.ndindex(2, 2, 2)
         }
-        own = np.zeros((2, 2, 2, 3))
+        total = np.zeros((2, 2, 2, 3))
         for corner, node in nodes.items():
-            own[corner] = u[(slice(None), *node)]
+            total[corner] = u[(slice(None), *node)]
         matrix = lame[brick] * by_lame + shear[brick] * by_shear
-        answer = np.einsum("abcidefj,defj->abci", matrix, own)
+        answer = np.einsum("abcidefj,defj->abci", matrix, total)
         for corner, node in nodes.items():
             force[(slice(None), *node)] += answer[corner]
     return force
@@ -65,8 +65,8 @@ def test_forces_are_those_of_assembled_bricks(shape, rng):
     lame, shear = rng.uniform(0.0, 2.0, (2, *shape))
     lame.flat[0] = shear.flat[0] = 0.0  # a void
     u = rng.normal(size=(3, *shape))
-    found = VoxelOperator(lame, shear, EDGES).forces(u)
-    np.testing.assert_allclose(found, assembled(lame, shear, u), atol=1e-13)
+    force = VoxelOperator(lame, shear, EDGES).forces(u)
+    np.testing.assert_allclose(force, assembled(lame, shear, u), atol=1e-13)
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -96,9 +96,9 @@ def test_threads_do_not_change_the_forces(rng):
     lame, shear = rng.uniform(0.1, 2.0, (2, 7, 4, 6))
     operator, u = VoxelOperator(lame, shear, EDGES), rng.normal(size=(3, 7, 4, 6))
     with threads(1):
-        one = operator.forces(u)
+        force = operator.forces(u)
     with threads(2):
-        np.testing.assert_allclose(operator.forces(u), one, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(operator.forces(u), force, rtol=1e-12, atol=1e-14)
 
 
 def test_a_brick_has_six_rigid_motions_and_the_stiffness_of_its_material():

@@ -82,8 +82,8 @@ def test_resolvent_lies_on_the_law_and_on_the_search_direction(stiffness):
     law = CellLaw(rough_cell(), RANGE)
     jump = RMS * np.array([[0.3, 1.0, 2.0, 4.5], [0.1, 0.2, -0.3, 0.4]])
     source = law.respond(jump, np.empty((0, 4))).traction + stiffness * jump
-    found = law.resolvent(source, stiffness, np.empty((0, 4)))
-    np.testing.assert_allclose(found, jump, atol=1e-7 * RMS)
+    response = law.resolvent(source, stiffness, np.empty((0, 4)))
+    np.testing.assert_allclose(response, jump, atol=1e-7 * RMS)
 
 
 def test_cells_pressed_before_are_not_pressed_again():

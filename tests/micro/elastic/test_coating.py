@@ -42,9 +42,9 @@ WAVES = 2.0 * np.pi * np.arange(1, 32)
 @pytest.mark.parametrize("thickness", [1e-3, 0.05, 1.0], ids=["film", "wave", "thick"])
 @pytest.mark.parametrize("contrast", [0.01, 0.5, 1.7, 100.0])
 def test_the_compliance_is_the_closed_form_of_the_coated_half_space(thickness, contrast):
-    found = symbol([Coating(thickness, contrast, 0.2)])
+    kernel = symbol([Coating(thickness, contrast, 0.2)])
     expected = coated_half_space(WAVES, thickness, (contrast, 0.2), (1.0, 0.3))
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(kernel, expected, rtol=1e-9)
 
 
 def test_a_coating_of_the_same_material_is_none_and_a_thick_or_thin_one_is_a_half_space():
@@ -66,8 +66,8 @@ def test_the_compliances_of_two_bodies_add_up():
     film = (Coating(0.03, 5.0, 0.2),)
     second = SecondBody(20.0, 4, Elastic(2.0, 0.25), (Coating(0.01, 0.3, 0.4),))
     both = symbol(film, second=second)
-    own = symbol(second.coating, modulus=2.0, nu=0.25)
-    np.testing.assert_allclose(both, symbol(film) + own, rtol=1e-12)
+    kernel = symbol(second.coating, modulus=2.0, nu=0.25)
+    np.testing.assert_allclose(both, symbol(film) + kernel, rtol=1e-12)
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.0], ids=["thin", "even", "thick"])
@@ -82,9 +82,9 @@ def test_a_flat_punch_on_a_nearly_alike_coating_moves_as_gao_chiu_and_lee_say(sh
     film = Coating(share * radius, *stiff)
     for coating in ((), (film,)):
         cell = Cell(flat, 20.0, 4, 1.0, nu, obstacle, geometry="flat", coating=coating)
-        found = solve_cell(cell, Path(pressure=(pressure,)), keep_fields=True, tolerance=1e-9)
+        response = solve_cell(cell, Path(pressure=(pressure,)), keep_fields=True, tolerance=1e-9)
         # against the mean plane, which the whole depth moves
-        gap = found["gap"].values[0, 0].T - obstacle.heights
+        gap = response["gap"].values[0, 0].T - obstacle.heights
         moved.append(float(np.mean(gap[inside]) - np.mean(gap)))
     # other punches of the square lattice lift the plane: the constant of its Green's function
     alone = moved[0] + 3.9002649 / np.pi * (1.0 - nu**2) * pressure

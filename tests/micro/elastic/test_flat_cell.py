@@ -47,13 +47,13 @@ def test_a_profile_is_a_ridge_in_plane_strain():
     profile = Surface(ridge.heights[:, :1], (1.0, 0.7))
     across = Surface(profile.heights.T, (0.7, 1.0))
     for geometry in ("flat", "conforming"):
-        found = [
+        results = [
             solve_cell(Cell(surface, 1.0, 12, 1.0, 0.3, geometry=geometry), path)
             for surface in (ridge, profile, across)
         ]
-        for other in found[1:]:
-            np.testing.assert_allclose(other["mean_gap"], found[0]["mean_gap"], rtol=1e-6)
-            np.testing.assert_allclose(other["traction"], found[0]["traction"], atol=1e-8)
+        for other in results[1:]:
+            np.testing.assert_allclose(other["mean_gap"], results[0]["mean_gap"], rtol=1e-6)
+            np.testing.assert_allclose(other["traction"], results[0]["traction"], atol=1e-8)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.5, 0.9])
@@ -101,8 +101,8 @@ def test_every_other_point_answers_long_waves_as_all_points_do():
     x, y = np.arange(24)[:, None] / 24, np.arange(16) / 16
     for kx, ky in ((0, 0), (5, 0), (-5, 3), (1, 2)):
         force = np.cos(2.0 * np.pi * (kx * x + ky * y) + 0.3)
-        found = every.coarse(4.0 * force[::2, ::2])
-        np.testing.assert_allclose(found, every(force)[::2, ::2], rtol=1e-10)
+        result = every.coarse(4.0 * force[::2, ::2])
+        np.testing.assert_allclose(result, every(force)[::2, ::2], rtol=1e-10)
 
 
 def _start_elsewhere(*problem, **options):

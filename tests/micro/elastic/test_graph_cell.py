@@ -272,6 +272,6 @@ def test_nodes_that_are_alike_leave_no_step_in_the_tangent_of_the_load(load):
     waves[0, 0] = 0.5
     gap = 1.0 - x[:, None] * x
     tight = {"load": load, "tolerance": 1e-12}
-    found = solve_flat(SurfaceFilter(1.0 / waves), gap, np.ones((8, 8)), **tight).unwrap()
-    np.testing.assert_allclose(found, found.T, atol=1e-9 * load)
-    assert np.sum(found) == pytest.approx(load, rel=1e-12)
+    value = solve_flat(SurfaceFilter(1.0 / waves), gap, np.ones((8, 8)), **tight).unwrap()
+    np.testing.assert_allclose(value, value.T, atol=1e-9 * load)
+    assert np.sum(value) == pytest.approx(load, rel=1e-12)

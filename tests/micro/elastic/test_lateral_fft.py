@@ -55,10 +55,10 @@ def test_single_precision_loses_seven_digits_and_half_the_memory():
     double = factorise_flat_cell(*arguments)
     single = factorise_flat_cell(*arguments, dtype=np.float32)
     force = np.random.default_rng(seed=1).standard_normal((16, 5, 3, 12))
-    found, expected = single.solve(force), double.solve(force)
-    assert found.dtype == np.float64
+    computed, expected = single.solve(force), double.solve(force)
+    assert computed.dtype == np.float64
     assert single.inverse.nbytes == double.inverse.nbytes // 2
-    error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    error = np.linalg.norm(computed - expected) / np.linalg.norm(expected)
     assert 1e-9 < error < 1e-5
 
 
@@ -73,11 +73,11 @@ def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
         seen.append(displacement)
         return added
 
-    found = inverse.solve(force, correct)
+    result = inverse.solve(force, correct)
     np.testing.assert_allclose(seen[0], inverse.solve(force)[:, -1], atol=1e-11)
     both = force.copy()
     both[:, -1] += added
-    np.testing.assert_allclose(found, inverse.solve(both), atol=1e-11)
+    np.testing.assert_allclose(result, inverse.solve(both), atol=1e-11)
     np.testing.assert_allclose(
         inverse.surface_response(added),
         inverse.solve(both)[:, -1] - inverse.solve(force)[:, -1],
@@ -94,9 +94,9 @@ def test_surface_compliance_is_that_of_a_bonded_layer(nu, depth):
         moduli = (np.full(len(planes) - 1, float(m)) for m in lame_parameters(1.0, nu))
         inverse = factorise_flat_cell((n, 2), (1.0 / n, 1.0 / n), planes, *moduli)
         # per nodal force; a pressure acts with dx^2
-        found = inverse.surface_compliance[5][1, 0] / n**2
+        computed = inverse.surface_compliance[5][1, 0] / n**2
         half_space = 2.0 * (1.0 - nu**2) / (2.0 * np.pi)
-        errors.append(found / (half_space * layer.ratio_bonded(2.0 * np.pi * depth, nu)) - 1.0)
+        errors.append(computed / (half_space * layer.ratio_bonded(2.0 * np.pi * depth, nu)) - 1.0)
     assert abs(errors[-1]) < 4e-3
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
     assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.15)

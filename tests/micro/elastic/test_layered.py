@@ -19,13 +19,13 @@ def wavenumbers(nx, ny):
 @pytest.mark.parametrize("depth", [0.01, 0.25, 100.0], ids=["film", "layer", "half-space"])
 def test_one_layer_is_the_closed_form(nu, depth):
     lame, shear = lame_parameters(np.ones(1), nu)
-    found = layered_compliance((16, 12), SIZE, np.array([0.0, depth]), lame, shear)
+    compliance = layered_compliance((16, 12), SIZE, np.array([0.0, depth]), lame, shear)
     q = wavenumbers(16, 12)
-    assert found[0, 0] == pytest.approx(layer.oedometer_compliance(depth, 1.0, nu))
+    assert compliance[0, 0] == pytest.approx(layer.oedometer_compliance(depth, 1.0, nu))
     q[0, 0] = 1.0
     expected = 2.0 * (1.0 - nu**2) / q * layer.ratio_bonded(q * depth, nu)
     # a film's waves are nearly dependent: (q h)^-3 times rounding
-    np.testing.assert_allclose(found.flat[1:], expected.flat[1:], rtol=1e-9)
+    np.testing.assert_allclose(compliance.flat[1:], expected.flat[1:], rtol=1e-9)
 
 
 def test_cutting_a_layer_in_two_changes_nothing():
@@ -43,8 +43,8 @@ def test_finite_elements_of_a_layered_cell_converge_to_it_at_second_order(contra
         planes = np.linspace(0.0, 0.6, 3 * refinement + 1)
         lame, shear = lame_parameters(np.repeat(modulus, refinement), 0.3)
         n = 6 * refinement
-        found = factorise_flat_cell((n, 1), (1.0 / n, 1.0), planes, lame, shear)
+        result = factorise_flat_cell((n, 1), (1.0 / n, 1.0), planes, lame, shear)
         exact = layered_compliance((n, 1), (1.0, 1.0), planes, lame, shear)
-        errors.append(found.surface_compliance[5][1:3, 0] / n / exact[1:3, 0] - 1.0)
+        errors.append(result.surface_compliance[5][1:3, 0] / n / exact[1:3, 0] - 1.0)
     assert np.all(np.abs(errors[1]) < 1e-3)
     np.testing.assert_allclose(np.log2(np.abs(errors[0] / errors[1])), 2.0, atol=0.05)

@@ -47,7 +47,7 @@ def test_conforming_minus_expanded_is_of_second_order_in_the_slope():
     differences = [
         np.abs(conforming - changed_gap(geometry="flat", slope_order=order)) for order in (1, 2)
     ]
-    first, second = (np.log2(one[1] / one[0]) for one in differences)
+    first, second = (np.log2(difference[1] / difference[0]) for difference in differences)
     np.testing.assert_allclose(first, 0.85, atol=0.1)
     np.testing.assert_allclose(second, 2.0, atol=0.4)
     assert np.all(differences[1] < 0.25 * differences[0])
@@ -73,7 +73,7 @@ def test_two_bodies_comply_as_each_of_them_under_the_surface_between():
     apart = [of_pair((h[i], rigid[i]), (shear[i], np.inf), (nu[i], 0.0)) for i in (0, 1)]
     both = of_pair(h, shear, nu)
     for vertical in (False, True):
-        expected = sum(one(force, vertical=vertical) for one in apart)
+        expected = sum(item(force, vertical=vertical) for item in apart)
         np.testing.assert_allclose(both(force, vertical=vertical), expected, rtol=1e-9)
     other = np.random.default_rng(4).random((24, 24))
     assert np.vdot(other, both(force)) == pytest.approx(np.vdot(force, both(other)), rel=1e-12)
@@ -100,8 +100,8 @@ def test_the_second_order_holds_over_the_slopes_of_a_rough_surface(poissons_rati
             path = Path(pressure=(0.3 * slope,))
             gaps.append(solve_cell(cell, path, tolerance=1e-7)["mean_gap"].item() / slope)
         kinds.append(np.array(gaps[1:]) / gaps[0] - 1.0)
-    first, second = (kinds[0] - one for one in kinds[1:])
-    rates = [np.log2(one[1:] / one[:-1]) for one in (first, second)]
+    first, second = (kinds[0] - entry for entry in kinds[1:])
+    rates = [np.log2(item[1:] / item[:-1]) for item in (first, second)]
     assert np.all((rates[0] > 0.6) & (rates[0] < 1.05)), rates
     assert np.all((rates[1][1:4] > 1.5) & (rates[1][1:4] < 2.4)), rates
     # the term of the error budget is the change by the expansion, times twice the slope
@@ -113,9 +113,9 @@ def test_the_second_order_holds_over_the_slopes_of_a_rough_surface(poissons_rati
 def test_the_expanded_compliance_is_symmetric():
     surface = rough_square(24, 0.5, 0.25, 0.4)
     moved, rng = correction(surface, 0.1), np.random.default_rng(1)
-    one, other = rng.standard_normal((2, 24, 24))
-    assert np.vdot(one, moved(other)) == pytest.approx(np.vdot(other, moved(one)), rel=1e-12)
-    assert abs(np.vdot(one, moved(other))) > 1e-3 * np.linalg.norm(moved(other))
+    first, other = rng.standard_normal((2, 24, 24))
+    assert np.vdot(first, moved(other)) == pytest.approx(np.vdot(other, moved(first)), rel=1e-12)
+    assert abs(np.vdot(first, moved(other))) > 1e-3 * np.linalg.norm(moved(other))
 
 
 def test_the_energy_of_the_correction_is_stress_and_strain_of_the_flat_top_times_the_height():
@@ -124,12 +124,12 @@ def test_the_energy_of_the_correction_is_stress_and_strain_of_the_flat_top_times
     x = np.broadcast_to(np.cos(2.0 * np.pi * np.arange(n) / n)[:, None], (n, n))
     force = x + 2.0 * x.T + 0.5
     f = force * n**2  # Pa
-    own = (1.0 - 2.0 * nu) * np.stack([x, 2.0 * x.T]) * n**2  # strains along x and along y
-    in_plane = np.sum(own, axis=0)
+    direct = (1.0 - 2.0 * nu) * np.stack([x, 2.0 * x.T]) * n**2  # strains along x and along y
+    in_plane = np.sum(direct, axis=0)
     lame = nu / (1.0 - 2.0 * nu)
     normal = (f - lame * in_plane) / (lame + 1.0)
-    stresses = lame * (in_plane + normal) + own
-    expected = np.mean(surface.heights * (f * normal - np.sum(stresses * own, axis=0)))  # (2)
+    stresses = lame * (in_plane + normal) + direct
+    expected = np.mean(surface.heights * (f * normal - np.sum(stresses * direct, axis=0)))  # (2)
     assert np.vdot(force, correction(surface, nu)(force)) == pytest.approx(expected, rel=1e-10)
 
 

@@ -106,5 +106,5 @@ def test_operator_sums_the_stiffness_of_its_elements(points, mean_dilatation, la
         local = matrix @ np.concatenate([whole[x, z, :, y] for x, z, y in nodes])
         for k, (x, z, y) in enumerate(nodes):
             forces[x, z, :, y] += local[3 * k : 3 * k + 3]
-    found = stiffness_operator(mesh, *moduli, mean_dilatation=mean_dilatation)(u)
-    assert np.max(np.abs(found - forces[:, 1:])) < 1e-13 * np.max(np.abs(forces))
+    result = stiffness_operator(mesh, *moduli, mean_dilatation=mean_dilatation)(u)
+    assert np.max(np.abs(result - forces[:, 1:])) < 1e-13 * np.max(np.abs(forces))

@@ -42,12 +42,12 @@ def test_a_sinusoid_in_full_contact_dissipates_by_the_loss_modulus(number):
     q = 2.0 * np.pi / LENGTH
     x = np.arange(n) / n
     surface = Surface(amplitude * np.cos(2.0 * np.pi * x)[:, None] * np.ones(n), (LENGTH, LENGTH))
-    found = solve_sliding(surface, RUBBER, pressure, velocity(number))
+    result = solve_sliding(surface, RUBBER, pressure, velocity(number))
     loss = RUBBER.complex_modulus(np.array(q * velocity(number))).imag
     expected = 0.5 * q * amplitude**2 * q * loss / (2.0 * 0.75) / pressure
-    assert found.status is Status.CONVERGED
-    assert found.contact_fraction == 1.0
-    assert found.friction == pytest.approx(expected, rel=1e-6)
+    assert result.status is Status.CONVERGED
+    assert result.contact_fraction == 1.0
+    assert result.friction == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("n", [5, 9, 15])
@@ -57,19 +57,19 @@ def test_on_an_odd_grid_the_shortest_wave_dissipates_in_full(n):
     wave = amplitude * np.cos(2.0 * np.pi * shortest * np.arange(n) / n)
     surface = Surface(np.tile(wave[:, None], (1, 3)), (LENGTH, LENGTH))
     speed = velocity(1.0) / shortest
-    found = solve_sliding(surface, RUBBER, pressure, speed)
+    result = solve_sliding(surface, RUBBER, pressure, speed)
     loss = RUBBER.complex_modulus(np.array(q * speed)).imag
     expected = 0.5 * q * amplitude**2 * q * loss / (2.0 * 0.75) / pressure
-    assert found.friction == pytest.approx(expected, rel=1e-6)
+    assert result.friction == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("number", [0.01, 0.1, 1.0])
 def test_odd_grids_have_the_friction_of_even_ones(number):
-    found = [
+    results = [
         solve_sliding(random_waves(n, 2, 4, 0.1), RUBBER, 0.2e6, velocity(number)).friction
         for n in (63, 64, 65)
     ]
-    np.testing.assert_allclose(found, found[1], rtol=6e-3)
+    np.testing.assert_allclose(results, results[1], rtol=6e-3)
 
 
 def test_the_pressure_lies_on_the_slopes_that_the_half_space_climbs():
@@ -79,8 +79,8 @@ def test_the_pressure_lies_on_the_slopes_that_the_half_space_climbs():
     surface = Surface(
         amplitude * np.tile(np.cos(2.0 * np.pi * x)[:, None], (1, 2)), (LENGTH, LENGTH)
     )
-    found = solve_sliding(surface, RUBBER, 0.5e6, velocity(1.0))
-    pressure = found.pressure[:, 0]
+    result = solve_sliding(surface, RUBBER, 0.5e6, velocity(1.0))
+    pressure = result.pressure[:, 0]
     assert np.sum(x * pressure) < -0.02 * np.sum(pressure)
     # full contact, for a point of the half-space in its own time
     full = solve_sliding(surface, RUBBER, 12e6, velocity(1.0)).pressure[:, 0] - 12e6
@@ -96,9 +96,9 @@ def test_partial_contact_follows_the_independent_table(n):
     surface = random_waves(n, 2, 4, 0.1)
     expected = {0.01: 0.0180, 0.03: 0.0421, 0.1: 0.0512, 1.0: 0.0109}
     for number, friction in expected.items():
-        found = solve_sliding(surface, RUBBER, 0.2e6, velocity(number))
-        assert found.status is Status.CONVERGED
-        assert found.friction == pytest.approx(friction, rel=0.01)
+        result = solve_sliding(surface, RUBBER, 0.2e6, velocity(number))
+        assert result.status is Status.CONVERGED
+        assert result.friction == pytest.approx(friction, rel=0.01)
 
 
 def test_friction_over_velocity_is_a_bell_and_temperature_shifts_it():
@@ -130,9 +130,9 @@ def test_very_slow_and_very_fast_sliding_are_elastic(number, modulus):
     profile = np.cos(x) + 0.3 * np.cos(3.0 * x + 1.0)
     surface = Surface(2e-6 * np.tile(profile[:, None], (1, n)), (LENGTH, LENGTH))
     pressure = 0.1 * modulus * 0.02
-    found = solve_sliding(surface, RUBBER, pressure, velocity(number))
-    assert abs(found.friction) < 2e-3 * 0.02  # what the edges of the contact leave
+    result = solve_sliding(surface, RUBBER, pressure, velocity(number))
+    assert abs(result.friction) < 2e-3 * 0.02  # what the edges of the contact leave
     body = Cell(surface, 4.0 * LENGTH, 30, modulus, 0.4999, geometry="flat")
     elastic = solve_cell(body, Path(pressure=(pressure,)))
     gap = float(elastic["mean_gap"].values[0, 0])
-    assert found.mean_gap == pytest.approx(gap, rel=0.01)
+    assert result.mean_gap == pytest.approx(gap, rel=0.01)

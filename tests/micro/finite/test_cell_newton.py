@@ -32,25 +32,25 @@ STILL = ((0.0, 0.0),)
 @pytest.mark.parametrize("nu", [0.3, 0.45])
 def test_without_friction_and_at_small_strain_it_is_the_elastic_solver(obstacle, nu):
     body = cell(obstacle=obstacle, poissons_ratio=nu)
-    found = solve_cell(body, Path(pressure=(0.002, 0.02), slide=STILL * 2))
+    response = solve_cell(body, Path(pressure=(0.002, 0.02), slide=STILL * 2))
     expected = solve_cell(body, Path(pressure=(0.002, 0.02)))
-    assert found["converged"].values.all()
+    assert response["converged"].values.all()
     for name in ("displacement_jump", "mean_gap"):
         # a rough obstacle has slopes of second order here and of fourth order there
         atol = 1e-7 if obstacle is None else 2e-3 * float(np.max(np.abs(expected[name])))
-        np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=atol)
+        np.testing.assert_allclose(response[name], expected[name], rtol=1e-6, atol=atol)
 
 
 @pytest.mark.slow
 def test_large_strain_tends_to_small_strain():
     loads = (1e-7, 1e-6)
     flat = Surface(1e-5 * rough().heights, (1.0, 1.0))
-    found, expected = (
+    computed, expected = (
         solve_cell(cell(surface=flat, bulk=bulk), Path(pressure=loads))
         for bulk in (NeoHookean(1.0, 0.3), None)
     )
     np.testing.assert_allclose(
-        found["displacement_jump"].values[0, :, 0],
+        computed["displacement_jump"].values[0, :, 0],
         expected["displacement_jump"].values[0, :, 0],
         rtol=1e-4,
     )

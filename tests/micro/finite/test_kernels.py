@@ -73,10 +73,10 @@ def test_the_tangent_is_the_derivative_of_the_forces(law, mixed, points):
     respond = loaded(mesh, law, mixed, u)
     u = with_pressures(respond, u + noise(shape, 3, 0.003), mixed)
     v = noise(u.shape, 2, 1.0)
-    found = respond(u).tangent(v)
+    result = respond(u).tangent(v)
     ahead, behind = (respond(u + s * v).force for s in (2e-7, -2e-7))
     difference = (ahead - behind) / 4e-7
-    assert np.max(np.abs(found - difference)) < 1e-6 * np.max(np.abs(difference))
+    assert np.max(np.abs(result - difference)) < 1e-6 * np.max(np.abs(difference))
 
 
 @MIXED
@@ -142,10 +142,10 @@ def test_forces_are_those_of_the_pointwise_law(law, mixed):
         force = np.einsum("ijeq,jeq,eq->ie", stress, grad, weight)
         vertex = basis.mesh.t[a]
         np.add.at(expected, (i[vertex], plane[vertex], slice(None), j[vertex]), force.T)
-    found = respond(with_pressures(respond, u, mixed)).force
+    entry = respond(with_pressures(respond, u, mixed)).force
     scale = np.max(np.abs(expected))
-    assert np.max(np.abs(found[:, :, :3] - expected[:, 1:])) < 1e-12 * scale
-    assert np.all(np.abs(found[:, :, 3:]) < 1e-12 * scale)
+    assert np.max(np.abs(entry[:, :, :3] - expected[:, 1:])) < 1e-12 * scale
+    assert np.all(np.abs(entry[:, :, 3:]) < 1e-12 * scale)
 
 
 @pytest.mark.parametrize("direction", [0, 2], ids=["shear", "compression"])
@@ -165,10 +165,10 @@ def test_a_homogeneous_deformation_needs_no_forces_inside(law, mixed, direction)
 
 def test_only_plastic_and_viscous_bodies_keep_a_state():
     mesh = graph_mesh((6, 8))
-    kept = {name: LargeStrainLayer(mesh, law, False).rest() for name, law in LAWS.items()}
-    assert kept["neo-Hookean"] is None
-    assert kept["linear hardening"].shape == (6, LAYERS, 1, 8, 7, BATCH)
-    assert kept["Prony"].shape == (6, LAYERS, 1, 8, 18, BATCH)
+    stored = {name: LargeStrainLayer(mesh, law, False).rest() for name, law in LAWS.items()}
+    assert stored["neo-Hookean"] is None
+    assert stored["linear hardening"].shape == (6, LAYERS, 1, 8, 7, BATCH)
+    assert stored["Prony"].shape == (6, LAYERS, 1, 8, 18, BATCH)
 
 
 def test_elements_that_fold_are_reported():
@@ -188,8 +188,8 @@ def test_the_flat_cell_with_pressures_is_inverted(nu):
     body = LargeStrainLayer(mesh, cell.law, True)
     u = noise(body.shape, 6)
     force = body.begin(body.rest(), 0.0)(0.0 * u).tangent(u)
-    found = mixed_reference(cell, mesh).solve(force, None)
-    assert np.max(np.abs(found - u)) < 1e-5 * np.max(np.abs(u))  # single precision
+    result = mixed_reference(cell, mesh).solve(force, None)
+    assert np.max(np.abs(result - u)) < 1e-5 * np.max(np.abs(u))  # single precision
 
 
 @pytest.mark.slow
@@ -206,9 +206,9 @@ def test_pressures_do_not_lock():
         matrix = np.array([tangent(e).ravel() for e in unit_vectors(body.shape)])
         load = np.zeros(body.shape)
         load[:, -1, 2, 0] = np.cos(2.0 * np.pi * np.arange(n) / n) / n * flat.spacing[1]
-        held = np.arange(load.size) % body.shape[2] != 1  # plane strain
-        moved = np.linalg.solve(matrix[np.ix_(held, held)], load.ravel()[held])
-        answers[layers, mixed] = float(load.ravel()[held] @ moved) / flat.spacing[1]
+        fixed = np.arange(load.size) % body.shape[2] != 1  # plane strain
+        moved = np.linalg.solve(matrix[np.ix_(fixed, fixed)], load.ravel()[fixed])
+        answers[layers, mixed] = float(load.ravel()[fixed] @ moved) / flat.spacing[1]
     assert answers[6, True] == pytest.approx(answers[14, True], rel=0.1)
     assert answers[6, False] < 0.8 * answers[14, True]
 

@@ -56,13 +56,13 @@ def test_a_very_soft_metal_is_pressed_and_released(hardening):
 
 @pytest.mark.slow
 def test_a_nearly_incompressible_body_does_not_lock():
-    found = [
+    results = [
         -press(NeoHookean(1.0, nu), Path(approach=(0.02,)), n=8)["traction"].values[0, :, 0]
         for nu in (0.49, 0.4999)
     ]
     # the contact modulus tends to a limit, 4 / 3 E; the layer is stiffer as it must bulge
-    assert np.all(found[1] > found[0])
-    assert np.all(found[1] < 1.3 * found[0])
+    assert np.all(results[1] > results[0])
+    assert np.all(results[1] < 1.3 * results[0])
 
 
 def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):

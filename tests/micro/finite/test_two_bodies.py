@@ -59,8 +59,8 @@ def bumpy(rng):
 
 def test_a_projection_lies_above_its_node(bumpy, rng):
     place = rng.uniform(-2.0, 2.0, (2, 10, 8))
-    found = bumpy.above(place).field(0)
-    np.testing.assert_allclose(np.moveaxis(found[:, :2], 1, 0), place, atol=1e-12)
+    result = bumpy.above(place).field(0)
+    np.testing.assert_allclose(np.moveaxis(result[:, :2], 1, 0), place, atol=1e-12)
 
 
 def test_a_period_changes_nothing_but_the_place(bumpy, rng):
@@ -171,7 +171,7 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
     x, shift = constraint.solve(x * scene.weights[0], 0.0 if load is None else shift)
     size = np.abs(x).max()
     x, shift = x / size, shift / size
-    found, _ = now.apply(x, shift)
+    computed, _ = now.apply(x, shift)
 
     def balance(sign):
         there = equations.at(u + sign * step * x, delta + sign * step * shift, state.active)
@@ -189,16 +189,16 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
         return force
 
     difference = (balance(1.0) - balance(-1.0)) / (2.0 * step)
-    scale = np.abs(found).max()
+    scale = np.abs(computed).max()
     if mu == 0.0:
-        np.testing.assert_allclose(difference, found, atol=2e-4 * scale)
+        np.testing.assert_allclose(difference, computed, atol=2e-4 * scale)
         other = rng.standard_normal(u.shape)
         other, _ = constraint.solve(other * scene.weights[0], 0.0)
         if load is None:
-            left, right = np.vdot(other, found), np.vdot(x, now.apply(other, 0.0)[0])
-            assert left == pytest.approx(right, rel=1e-3, abs=1e-6 * np.linalg.norm(found))
+            left, right = np.vdot(other, computed), np.vdot(x, now.apply(other, 0.0)[0])
+            assert left == pytest.approx(right, rel=1e-3, abs=1e-6 * np.linalg.norm(computed))
     else:  # what the bound follows to first order: turns of the slip are left to the iteration
-        assert np.linalg.norm(difference - found) < 0.2 * np.linalg.norm(found)
+        assert np.linalg.norm(difference - computed) < 0.2 * np.linalg.norm(computed)
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "friction"])
@@ -231,8 +231,8 @@ def test_bodies_without_friction_carry_no_state_and_pay_for_one_unknown():
 
 
 def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():
-    one, two = rough(1), rough(2)
-    under = Surface(-one.heights, one.size)
-    up = solve_cell(pair(one, Surface(-two.heights, two.size)), Path(pressure=(0.02,)))
+    first, two = rough(1), rough(2)
+    under = Surface(-first.heights, first.size)
+    up = solve_cell(pair(first, Surface(-two.heights, two.size)), Path(pressure=(0.02,)))
     down = solve_cell(pair(two, under), Path(pressure=(0.02,)))
     assert down["mean_gap"].values == pytest.approx(up["mean_gap"].values, rel=5e-3)

@@ -110,7 +110,7 @@ def test_a_box_of_a_file_is_pressed_evenly(tmp_path, nodes):
     mesh = meshio.Mesh(
         points[used],
         [
-            *((kind, new[one]) for kind, one in blocks),
+            *((kind, new[block]) for kind, block in blocks),
             (f"hexahedron{nodes}", renumbered.reshape(cells.shape)),
         ],
         cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
@@ -119,6 +119,6 @@ def test_a_box_of_a_file_is_pressed_evenly(tmp_path, nodes):
     file = tmp_path / "box.msh"
     meshio.write(file, mesh, file_format="gmsh22", binary=False)
     cell = cell_from_file(file, STEEL, ElementKind.HEX27, points=(4, 4))
-    found = solve_cell(cell, Path(approach=(0.01,)), keep_fields=True)
+    response = solve_cell(cell, Path(approach=(0.01,)), keep_fields=True)
     stiffness = 0.7 / (1.3 * 0.4)  # uniaxial strain
-    np.testing.assert_allclose(found["pressure"], 0.01 * stiffness, rtol=1e-9)
+    np.testing.assert_allclose(response["pressure"], 0.01 * stiffness, rtol=1e-9)

@@ -74,21 +74,21 @@ def box_with_void(tmp_path_factory, gmsh):
 def test_every_element_has_the_contact_nodes_and_the_answer_of_the_kernel(kind):
     surface = rough_square(8, 1.0, 0.5, 0.1, seed=2)
     cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), kind)
-    found = solve_cell(cell, PATH, keep_fields=True, tolerance=1e-12)
+    response = solve_cell(cell, PATH, keep_fields=True, tolerance=1e-12)
     kernel = solve_cell(Cell(surface, 1.0, 4, 1.0, 0.3), PATH, keep_fields=True, tolerance=1e-12)
-    assert found["converged"].values.all()
+    assert response["converged"].values.all()
     tolerance = 1e-9 if kind is ElementKind.HEX8 else 0.3  # of four points a wave
     for name in ("pressure", "gap", "mean_gap", "displacement_jump", "contact_fraction"):
         scale = np.max(np.abs(kernel[name].values))
-        np.testing.assert_allclose(found[name], kernel[name], atol=tolerance * scale)
+        np.testing.assert_allclose(response[name], kernel[name], atol=tolerance * scale)
 
 
 @pytest.mark.parametrize("kind", [ElementKind.HEX27, ElementKind.TET10])
 def test_second_order_elements_carry_an_even_pressure_evenly(kind):
     flat = Surface(np.zeros((8, 8)), (1.0, 1.0))
     cell = graph_mesh_cell(flat, 1.0, 4, Elastic(1.0, 0.3), kind)
-    found = solve_cell(cell, Path(pressure=(1e-3,)), keep_fields=True)
-    np.testing.assert_allclose(found["pressure"], 1e-3, rtol=1e-8)
+    response = solve_cell(cell, Path(pressure=(1e-3,)), keep_fields=True)
+    np.testing.assert_allclose(response["pressure"], 1e-3, rtol=1e-8)
 
 
 @pytest.mark.parametrize("obstacle", [False, True], ids=["flat", "rough"])
@@ -136,12 +136,14 @@ def test_elements_agree_on_the_response_of_an_egg_box(element, n, tolerance):
     if not isinstance(element, ElementHex2):
         mesh = mesh.to_meshtet()
     obstacle = egg_box(48, -0.02)
-    found = solve_cell(MeshCell(named(mesh), element, Elastic(1.0, 0.3), obstacle=obstacle), PATH)
+    response = solve_cell(
+        MeshCell(named(mesh), element, Elastic(1.0, 0.3), obstacle=obstacle), PATH
+    )
     flat = Surface(np.zeros((48, 48)), (1.0, 1.0))
     expected = solve_cell(Cell(flat, 1.0, 24, 1.0, 0.3, obstacle), PATH)
-    assert found["converged"].values.all()
+    assert response["converged"].values.all()
     np.testing.assert_allclose(
-        found["mean_gap"].values[0, :2], expected["mean_gap"].values[0, :2], rtol=tolerance
+        response["mean_gap"].values[0, :2], expected["mean_gap"].values[0, :2], rtol=tolerance
     )
 
 
@@ -159,9 +161,9 @@ def test_uniform_displacement_and_traction_bound_the_energy_of_periodic_sides():
     energy = {}
     for sides in CellSides:
         cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), sides=sides)
-        found = solve_cell(cell, Path(approach=tuple(path)), tolerance=1e-10)
-        assert found["converged"].values.all()
-        energy[sides] = np.trapezoid(-found["traction"].values[0, :, 0], path)
+        response = solve_cell(cell, Path(approach=tuple(path)), tolerance=1e-10)
+        assert response["converged"].values.all()
+        energy[sides] = np.trapezoid(-response["traction"].values[0, :, 0], path)
     lower, upper = energy[CellSides.TRACTION], energy[CellSides.DISPLACEMENT]
     assert 0.5 * upper < lower < 0.99 * energy[CellSides.PERIODIC]
     assert lower < 0.999 * energy[CellSides.SLIDING]
@@ -206,9 +208,9 @@ def test_a_small_pore_takes_the_share_of_a_dilute_sphere_from_the_stiffness_of_a
     pore = Cavities((1.0, 1.0, 1.0), [spheres([[0.02, 0.48, 0.5]], radius)])  # across the sides
     solid, porous = (
         solve_cell(
-            graph_mesh_cell(flat, 1.0, 8, Elastic(1.0, nu), pores=one), Path(approach=(1e-3,))
+            graph_mesh_cell(flat, 1.0, 8, Elastic(1.0, nu), pores=item), Path(approach=(1e-3,))
         )["traction"].values[0, 0, 0]
-        for one in (None, pore)
+        for item in (None, pore)
     )
     assert solid / porous - 1.0 == pytest.approx(share, rel=0.1)
 

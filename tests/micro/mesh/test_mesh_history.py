@@ -16,18 +16,18 @@ def rough():
     return rough_square(8, 1.0, 0.5, 0.1, seed=2)
 
 
-def assert_close(found, expected, names, tolerance):
+def assert_close(result, expected, names, tolerance):
     for name in names:
-        one, other = found[name].values, expected[name].values
-        np.testing.assert_allclose(one, other, atol=tolerance * np.nanmax(np.abs(other)))
+        first, other = result[name].values, expected[name].values
+        np.testing.assert_allclose(first, other, atol=tolerance * np.nanmax(np.abs(other)))
 
 
 @pytest.mark.slow  # compiles the kernel of plastic cells
 def test_a_metal_of_hexahedra_is_the_metal_of_the_kernel():
     path = Path(approach=(0.02, 0.04, 0.03, 0.02))  # loads and unloads
-    kept = {"keep_fields": True, "keep_spots": True, "tolerance": 1e-10}
-    mesh = solve_cell(graph_mesh_cell(rough(), 1.0, 4, METAL), path, **kept)
-    kernel = solve_cell(Cell(rough(), 1.0, 4, 1.0, 0.3, bulk=METAL), path, **kept)
+    stored = {"keep_fields": True, "keep_spots": True, "tolerance": 1e-10}
+    mesh = solve_cell(graph_mesh_cell(rough(), 1.0, 4, METAL), path, **stored)
+    kernel = solve_cell(Cell(rough(), 1.0, 4, 1.0, 0.3, bulk=METAL), path, **stored)
     assert mesh["converged"].values.all()
     assert mesh["flowing_fraction"].values[0, 1] > 0.5
     assert_close(mesh, kernel, ("traction", "displacement_jump", "pressure", "gap"), 1e-8)
@@ -42,8 +42,8 @@ def test_a_flat_metal_is_pressed_in_uniaxial_strain(kind):
     metal = J2(1.0, 0.3, limit)
     approach = np.array([1e-3, 8e-3, 6e-3])
     cell = graph_mesh_cell(flat, 1.0, 2, metal, kind)
-    found = solve_cell(cell, Path(approach=tuple(approach)), tolerance=1e-11)
-    assert found["converged"].values.all()
+    response = solve_cell(cell, Path(approach=tuple(approach)), tolerance=1e-11)
+    assert response["converged"].values.all()
     strain = np.log(1.0 - approach)
     shear, bulk = 1.0 / 2.6, 1.0 / 1.2
     flowing = bulk * strain[1] - 2.0 / 3.0 * limit
@@ -56,7 +56,7 @@ def test_a_flat_metal_is_pressed_in_uniaxial_strain(kind):
     )
     # the lateral stretch is one, so that the nominal stress is that of Kirchhoff over the stretch
     expected = kirchhoff / (1.0 - approach)
-    np.testing.assert_allclose(found["traction"].values[0, :, 0], expected, rtol=1e-8)
+    np.testing.assert_allclose(response["traction"].values[0, :, 0], expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -79,10 +79,10 @@ def test_friction_on_hexahedra_is_the_friction_of_the_kernel():
     a = 0.004
     slide = ((0, 0), (0, 0), (a, 0), (10 * a, 0), (-3 * a, 0), (-3 * a, a))
     path = Path(pressure=(0.005, 0.01, 0.01, 0.01, 0.01, 0.004), slide=slide)
-    kept = {"keep_fields": True, "keep_spots": True, "tolerance": 1e-10}
+    stored = {"keep_fields": True, "keep_spots": True, "tolerance": 1e-10}
     cell = graph_mesh_cell(rough(), 1.0, 4, Elastic(1.0, 0.3), friction_coefficient=MU)
-    mesh = solve_cell(cell, path, **kept)
-    kernel = solve_cell(Cell(rough(), 1.0, 4, 1.0, 0.3, friction_coefficient=MU), path, **kept)
+    mesh = solve_cell(cell, path, **stored)
+    kernel = solve_cell(Cell(rough(), 1.0, 4, 1.0, 0.3, friction_coefficient=MU), path, **stored)
     assert mesh["converged"].values.all()
     names = ("traction", "displacement_jump", "mean_gap", "contact_fraction", "pressure", "gap")
     names += ("traction_by_normal", "slip_fraction", "friction_work")
@@ -97,20 +97,20 @@ def test_every_element_slips_at_the_bound_and_dissipates(kind):
     slide = ((0, 0), (a, 0), (12 * a, 0), (-12 * a, 0), (a, 0), (12 * a, 0))
     path = Path(pressure=(0.01,) * 6, slide=slide)
     cell = graph_mesh_cell(rough(), 1.0, 4, Elastic(1.0, 0.3), kind, friction_coefficient=MU)
-    found = solve_cell(cell, path)
-    assert found["converged"].values.all()
-    normal, along, across = found["traction"].values[0].T
+    response = solve_cell(cell, path)
+    assert response["converged"].values.all()
+    normal, along, across = response["traction"].values[0].T
     full = np.array([2, 3, 5])
     np.testing.assert_allclose(np.hypot(along, across)[full], -MU * normal[full], rtol=1e-3)
     assert np.hypot(along, across)[1] < 0.9 * MU * 0.01  # the first step sticks in part
-    assert np.all(np.diff(found["friction_work"].values[0]) >= 0.0)
+    assert np.all(np.diff(response["friction_work"].values[0]) >= 0.0)
 
 
 @pytest.mark.slow
 def test_a_metal_with_friction_slips_at_the_bound():
     path = Path(pressure=(0.004, 0.004, 0.004), slide=((0, 0), (0.1, 0), (0.0, 0)))
     cell = graph_mesh_cell(rough(), 1.0, 2, METAL, friction_coefficient=0.1)
-    found = solve_cell(cell, path)
-    assert found["converged"].values.all()
-    normal, along, _ = found["traction"].values[0].T
+    response = solve_cell(cell, path)
+    assert response["converged"].values.all()
+    normal, along, _ = response["traction"].values[0].T
     np.testing.assert_allclose(along[1:], [-0.1 * normal[1], 0.1 * normal[2]], rtol=1e-2)
