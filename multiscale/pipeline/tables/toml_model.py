@@ -124,7 +124,7 @@ class Settings(BaseModel):
     The meaning of a key is its description or, where it is longer than a line, the docstring below.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     @property
     def tables(self) -> frozenset[str]:
