@@ -38,12 +38,7 @@ def press_cell(
     pressure: float,
     contact_modulus: float,
 ) -> ContactAnswer:
-    """Press a flat cell, which is exact in depth, or a conforming cell.
-
-    The cell is as deep as its period, so that its base is not felt: it lowers the compliance of
-    the longest wave by less than 0.1 %. A conforming cell of n points is n/8 but at most 20 layers
-    deep, so that the errors of depth and surface fall together.
-    """
+    """Press a flat or conforming cell as deep as its period, so that its base is not felt."""
     from multiscale.micro import Cell, Path, solve_cell
 
     flat, points = geometry == "flat", surface.heights.size

@@ -209,11 +209,7 @@ def large_bodies(law_over_block: float, friction: float, matching: str) -> float
 
 
 def bolts(pull: float, law_over_block: float, method: str) -> float:
-    """Pull bolted blocks and release them: errors of the balance, and of the initial state again.
-
-    Forces are relative to the preload. Without the shank of the bolt the pull would open the joint
-    at the preload; a pull below zero presses the blocks until the bolt is slack.
-    """
+    """Pull bolted blocks and release them: errors of the balance and of the initial state."""
     from multiscale.fe.mesh_file import box_mesh
     from multiscale.laws.bulk import Elastic
     from multiscale.macro import Assembly, Body, Bolt, Interface, solve_assembly

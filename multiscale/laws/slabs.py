@@ -212,13 +212,7 @@ def _resolve(  # type: ignore[no-untyped-def]
 
 
 def asperity_loads(gap: np.ndarray, peak: np.ndarray, *arguments: Any) -> np.ndarray:
-    """Load and stiffness of every class on its unloading curve, and their derivatives by the gap.
-
-    Shape (4, classes, points); Pa and Pa/m. ``peak``, shape (points,), is the largest approach of
-    the highest asperities so far, m. Other arguments are whether they yield, their heights and
-    densities, the table of :class:`Asperities` and 4/3 E* sqrt(R). Unless they yield, the curves
-    (2) continue beyond the largest approach.
-    """
+    """Load and stiffness of classes on their unloading curves, and derivatives by the gap."""
     place = np.zeros((4, arguments[1].size, gap.size))
     run_ranges(_unload, gap.size, gap, peak, *arguments, place, least=_least(place[0]))
     return place

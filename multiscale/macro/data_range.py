@@ -47,19 +47,7 @@ def data_ends(law: "InterfaceLaw") -> tuple[float, float, float]:
 def further_pressures(
     data: tuple[float, float, float] | np.ndarray, shares: np.ndarray
 ) -> tuple[float, ...]:
-    """Return pressures beyond the data of a law, Pa, under which its cells are still to be pressed.
-
-    Parameters
-    ----------
-    data : tuple of float, see :func:`data_ends`
-    shares : ndarray, shape (3, ...), see :func:`load_shares`
-
-    Returns
-    -------
-    tuple of float
-        Two pressures at factors of :data:`FAR_FACTOR` beyond each end with more than
-        :data:`NEGLIGIBLE` of the load beyond it; none above an end that the cells contradict.
-    """
+    """Return two pressures beyond each end of the data of a law that the load leaves, Pa."""
     low, high, limit = data
     below, above, _ = np.nan_to_num(shares).reshape(3, -1).max(axis=1, initial=0.0)
     reach = FAR_FACTOR ** np.arange(1, 3)

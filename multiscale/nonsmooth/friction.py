@@ -211,11 +211,7 @@ def approximate_friction(
     run: Callable[[ScaledFriction, np.ndarray, Progress], None] = _run_schedule,
     callback: Callable[[int, float], None] | None = None,
 ) -> tuple[Solution, ScaledFriction | None]:
-    """Return the best answer without the reason of a failure, and the scaled problem if it is open.
-
-    Arrays are those of :func:`solve_friction`, with the right shapes and finite numbers, and are
-    not checked; ``run`` solves the scaled problem from some first impulses.
-    """
+    """Return the best answer without a reason, and the scaled problem if it is open."""
     started = perf_counter()
     if friction.size == 0:
         return Solution(velocity, Status.CONVERGED, (0.0,), (0.0,)), None

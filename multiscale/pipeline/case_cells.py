@@ -178,11 +178,7 @@ def flat_composite(case: Case) -> FlatCell:
 
 
 def composite_coating(case: Case) -> tuple[Coating, ...]:
-    r"""Coatings of the composite body: at each depth the composite of both materials.
-
-    The compliance is exact for wavelengths that are long or short against the coatings, and for all
-    wavelengths if both bodies are equal; see :func:`coating_caution`.
-    """
+    """Coatings of the composite body: at each depth the composite of both materials."""
     below = [np.cumsum([0.0, *(layer.thickness for layer in body.coating)]) for body in case.bodies]
     faces = np.unique(np.concatenate(below))
     coatings = []

@@ -379,12 +379,7 @@ def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
 
 
 def tabulate_budget(result: Dataset, quantity: str | None = None) -> Rows:
-    """Head and rows of an error budget: half-widths in per cent of each term, and their total.
-
-    Shown is the budget of ``quantity``, or else of the first quantity, at no more than
-    ``MOST_BUDGETS`` steps; the last column has the source of a term. Terms that contribute nothing
-    share a row.
-    """
+    """Head and rows of an error budget: half-widths in per cent of each term, and their total."""
     name = quantity or str(result["quantity"].values[0])
     steps = estimated_steps(result, name)
     some = np.unique(np.linspace(0, steps.size - 1, MOST_BUDGETS).round().astype(int))

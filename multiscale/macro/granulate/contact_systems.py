@@ -126,11 +126,7 @@ def solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) ->
 def _transfer(
     frames: np.ndarray, ends: np.ndarray, mobility: np.ndarray
 ) -> tuple[csr_array, np.ndarray]:
-    r"""Return H, from contact impulses to momenta of bodies, and the inverse masses, 1/kg.
-
-    The unknowns of a body are its velocity and radius times spin. A loaded wall moves only along
-    its normal, so that its entries in the tangential columns are zero.
-    """
+    """Return H, from contact impulses to momenta of bodies, and inverse masses, 1/kg."""
     m, c, _ = frames.shape
     transfer, place = csr_array((6 * len(mobility), c * m)), np.arange(c * m).reshape(m, c)
     if mobility.shape[1] == 1:  # without rotation

@@ -247,10 +247,7 @@ def mark_overlaps(
     velocity: np.ndarray,
     rate: np.ndarray,
 ) -> bool:
-    """Mark pairs that overlap too far after the step as ``wanted``; return whether there are any.
-
-    The compliance of such contacts is multiplied by ``STIFFENING``; ``rate`` is the strain rate.
-    """
+    """Mark pairs that overlap too far after the step as ``wanted``; report whether any do."""
     used = np.full(len(pairs.ends), -1.0)
     used[contacts.number] = contacts.compliance
     gap = geometry.gap + step.slack[1]

@@ -206,10 +206,7 @@ def _choose_step(
 
 
 def pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
-    """Return the pairs of a step with the impulses of the last forces over the time ``acted``, s.
-
-    The anchor of a spring is the impulse times the compliance used over the compliance given.
-    """
+    """Return the pairs of a step with the impulses of the last forces over ``acted``, s."""
     count, contacts, given = len(state.pairs), state.contacts, model.law.compliance
     impulse, across = np.zeros((count, contacts.impulse.shape[1])), model.law.tangential_compliance
     anchor, longer = np.zeros_like(impulse), acted / state.force_time  # forces persist

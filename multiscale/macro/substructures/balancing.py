@@ -275,10 +275,7 @@ class Balancing:
 
 
 def flexible_motions(first: np.ndarray, second: np.ndarray, flexibility: np.ndarray) -> np.ndarray:
-    """Orthonormal motions of (1) from the stiffness of both sides and the flexibility of the jump.
-
-    The flexibility has the unknowns of the interface first, then the corners that it ties.
-    """
+    """Orthonormal motions of (1) from the stiffness of both sides, and the flexibility."""
     size = len(first)
     H = first @ solve(first + second, second)
     H = 0.5 * (H + H.T) + REGULAR * np.trace(H) / size * np.eye(size)

@@ -28,13 +28,7 @@ NOTHING = 1e-6
 
 @dataclass(frozen=True)
 class Slide:
-    """A rigid motion of bodies against each other that the load drives.
-
-    Load and capacity are forces where bodies slide without rotation, NaN where they do not slide.
-    The load has no equilibrium, so the pressures come from the states before: where supports bear
-    a share of the force on a joint, the capacity changes with the load, by less than a per cent in
-    a lap joint.
-    """
+    """Rigid motion of bodies that the load drives; forces are NaN where bodies rotate."""
 
     load: float  # power of the load over the largest slip, N
     capacity: float  # power dissipated by friction over the largest slip, N
@@ -166,10 +160,7 @@ def _jumps(problem: CutProblem, modes: np.ndarray) -> list[list[np.ndarray]]:
 
 
 def _free_motions(problem: CutProblem) -> np.ndarray:
-    """Rigid motions of bodies that neither supports, links nor shanks resist, (unknowns, motions).
-
-    The unknowns of the substructures follow each other.
-    """
+    """Rigid motions that no support, link or shank resists, shape (unknowns, motions)."""
     stacked = stack_substructures(problem, range(len(problem.substructures)))
     K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
     motions = problem.motions[problem.numbers]

@@ -184,10 +184,7 @@ def _free_rows(assembly: Assembly, first: np.ndarray) -> np.ndarray:
 def _tie_platens(
     assembly: Assembly, platens: Sequence[tuple[str, Platen]], first: np.ndarray, free: np.ndarray
 ) -> tuple[list[csr_array], list[np.ndarray], np.ndarray]:
-    """Rows of the nodes that platens move, their places, and the forces on them, (motions, times).
-
-    Clears these rows in ``free``.
-    """
+    """Rows of the nodes that platens move, their places, and forces, (motions, times)."""
     bodies, times = assembly.bodies, assembly.times
     ties, places, forces = [], [], [np.zeros((0, len(times)))]
     for kind, platen in platens:
@@ -213,10 +210,7 @@ def _tie_platens(
 def _tie_sections(
     assembly: Assembly, first: np.ndarray, free: np.ndarray
 ) -> tuple[csr_array, list[csr_array], list[np.ndarray], list[int], np.ndarray]:
-    """Rows that follow others through cuts of bolts, stretches of the cuts, and their tensions, N.
-
-    Returns places and axes of the stretches as well, and clears the rows in ``free``.
-    """
+    """Rows that follow others through cuts of bolts, and stretches of the cuts; tensions, N."""
     bodies = assembly.bodies
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
     ties, places, axes = [], [], []
