@@ -34,8 +34,8 @@ def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Pat
 
 
 def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> Path:
-    """Write the links as lines between their nodes, with tension and slack, at every step."""
-    _require(result, ("position", "ends", "tension"), "nodes and links")
+    """Write the links as lines between their nodes, with any tension and slack, at every step."""
+    _require(result, ("position", "ends", "displacement"), "nodes and links")
     meshes = ({"": _structure(frame, "ends", LINKS)} for frame in _frames(result, "step"))
     return _write_series(folder, name, _timesteps(result), meshes)
 

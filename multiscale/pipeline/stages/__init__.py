@@ -10,6 +10,7 @@ from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.cut_structures import CONDENSED_PARTS, LINKS, PLATE
 from multiscale.pipeline.stages.ensembles import SLIDING
+from multiscale.pipeline.stages.equivalent_plate import EQUIVALENT_PLATE
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.pipeline.stages.joint import JOINT
@@ -40,6 +41,7 @@ COMPUTED: tuple[Stage, ...] = (
     FRICTION_LAW,
     BRAKING,
     LINKS,
+    EQUIVALENT_PLATE,
     PLATE,
     ROUGH_JOINTS,
     LOADED_BODIES,

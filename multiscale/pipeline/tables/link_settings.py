@@ -146,6 +146,37 @@ class TensegrityGrid(LinkStructure):
         )
 
 
+class EquivalentPlate(StructureKind):
+    """The plate with the stiffness of a grid; see :class:`multiscale.macro.links.PlateCell`."""
+
+    stage: ClassVar[str] = "equivalent_plate"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
+    models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": Statics}
+
+    kind: Literal["equivalent_plate"]
+    links: TensegrityGrid
+    """The grid, with its modules as cells of the plate, its supports and its loads."""
+    elements: Annotated[tuple[Modules, Modules] | None, toml.Quick(lambda *_: None)] = None
+    """Elements of the plate along x and y; one for each module if not given."""
+    mass: Mass | None = None
+    """Mass of each node, kg, for the first frequency of small vibration at every load factor."""
+    resolve: bool = True
+    """Whether the links themselves are solved too, for the error of the plate."""
+
+    def build(self) -> "macro.links.EquivalentPlate":
+        """Build the plate, its cell and its links."""
+        grid = self.links
+        module = grid.model_copy(update={"n": 1, "m": 1}).build()
+        cell = macro.links.plate_cell(module, (grid.size, grid.size))
+        elements = self.elements or (grid.n, grid.m or grid.n)
+        return macro.links.EquivalentPlate(grid.build(), cell, elements)
+
+    def check(self, case: "Case") -> None:
+        """Refuse large displacements."""
+        if case.statics.exact or case.statics.stability:
+            raise ValueError("an equivalent plate moves little: leave out exact and stability")
+
+
 class CableNet(LinkStructure):
     """A prestressed saddle; see :func:`multiscale.macro.cable_net`."""
 

@@ -1,0 +1,107 @@
+"""Stage: a structure of links as a plate, beside the links themselves."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from multiscale import macro
+from multiscale.io.fields import write_link_fields
+from multiscale.macro.links.link_system import link_needs
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.showing import Table, View
+from multiscale.pipeline.stage import Datasets, Job, Section
+from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+from multiscale.pipeline.tables.link_settings import EquivalentPlate
+from multiscale.pipeline.tables.settings import Case
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.lines import plot_lines
+from multiscale.schema import Dataset
+
+ROUNDING = 1e-12  # share of the stiffness of two strains below which their coupling is rounding
+
+MOVES = (
+    "At the load factor {load_factor} the plate moves by up to {largest_displacement}, and "
+    "{slack_links} of {links} links are slack by its cells."
+)
+RESOLVED = (
+    "The links themselves move by up to {links_displacement}; the distance of the plate from their "
+    "nodes is {plate_error} of the displacements."
+)
+VIBRATES = "The first frequency of the plate is {plate_frequency}."
+BESIDE = "The first frequency of the links is {links_frequency}."
+
+
+def _solve(plate: EquivalentPlate, case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Solve the plate and, if asked, its links at the same loads."""
+    built, factors = plate.build(), case.statics.load_factors
+    result = macro.links.solve_plate(built, factors, mass=plate.mass)
+    if plate.resolve:
+        links = macro.solve_static(built.system, factors)
+        result = macro.links.with_links(result, links, plate.mass, built.system)
+    return with_too_far(result)
+
+
+def _answer(result: Dataset) -> Iterator[str]:
+    """Report plate and links at the last load factor with an answer."""
+    known = np.flatnonzero(result["converged"].to_numpy() == 1)
+    asked = {"plate_error": RESOLVED, "plate_frequency": VIBRATES, "links_frequency": BESIDE}
+    for last in (result.isel(step=k) for k in known[-1:]):
+        sentences = (MOVES, *(line for name, line in asked.items() if name in result))
+        yield from View(result).sentences(last, *sentences, links=result.sizes["link"])
+
+
+def _sections(result: Dataset) -> Iterator[Section]:
+    """Show displacements over the load, and the stiffness of the taut plate."""
+    names = ("largest_displacement", "links_displacement")
+    drawn = on_axes(partial(plot_lines, over="load_factor"), result, *names)
+    strains = [str(strain) for strain in result["strain"].values]
+    stiffness = result["plate_stiffness"].to_numpy()
+    scale = np.sqrt(stiffness.diagonal())
+    stiffness = np.where(np.abs(stiffness) > ROUNDING * np.outer(scale, scale), stiffness, 0.0)
+    rows = [
+        (strain, *(f"{value:.4g}" for value in row))
+        for strain, row in zip(strains, stiffness, strict=True)
+    ]
+    caption = [
+        "Resultants by unit strains of the taut plate, about the plane z = 0: N/m for extensions "
+        "and transverse shears, N m for curvatures, and N between them."
+    ]
+    yield Section(
+        "Stiffness of the plate",
+        caption,
+        ("by", *strains),
+        rows,
+        figures={"displacements": drawn},
+        printed=False,
+    )
+
+
+def _needs(plate: EquivalentPlate, case: Case) -> Needs:
+    links = link_needs(plate.links.build(), steps=len(case.statics.load_factors))
+    resolved = Choice(
+        "links", "solved at the same loads, for the error of the plate", plate.resolve
+    )
+    return Needs(memory=links.memory, seconds=links.seconds, choices=(resolved,))
+
+
+EQUIVALENT_PLATE = structure_stage(
+    "equivalent_plate",
+    _solve,
+    _needs,
+    Table(
+        (
+            *("load_factor", "slack_links", "largest_displacement", "links_displacement"),
+            *("plate_error", "plate_frequency", "links_frequency", "iterations", "residual"),
+        ),
+        answer="largest_displacement",
+    ),
+    write_link_fields,
+    reads={"structure", "statics"},
+    question="How far does a plate of the mean stiffness of its links move, and how far do these?",
+    answers=dict.fromkeys(
+        ("largest_displacement", "slack_links", "plate_error", "plate_frequency"), ""
+    ),
+    more=_sections,
+    answer=_answer,
+)
