@@ -49,6 +49,20 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
     return verify(grid, load_factor, solve_grid(grid, load_factor, method))
 
 
+def equivalent_plate(bar_over_cable: float, prestress: float, load_factor: float) -> float:
+    """Solve the plate equivalent to a grid: distance of its resultants from equilibrium."""
+    from multiscale.laws.link import Bar
+    from multiscale.macro import tensegrity_grid
+    from multiscale.macro.links import EquivalentPlate, plate_cell, solve_plate
+
+    bar, tension = Bar(CABLE_RIGIDITY * bar_over_cable), REFERENCE_PRESTRESS * prestress
+    cell = plate_cell(tensegrity_grid(1, bar=bar, prestress=tension), (1.0, 1.0))
+    plate = EquivalentPlate(_grid(bar_over_cable, prestress), cell, (MODULES // 2,) * 2)
+    result = solve_plate(plate, [load_factor])
+    _refuse_failure(result)
+    return float(result["residual"][0])
+
+
 def limit_load(rise: float, bars: int) -> float:
     """Press the apex of a dome past its limit: error of the critical load, (L0 / b)^(1/3) long."""
     from multiscale.laws.link import Bar

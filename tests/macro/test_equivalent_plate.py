@@ -7,7 +7,13 @@ from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.continuum.plate import plate_elements
-from multiscale.macro.links import EquivalentPlate, plate_cell, solve_plate, with_links
+from multiscale.macro.links import (
+    EquivalentPlate,
+    compare_with_links,
+    natural_frequencies,
+    plate_cell,
+    solve_plate,
+)
 
 A, H = 0.8, 0.5  # edge and height of a truss plate, m
 CHORD, BRACE, DIAGONAL, POST = 3e6, 1e6, 5e5, 2e6  # axial rigidities, N
@@ -121,7 +127,8 @@ def grids():
         cell = plate_cell(tensegrity_grid(1, **options), (1.0, 1.0))
         plate = EquivalentPlate(grid, cell, (n, n))
         result = solve_plate(plate, [0.1, 1.0], mass=2.0)
-        found[n] = with_links(result, solve_static(grid, [0.1, 1.0]), 2.0, grid)
+        links = natural_frequencies(grid, solve_static(grid, [0.1, 1.0]), 2.0)
+        found[n] = compare_with_links(result, links)
     return found
 
 
@@ -132,10 +139,12 @@ def test_a_grid_tends_to_its_plate(grids):
     assert np.all(np.diff(error[:, 1]) < 0.0)
     assert error[-1, 1] < 0.06  # every eighth cable is slack
     ratio = np.array(
-        [found["plate_frequency"] / found["links_frequency"] for found in grids.values()]
+        [found["first_frequency"] / found["links_frequency"] for found in grids.values()]
     )
-    np.testing.assert_allclose(ratio[-1], 1.0, atol=0.02)
-    assert abs(ratio[-1, 0] - 1.0) < 0.3 * abs(ratio[0, 0] - 1.0)
+    np.testing.assert_allclose(ratio[-1], 1.0, atol=0.03)
+    assert np.all(np.abs(ratio[-1] - 1.0) < 0.3 * np.abs(ratio[0] - 1.0))
+    # membrane compression between the fixed edges: without its stiffness the ratio is 1.43
+    assert grids[16]["first_frequency"][1] < 0.5 * grids[16]["first_frequency"][0]
 
 
 def test_the_plate_counts_slack_cables(grids):
@@ -168,14 +177,25 @@ def test_supports_within_a_plate_are_refused():
         EquivalentPlate(grid, plate_cell(tensegrity_grid(1), (1.0, 1.0)), (2, 2))
 
 
-def test_a_load_beyond_the_limit_is_no_answer():
-    """Without prestress a load that all cables of a strip leave has no equilibrium."""
-    options = {"prestress": 1.0}
-    cell = plate_cell(tensegrity_grid(1, **options), (1.0, 1.0))
-    plate = EquivalentPlate(tensegrity_grid(8, **options), cell, (4, 4))
-    result = solve_plate(plate, [100.0])
-    links = solve_static(plate.system, [100.0])
-    assert not links["converged"].values.any()
-    assert not result["converged"].values.any()
-    assert np.isnan(result["largest_displacement"].values).all()
-    assert result.attrs["failure"].startswith("load factor 100: ")
+def tiled(n, law):
+    """A square plate of n by n cells of a truss on all of its edges, with a load downwards."""
+    cell = truss(law=law)
+    shift = A * np.stack(np.meshgrid(range(n), range(n), [0.0], indexing="ij"), axis=-1)
+    place = (cell.position + np.array([0.0, 0.0, 0.5 * H]) + shift.reshape(-1, 1, 3)).reshape(-1, 3)
+    _, first, node = np.unique(
+        np.round(place / 1e-6).astype(int), axis=0, return_index=True, return_inverse=True
+    )
+    position, ends = place[first], node.reshape(n * n, -1)[:, cell.ends].reshape(-1, 2)
+    edge = np.any((position[:, :2] < 1e-9) | (position[:, :2] > n * A - 1e-9), axis=1)
+    fixed = np.repeat((edge & (position[:, 2] < 1e-9))[:, None], 3, axis=1)
+    load = np.tile([0.0, 0.0, -10.0], (len(position), 1))
+    return LinkSystem(position, ends, cell.laws, np.tile(cell.kind, n * n), fixed, load)
+
+
+def test_a_load_that_no_cable_can_carry_is_no_answer():
+    """A sheet of cables hangs like a net at large displacements, and not at small ones."""
+    cell = plate_cell(truss(law=Cable), (A, A))
+    result = solve_plate(EquivalentPlate(tiled(3, Cable), cell, (3, 3)), [0.0, 1.0])
+    np.testing.assert_array_equal(result["converged"], [1, 0])
+    assert np.isnan(result["displacement"].values[1]).all()
+    assert result.attrs["failure"].startswith("load factor 1: ")

@@ -44,7 +44,14 @@ TEXTS = {
 }
 """Cases of several stages each, by name; scenes are read from their files."""
 
-QUICK = ("cable_net", "sudden_unloading", "plate", "deposit", "tensegrity_substructures")
+QUICK = (
+    "cable_net",
+    "equivalent_plate",
+    "sudden_unloading",
+    "plate",
+    "deposit",
+    "tensegrity_substructures",
+)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from tests.pipeline import (
     test_sheared_cells,
     test_slide,
 )
-from tests.support import refused_rows, write_scene
+from tests.support import SCENES, refused_rows, write_scene
 
 SHIPPED = shipped_cases()
 OWN_TEXT = ("mesh_cell", "overhang_cell", "tyre_on_road")
@@ -44,6 +44,7 @@ BASES = {
     "rough_blocks": test_body_scenes.BLOCKS,
     "plate": test_body_scenes.PLATE,
     "tensegrity_grid": test_scenes.STATIC,
+    "equivalent_plate": (SCENES / "equivalent_plate.toml").read_text(encoding="utf-8"),
     "sudden_unloading": test_scenes.MOVING,
     "hanging": test_scenes.HANGING,
     "deposit": test_grain_scenes.DEPOSIT,

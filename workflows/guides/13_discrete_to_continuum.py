@@ -1,13 +1,15 @@
 """From discrete to continuum: many bodies as a law, and where that holds.
 
-Question: which friction and height has a layer of grains, and how does a joint take them?
+Questions: which friction and height has a layer of grains, and how does a joint take them? When is
+a grid of cables and bars a plate?
 
     python workflows/guides/13_discrete_to_continuum.py
 """
 
 import numpy as np
 
-from multiscale.macro import granulate
+from multiscale.macro import granulate, solve_static, tensegrity_grid
+from multiscale.macro.links import EquivalentPlate, compare_with_links, plate_cell, solve_plate
 from multiscale.pipeline import load_case, requirements
 
 # Grains as a third body. A layer of rigid grains between two plates is a representative volume: its
@@ -36,3 +38,23 @@ print(requirements(case).built["cells of grains"])
 # 0.1 slide on the grains at that friction: the plates are a part of the law. Most of the scatter of
 # the height is the volume of the grains, 3 % between these cells, and 0.9 % remain at equal volume,
 # which [third_body] gives to all of its cells.
+
+# A periodic cell of cables and bars is the cell of a plate. Its eight strains are extensions and
+# shear in the plane, curvatures and twist, and transverse shears; the nodes of the cell relax
+# periodically, and links go slack. Membrane forces, moments and transverse forces are averages of
+# link forces over the area of the cell, as (1)-(3) of the source average over an element:
+cell = plate_cell(tensegrity_grid(1, prestress=160.0), (1.0, 1.0))
+print(cell.stiffness.diagonal())  # N/m, but N m for the curvatures
+
+# The plate takes loads, masses and supports of the links, and is compared with them:
+grid, factors = tensegrity_grid(4, prestress=160.0), [0.1, 1.0]
+plate = EquivalentPlate(grid, cell, elements=(4, 4))
+rest = compare_with_links(solve_plate(plate, factors), solve_static(grid, factors))
+print(rest["plate_error"].values)  # root mean square over the nodes, relative
+#
+# When is a discrete structure a continuum? With 4, 8, 16 and 32 modules across, taut, displacements
+# have errors of 20, 6.2, 2.7 and 1.4 %, first frequencies of 1.7, 4.2, .8 and .5 %
+# (workflows/figures/equivalent_plate.png): from 16 modules on. With every eighth cable slack they
+# are 41, 6.3, 4.8, 3.4 % and 39, 14, 2.8, .03 %, as zones of slack cables are a few modules wide.
+# Membrane compression between the fixed edges takes a third of the first frequency there. The
+# scene `equivalent_plate` reports plate and links at every load factor.

@@ -21,14 +21,16 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from multiscale import plotting
+from multiscale import macro, plotting
 from multiscale.bench import bench
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
+from multiscale.macro import links
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.plotting.figure import save_figure
 from multiscale.schema import FIELDS
@@ -61,6 +63,8 @@ SHOWN = {
     ),
     "tensegrity_grid": plotting.plot_sorted_tensions,
     "tensegrity_substructures": plotting.plot_deformed_links,
+    "equivalent_plate": lambda result, ax: draw_plates(ax),
+    "guyed_mast": plotting.plot_deformed_links,
     "cable_net": plotting.plot_deformed_links,
     "sudden_unloading": plotting.plot_energies,
     "rough_blocks": plotting.plot_hysteresis,
@@ -170,6 +174,37 @@ def draw_cells(runs: xr.Dataset, ax: Axes) -> None:
     plotting.plot_work_precision(runs.assign(wall_time=runs["cpu_time"]), ax=ax)
     ax.set(xlabel="processor time (s)", ylabel="error of the mean gap over rms height")
     ax.legend(fontsize="small")
+
+
+def draw_plates(ax: Axes, counts: Sequence[int] = (4, 8, 16, 32)) -> None:
+    """Draw the error of plates equivalent to grids against the number of modules across."""
+    errors = np.array([plate_errors(n) for n in counts])
+    for name, values in zip(
+        ("displacement", "first frequency"), errors.transpose(1, 2, 0), strict=True
+    ):
+        marker = "o" if name == "displacement" else "s"
+        for state, error, fill in zip(("taut", "slack"), values, ("full", "none"), strict=True):
+            ax.loglog(counts, error, f"{marker}-", label=f"{name}, {state}", fillstyle=fill)
+    ax.set(xlabel="modules across", ylabel="error of the equivalent plate")
+    ax.set_xticks(counts, map(str, counts))
+    ax.minorticks_off()
+    ax.legend(fontsize="small")
+
+
+def plate_errors(n: int) -> list[np.ndarray]:
+    """Return errors of displacement and first frequency of n modules, taut and with slack cables.
+
+    Tensions under a load rise with n^2, and with n^4 relative to a buckling load. Prestress and
+    load fall so that as many cables are slack, and membrane forces as large against bending.
+    """
+    options = {"prestress": 2550.0 * (16.0 / n) ** 2, "nodal_load": 40.0 * (16.0 / n) ** 4}
+    factors, mass = [0.1, 1.0], 2.0
+    grid, cell = (macro.tensegrity_grid(k, **options) for k in (n, 1))
+    plate = links.EquivalentPlate(grid, links.plate_cell(cell, (1.0, 1.0)), (n, n))
+    rest = links.natural_frequencies(grid, macro.solve_static(grid, factors), mass, count=1)
+    result = links.compare_with_links(links.solve_plate(plate, factors, mass=mass), rest)
+    frequency = np.abs(result["first_frequency"] / result["links_frequency"] - 1.0)
+    return [result["plate_error"].to_numpy(), frequency.to_numpy()]
 
 
 def draw_beam(result: xr.Dataset, ax: Axes) -> None:

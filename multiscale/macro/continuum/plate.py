@@ -25,6 +25,7 @@ class PlateElements:
     Attributes
     ----------
     operator : ndarray, shape (elements, points, 8, 45), of the strains (1)
+    slope : ndarray, shape (elements, points, 2, 45), of the slopes of w along x and y
     weight : ndarray, shape (elements, points), area of the points, m²
     unknown : ndarray of int, shape (elements, 45)
     position : ndarray, shape (2, nodes), m
@@ -32,6 +33,7 @@ class PlateElements:
     """
 
     operator: np.ndarray
+    slope: np.ndarray
     weight: np.ndarray
     unknown: np.ndarray
     position: np.ndarray
@@ -55,8 +57,16 @@ class PlateElements:
 
     def assemble(self, tangent: np.ndarray) -> csr_array:
         """Assemble the stiffness of tangents of shape (points, 8, 8)."""
-        C = self.weight[..., None, None] * tangent.reshape(*self.weight.shape, 8, 8)
-        blocks = np.sum(self.operator.swapaxes(2, 3) @ (C @ self.operator), axis=1)
+        return self._assemble(self.operator, tangent)
+
+    def geometric(self, resultant: np.ndarray) -> csr_array:
+        """Assemble the geometric stiffness of the membrane forces of resultants (points, 8)."""
+        return self._assemble(self.slope, resultant[:, [[0, 2], [2, 1]]])
+
+    def _assemble(self, operator: np.ndarray, tangent: np.ndarray) -> csr_array:
+        rows = operator.shape[2]
+        C = self.weight[..., None, None] * tangent.reshape(*self.weight.shape, rows, rows)
+        blocks = np.sum(operator.swapaxes(2, 3) @ (C @ operator), axis=1)
         row, column = np.broadcast_arrays(self.unknown[:, :, None], self.unknown[:, None, :])
         entries = (blocks.ravel(), (row.ravel(), column.ravel()))
         return csr_array(coo_array(entries, shape=(self.n, self.n)))
@@ -91,8 +101,9 @@ def plate_elements(
         x, y = moved
         S[:, :, first, :, x], S[:, :, first + 1, :, y] = dx, dy
         S[:, :, first + 2, :, x], S[:, :, first + 2, :, y] = dy, dx
-    S[:, :, 6, :, 2], S[:, :, 6, :, 3] = dx, value
-    S[:, :, 7, :, 2], S[:, :, 7, :, 4] = dy, value
+    S[:, :, 6, :, 2], S[:, :, 7, :, 2] = dx, dy
+    slope = S[:, :, 6:].copy()
+    S[:, :, 6, :, 3] = S[:, :, 7, :, 4] = value
     for row, along in ((6, 1), (7, 0)):  # axis 1 of an element is along x
         projection = _linear_along(basis.X, basis.W, along)
         S[:, :, row] = np.einsum("qp,epia->eqia", projection, S[:, :, row], optimize=True)
@@ -100,6 +111,7 @@ def plate_elements(
     count = UNKNOWNS * basis.Nbfun
     return PlateElements(
         S.reshape(*basis.dx.shape, 8, count),
+        slope.reshape(*basis.dx.shape, 2, count),
         basis.dx,
         unknown.reshape(-1, count),
         basis.doflocs,

@@ -1,8 +1,7 @@
 from .dynamics import simulate as simulate
 from .equivalent_plate import EquivalentPlate as EquivalentPlate
-from .equivalent_plate import link_frequency as link_frequency
+from .equivalent_plate import compare_with_links as compare_with_links
 from .equivalent_plate import solve_plate as solve_plate
-from .equivalent_plate import with_links as with_links
 from .limit_load import solve_past_limit as solve_past_limit
 from .link_structures import cable_net as cable_net
 from .link_structures import system_from_mesh as system_from_mesh
@@ -15,3 +14,4 @@ from .mechanisms import self_stress as self_stress
 from .plate_cell import PlateCell as PlateCell
 from .plate_cell import plate_cell as plate_cell
 from .statics import solve_static as solve_static
+from .vibration import natural_frequencies as natural_frequencies

@@ -36,6 +36,8 @@ OF_MOTION = "How do the links move, which tensions do they carry, and where does
 OF_PATH = "At which load do the links snap through or buckle, and where do they come to rest?"
 """Question of a path past limit points."""
 
+FIRST_FREQUENCY = "The first frequency of small vibration is {first_frequency}."
+
 LEAST_SHARE = 1e-3  # share of the energy below which a kind of energy is not reported
 STRAINED = 0.1  # strain of a taut link above which its linear elastic law does not hold
 
@@ -67,7 +69,21 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         result = macro.solve_static(
             system, statics.load_factors, exact=statics.exact, stability=statics.stability
         )
-    return with_too_far(_measured(result), *_strained(result, statics))
+        if statics.mass is not None:
+            result = macro.links.natural_frequencies(system, result, statics.mass)
+    return with_too_far(_measured(result), *_strained(result, statics), *unstable(result))
+
+
+def unstable(result: Dataset) -> Iterator[str]:
+    """Caution on steps at rest without frequencies."""
+    if "first_frequency" in result:
+        solved = result["converged"].to_numpy() == 1
+        factor = result["load_factor"].to_numpy()[solved & np.isnan(result["first_frequency"])]
+        if factor.size:
+            yield (
+                f"at the load factor {factor[0]:g} the tangent is not positive definite, and the "
+                f"structure has no small vibration: it buckles, or slack links leave a mechanism"
+            )
 
 
 def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
@@ -194,6 +210,7 @@ def _of_loads(result: Dataset) -> Iterator[str]:
         "{link}; {slack_links} of {links} links are slack, and the nodes move by up to "
         "{largest_displacement}.",
     )
+    yield from View(result).sentences(result.isel(step=-1), FIRST_FREQUENCY)
     first = int(np.argmax(slack > 0.0))
     if slack[first] > 0.0 and first > 0:
         yield (
@@ -283,7 +300,10 @@ def _needs(links: LinkStructure, case: Case) -> Needs:
 
 
 TABLE = Table(
-    ("time", "load_factor", "stability_eigenvalue", "slack_links", "largest_tension", "residual"),
+    (
+        *("time", "load_factor", "stability_eigenvalue", "first_frequency", "slack_links"),
+        *("largest_tension", "residual"),
+    ),
     answer="largest_tension",
     most=11,
 )

@@ -11,6 +11,7 @@ from multiscale.macro.links.link_system import link_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
+from multiscale.pipeline.stages.cut_structures import FIRST_FREQUENCY, unstable
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.pipeline.tables.link_settings import EquivalentPlate
 from multiscale.pipeline.tables.settings import Case
@@ -28,32 +29,32 @@ RESOLVED = (
     "The links themselves move by up to {links_displacement}; the distance of the plate from their "
     "nodes is {plate_error} of the displacements."
 )
-VIBRATES = "The first frequency of the plate is {plate_frequency}."
-BESIDE = "The first frequency of the links is {links_frequency}."
+VIBRATES = "The first frequency of the links themselves is {links_frequency}."
 
 
 def _solve(plate: EquivalentPlate, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Solve the plate and, if asked, its links at the same loads."""
-    built, factors = plate.build(), case.statics.load_factors
-    result = macro.links.solve_plate(built, factors, mass=plate.mass)
+    built, factors, mass = plate.build(), case.statics.load_factors, case.statics.mass
+    result = macro.links.solve_plate(built, factors, mass=mass)
     if plate.resolve:
         links = macro.solve_static(built.system, factors)
-        result = macro.links.with_links(result, links, plate.mass, built.system)
-    return with_too_far(result)
+        if mass is not None:
+            links = macro.links.natural_frequencies(built.system, links, mass)
+        result = macro.links.compare_with_links(result, links)
+    return with_too_far(result, *unstable(result))
 
 
 def _answer(result: Dataset) -> Iterator[str]:
     """Report plate and links at the last load factor with an answer."""
     known = np.flatnonzero(result["converged"].to_numpy() == 1)
-    asked = {"plate_error": RESOLVED, "plate_frequency": VIBRATES, "links_frequency": BESIDE}
+    sentences = (MOVES, RESOLVED, FIRST_FREQUENCY, VIBRATES)
     for last in (result.isel(step=k) for k in known[-1:]):
-        sentences = (MOVES, *(line for name, line in asked.items() if name in result))
         yield from View(result).sentences(last, *sentences, links=result.sizes["link"])
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show displacements over the load, and the stiffness of the taut plate."""
-    names = ("largest_displacement", "links_displacement")
+    names = ("largest_displacement", "links_displacement")[: 1 + ("links_displacement" in result)]
     drawn = on_axes(partial(plot_lines, over="load_factor"), result, *names)
     strains = [str(strain) for strain in result["strain"].values]
     stiffness = result["plate_stiffness"].to_numpy()
@@ -92,7 +93,7 @@ EQUIVALENT_PLATE = structure_stage(
     Table(
         (
             *("load_factor", "slack_links", "largest_displacement", "links_displacement"),
-            *("plate_error", "plate_frequency", "links_frequency", "iterations", "residual"),
+            *("plate_error", "first_frequency", "links_frequency", "iterations", "residual"),
         ),
         answer="largest_displacement",
     ),
@@ -100,7 +101,7 @@ EQUIVALENT_PLATE = structure_stage(
     reads={"structure", "statics"},
     question="How far does a plate of the mean stiffness of its links move, and how far do these?",
     answers=dict.fromkeys(
-        ("largest_displacement", "slack_links", "plate_error", "plate_frequency"), ""
+        ("largest_displacement", "slack_links", "plate_error", "first_frequency"), ""
     ),
     more=_sections,
     answer=_answer,

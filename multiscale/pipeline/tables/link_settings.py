@@ -71,8 +71,14 @@ class Statics(toml.Settings):
     where the load must fall, as after snap-through, with the critical load factor; with `exact`.
     See `multiscale.macro.solve_past_limit`."""
 
+    mass: Mass | None = None
+    """Mass of each node, kg, for the first frequencies of small vibration at every load factor. See
+    `multiscale.macro.links.natural_frequencies`."""
+
     @model_validator(mode="after")
     def _check_path(self) -> Self:
+        if self.exact and self.mass is not None:
+            raise ValueError("frequencies are of small displacements: leave out exact or mass")
         if not self.past_limit:
             return self
         if not self.exact or self.stability:
@@ -87,10 +93,12 @@ class Statics(toml.Settings):
             )
         return self
 
-    def refuse_large(self) -> None:
+    def refuse_uncut(self) -> None:
         """Refuse options of bars and cables that are not cut."""
         if self.exact or self.stability:
             raise ValueError("substructures move little: leave out exact and stability")
+        if self.mass is not None:
+            raise ValueError("substructures have no frequencies at rest: leave out mass")
 
 
 class LinkStructure(StructureKind):
@@ -118,7 +126,7 @@ class LinkStructure(StructureKind):
                 "substructures move by implicit steps: leave out theta and restitution"
             )
         if case.statics:
-            case.statics.refuse_large()
+            case.statics.refuse_uncut()
 
 
 class TensegrityGrid(LinkStructure):
@@ -147,7 +155,7 @@ class TensegrityGrid(LinkStructure):
 
 
 class EquivalentPlate(StructureKind):
-    """The plate with the stiffness of a grid; see :class:`multiscale.macro.links.PlateCell`."""
+    """The plate equivalent to a grid; see :class:`multiscale.macro.links.EquivalentPlate`."""
 
     stage: ClassVar[str] = "equivalent_plate"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
@@ -158,21 +166,22 @@ class EquivalentPlate(StructureKind):
     """The grid, with its modules as cells of the plate, its supports and its loads."""
     elements: Annotated[tuple[Modules, Modules] | None, toml.Quick(lambda *_: None)] = None
     """Elements of the plate along x and y; one for each module if not given."""
-    mass: Mass | None = None
-    """Mass of each node, kg, for the first frequency of small vibration at every load factor."""
     resolve: bool = True
     """Whether the links themselves are solved too, for the error of the plate."""
 
+    def cell(self) -> "macro.links.PlateCell":
+        """Build the cell of the plate."""
+        module = self.links.model_copy(update={"n": 1, "m": 1}).build()
+        return macro.links.plate_cell(module, (self.links.size, self.links.size))
+
     def build(self) -> "macro.links.EquivalentPlate":
         """Build the plate, its cell and its links."""
-        grid = self.links
-        module = grid.model_copy(update={"n": 1, "m": 1}).build()
-        cell = macro.links.plate_cell(module, (grid.size, grid.size))
-        elements = self.elements or (grid.n, grid.m or grid.n)
-        return macro.links.EquivalentPlate(grid.build(), cell, elements)
+        elements = self.elements or (self.links.n, self.links.m or self.links.n)
+        return macro.links.EquivalentPlate(self.links.build(), self.cell(), elements)
 
     def check(self, case: "Case") -> None:
-        """Refuse large displacements."""
+        """Refuse large displacements, and cells that are no plates."""
+        self.cell()
         if case.statics.exact or case.statics.stability:
             raise ValueError("an equivalent plate moves little: leave out exact and stability")
 

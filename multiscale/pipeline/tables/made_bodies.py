@@ -124,7 +124,7 @@ class Plate(StructureKind):
 
     def check(self, case: "Case") -> None:
         """Refuse large displacements."""
-        case.statics.refuse_large()
+        case.statics.refuse_uncut()
 
 
 PLAN_SHARE, NEAR_HOLE = 1.15, 100

@@ -49,10 +49,10 @@ FEWEST_LAYERS = 4  # of cells on half of their points
 Structure = (
     Blocks
     | link_settings.TensegrityGrid
-    | link_settings.EquivalentPlate
     | link_settings.CableNet
     | link_settings.LinkTable
     | link_settings.LinkMesh
+    | link_settings.EquivalentPlate
     | Plate
     | StackedBlocks
     | LapJoint
