@@ -169,19 +169,18 @@ class EquivalentPlate(StructureKind):
     resolve: bool = True
     """Whether the links themselves are solved too, for the error of the plate."""
 
-    def cell(self) -> "macro.links.PlateCell":
-        """Build the cell of the plate."""
-        module = self.links.model_copy(update={"n": 1, "m": 1}).build()
-        return macro.links.plate_cell(module, (self.links.size, self.links.size))
-
     def build(self) -> "macro.links.EquivalentPlate":
         """Build the plate, its cell and its links."""
-        elements = self.elements or (self.links.n, self.links.m or self.links.n)
-        return macro.links.EquivalentPlate(self.links.build(), self.cell(), elements)
+        grid = self.links
+        module = grid.model_copy(update={"n": 1, "m": 1}).build()
+        cell = macro.links.plate_cell(module, (grid.size, grid.size))
+        elements = self.elements or (grid.n, grid.m or grid.n)
+        return macro.links.EquivalentPlate(grid.build(), cell, elements)
 
     def check(self, case: "Case") -> None:
-        """Refuse large displacements, and cells that are no plates."""
-        self.cell()
+        """Refuse links of fixed length and large displacements."""
+        if inf in (self.links.cable_rigidity, self.links.bar_rigidity):
+            raise ValueError("an equivalent plate has extensible links: give a finite rigidity")
         if case.statics.exact or case.statics.stability:
             raise ValueError("an equivalent plate moves little: leave out exact and stability")
 
