@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.linalg import norm, svd
-from scipy.sparse import bsr_matrix, csr_array, csr_matrix, diags_array
+from scipy.sparse import bsr_matrix, csr_array, csr_matrix
 
 from multiscale.errors import MultiscaleError
 from multiscale.fe.elasticity import rigid_motions
@@ -60,15 +60,15 @@ def nodal_cycle(
     from pyamg import smoothed_aggregation_solver
 
     nodes, node = np.unique(place // 3, return_inverse=True)
-    at, size, n = 3 * node + place % 3, 3 * len(nodes), len(place)
+    at, size, n = (3 * node + place % 3).astype(np.int32), 3 * len(nodes), len(place)
     moving = np.arange(n) if free is None else np.flatnonzero(free)
-    unit = np.full(size, float(np.abs(matrix.diagonal()).sum()) / moving.size)  # fixed components
+    padded = _blocks(matrix, at, size)
+    mean = float(np.abs(matrix.diagonal()).sum()) / moving.size
+    del matrix  # it is as large as the hierarchy
+    unit = np.full(size, mean)  # fixed components
     unit[at[moving]] = 0.0
-    spread = csr_array((np.ones(n), at.astype(np.int32), np.arange(n + 1)), shape=(n, size))
-    padded = csr_array(matrix) @ spread
-    padded = spread.T @ padded  # each copy of a large matrix is freed before the next
-    padded = padded + diags_array(unit)
-    padded = bsr_matrix(csr_matrix(padded), blocksize=(3, 3))
+    diagonal = unit.reshape(-1, 3, 1) * np.eye(3), np.arange(size // 3), np.arange(size // 3 + 1)
+    padded = padded + bsr_matrix(diagonal, shape=padded.shape)
     candidates = np.zeros((size, modes.shape[1]))
     candidates[at[moving]] = modes[moving]
     levels = smoothed_aggregation_solver(
@@ -92,6 +92,19 @@ def nodal_cycle(
     return apply
 
 
+def _blocks(matrix: csr_array, at: np.ndarray, size: int) -> bsr_matrix:
+    """Blocks of a matrix with its unknowns at places among the components of all nodes."""
+    if np.any(np.diff(at) < 0):
+        order = np.argsort(at)
+        rows, row = csr_array(matrix[order]), at[order]
+    else:
+        rows, row = matrix, at
+    start = np.zeros(size + 1, dtype=np.int32)
+    start[1 + row] = np.diff(rows.indptr)
+    entries = rows.data, at[rows.indices], np.cumsum(start, dtype=np.int32)
+    return csr_matrix(entries, shape=(size, size)).tobsr((3, 3))
+
+
 @dataclass(frozen=True, eq=False)
 class Multigrid:
     """Iterative solver of the tangents of bodies with joints."""
@@ -109,9 +122,18 @@ class Multigrid:
             flexible.reshape(len(tangent), points).mean(axis=0), np.finfo(float).tiny
         )
         share = np.minimum(1.0, k / np.maximum(np.abs(tangent).max(axis=(0, 1)), 1e-300 * k))
-        matrix = csr_array(stiffness + jump.T @ (joint_matrix(share * tangent) @ jump))
-        self._refuse_free_motions(matrix)
-        cycle = self._cycle(matrix)
+        soft = joint_matrix(share * tangent)
+
+        def balance(u: np.ndarray) -> np.ndarray:
+            return np.asarray(stiffness @ u + jump.T @ (soft @ (jump @ u)))
+
+        self._refuse_free_motions(stiffness.diagonal(), balance)
+        place, modes = self._nodes()
+        try:
+            # the matrix is freed by the function, so that no name refers to it
+            cycle = nodal_cycle(stiffness + jump.T @ (soft @ jump), place, modes, BLOCKS)
+        except (RuntimeError, ValueError, np.linalg.LinAlgError) as error:
+            raise MultiscaleError(f"multigrid cannot coarsen the bodies: {error}") from error
 
         # the second row of (1)
         stiff = share < 1.0
@@ -122,7 +144,7 @@ class Multigrid:
 
         def apply(x: np.ndarray) -> np.ndarray:
             u, s = x[:n], x[n:]
-            return np.concatenate([matrix @ u + across.T @ s, unit @ s - pull @ (across @ u)])
+            return np.concatenate([balance(u) + across.T @ s, unit @ s - pull @ (across @ u)])
 
         def precondition(residual: np.ndarray) -> np.ndarray:
             force, s = residual[:n], residual[n:]
@@ -136,7 +158,9 @@ class Multigrid:
                     left = float(norm(b - apply(x)))
                     limit = 1.01 * GOAL * size
                     if not left <= limit:
-                        terms = float(norm(abs(matrix) @ np.abs(x[:n])))
+                        moved, across_joints = np.abs(x[:n]), abs(jump)
+                        joints = across_joints.T @ (abs(soft) @ (across_joints @ moved))
+                        terms = float(norm(abs(stiffness) @ moved + joints))
                         limit = max(limit, min(ROUNDING * terms, UNSURE * size))
             except RuntimeError as error:  # the coarsest matrix is singular
                 raise MultiscaleError(f"the tangent stiffness is singular: {error}") from error
@@ -150,33 +174,30 @@ class Multigrid:
         # not recursive: the cycle is freed with this function
         return lambda right: np.apply_along_axis(solve_column, 0, right)
 
-    def _refuse_free_motions(self, matrix: csr_array) -> None:
-        """Refuse a matrix that does not resist a combination of the rigid motions of bodies."""
-        size = np.sqrt(np.maximum(np.abs(matrix.diagonal()), np.finfo(float).tiny))[:, None]
+    def _refuse_free_motions(self, diagonal: np.ndarray, balance: Operator) -> None:
+        """Refuse a tangent that does not resist a combination of the rigid motions of bodies."""
+        size = np.sqrt(np.maximum(np.abs(diagonal), np.finfo(float).tiny))[:, None]
         basis, length, _ = svd(size * self.motions, full_matrices=False)
         basis = basis[:, length > DEPENDENT * length.max(initial=0.0)]
-        resisted = svd((matrix @ (basis / size)) / size, compute_uv=False)
+        resisted = svd(balance(basis / size) / size, compute_uv=False)
         if resisted.size and not resisted[-1] > FREE:
             raise MultiscaleError(
                 "the tangent stiffness is singular: bodies can move without force as rigid bodies; "
                 "check the supports and that every body is fixed"
             )
 
-    def _cycle(self, matrix: csr_array) -> Operator:
-        """Cycle on the nodes: their unknowns follow each other, with rising components."""
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the unknowns on nodes, in turn with rising components, and rigid motions."""
         apart = np.any(np.diff(self.position, axis=0) != 0.0, axis=1)
         node = np.append(0, np.cumsum(apart | (np.diff(self.component) <= 0)))
         modes = rigid_motions(self.position, self.component)
         modes /= np.maximum(np.abs(modes).max(axis=0), np.finfo(float).tiny)
-        try:
-            return nodal_cycle(matrix, 3 * node + self.component % 3, modes, BLOCKS)
-        except (RuntimeError, ValueError, np.linalg.LinAlgError) as error:
-            raise MultiscaleError(f"multigrid cannot coarsen the bodies: {error}") from error
+        return 3 * node + self.component % 3, modes
 
 
 def joint_matrix(tangent: np.ndarray) -> csr_array:
     """Matrix of tangents (d, d, points): all normal jumps, then each tangential jump."""
     i, j, at = np.nonzero(tangent)
     points = tangent.shape[2]
-    place = (points * i + at, points * j + at)
+    place = (points * i + at).astype(np.int32), (points * j + at).astype(np.int32)
     return csr_array((tangent[i, j, at], place), shape=(len(tangent) * points,) * 2)

@@ -22,6 +22,7 @@ from multiscale.macro.substructures.problem import (
     Substructure,
     expand_numbers,
 )
+from multiscale.numerics.factorisation import compact
 
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
@@ -277,12 +278,12 @@ def _stiffness(
         # displacement of its nodes from its unknowns
         E = expansion[(3 * node[:, None] + np.arange(3)).ravel()]
         unknown = np.unique(E.indices)
-        E = csr_array(E[:, unknown])
+        E = compact(csr_array(E[:, unknown]))
         share = None if body.share is None else body.share[elements]
         K = elastic_matrix(basis, body.law, share)
         if body.bends and isinstance(basis.elem, ElementHex1):
             K = K - mode_stiffness(basis, body.law, share)
-        matrices.append((csr_array(E.T @ K @ E), unknown))
+        matrices.append((compact(csr_array(E.T @ K @ E)), unknown))
     return matrices
 
 

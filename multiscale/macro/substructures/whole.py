@@ -26,7 +26,7 @@ from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
 from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
-from multiscale.numerics.factorisation import on_diagonal
+from multiscale.numerics.factorisation import compact, on_diagonal
 from multiscale.schema import MACRO_RESULT, Dataset
 
 DENSE = 1500
@@ -276,12 +276,13 @@ def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
     """Stack the normal jumps of all joints, then both tangential jumps, from n unknowns."""
     sized = [(jump, jump.shape[0] // 3) for jump in jumps]
     blocks = [jump[k * size : (k + 1) * size] for k in range(3) for jump, size in sized]
-    return csr_array(vstack([csr_array((0, n)), *blocks]))
+    return compact(csr_array(vstack([csr_array((0, n)), *blocks])))
 
 
 def _placement(unknown: np.ndarray, n: int) -> csr_array:
     """Select some of the n unknowns of the structure."""
-    return csr_array((np.ones(unknown.size), (np.arange(unknown.size), unknown)), (unknown.size, n))
+    rows = np.arange(unknown.size)
+    return compact(csr_array((np.ones(unknown.size), (rows, unknown)), (unknown.size, n)))
 
 
 @dataclass(frozen=True)
