@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 FAR_FACTOR = 2.0  # factor outside the data beyond which a law is no longer valid
 FAR_SHARE = 0.05  # largest allowed share of the load of an interface beyond this factor
 NEGLIGIBLE = 0.01  # share of the load outside the data below which no caution is given
+RUNG = 1.2  # factor between the pressures of cells that serve the points of a structure
 ROUND_OFF = 1e-6  # relative distance up to which a pressure outside the data counts as their end
 
 LOAD_SHARES = ("load_below", "load_above", "load_far")
@@ -54,6 +55,30 @@ def further_pressures(
     lower = low / reach[::-1] if below > NEGLIGIBLE else np.empty(0)
     higher = high * reach if above > NEGLIGIBLE and limit >= FAR_FACTOR * high else np.empty(0)
     return tuple(map(float, (*lower, *higher)))
+
+
+def pressures_of_points(
+    data: tuple[float, float, float] | np.ndarray, pressure: np.ndarray, area: np.ndarray
+) -> tuple[float, ...]:
+    """Return the pressures of a ladder between which the points of an interface lie, Pa.
+
+    Points share the rungs, at factors of :data:`RUNG`. Points that together bear less than
+    :data:`NEGLIGIBLE` of the load have none, nor have pressures that the cells contradict.
+
+    Parameters
+    ----------
+    data : tuple of float, see :func:`data_ends`
+    pressure : ndarray, shape (steps, points), Pa
+    area : ndarray, shape (points,), m^2
+    """
+    load = np.maximum(np.nan_to_num(pressure), 0.0) * area
+    order = np.argsort(pressure, axis=1)
+    sums = np.cumsum(np.take_along_axis(load, order, axis=1), axis=1)
+    borne = np.take_along_axis(pressure, order, axis=1)[sums > NEGLIGIBLE * sums[:, -1:]]
+    _, high, limit = data
+    borne = borne[borne <= (np.inf if limit >= FAR_FACTOR * high else high)]
+    below = np.floor(np.log(borne) / np.log(RUNG))
+    return tuple(map(float, RUNG ** np.unique([below, below + 1.0])))
 
 
 def load_shares(

@@ -1,4 +1,4 @@
-"""The adaptive way: cells are pressed wherever the load of a structure leaves the data of a law."""
+"""The adaptive and the concurrent way: cells are pressed where a structure asks for them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,7 +8,12 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import make_folder, write_dataset
-from multiscale.macro.data_range import LOAD_SHARES, data_ends, further_pressures
+from multiscale.macro.data_range import (
+    LOAD_SHARES,
+    data_ends,
+    further_pressures,
+    pressures_of_points,
+)
 from multiscale.pipeline.stage import Datasets, Job, unseen
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS
@@ -19,6 +24,9 @@ from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling import law_from_dataset
 from multiscale.upscaling.response_observations import join_pressures
+
+NEAR = 0.03
+"""Relative distance of pressures of the concurrent way that share a cell."""
 
 ROUNDS = 6
 """Largest number of solves of a structure, between which the data of its laws are extended."""
@@ -44,10 +52,16 @@ class PressedCells:
         """Law fitted to all pressures."""
         return self.datasets[FITTED_LAW.name]
 
-    def further(self, shares: np.ndarray) -> tuple[float, ...]:
-        """Return the pressures for which the load of some interfaces asks, Pa."""
-        asked = further_pressures(data_ends(law_from_dataset(self.law)), shares)
-        return tuple(p for p in asked if not np.isclose(p, self.case.micro.pressures).any())
+    def further(
+        self, way: str, shares: np.ndarray, points: tuple[np.ndarray, np.ndarray]
+    ) -> tuple[float, ...]:
+        """Return the pressures for which the load of some interfaces, or their points, ask, Pa."""
+        ends, known = data_ends(law_from_dataset(self.law)), self.case.micro.pressures
+        if way == "adaptive":
+            asked, near = further_pressures(ends, shares), 1e-5
+        else:
+            asked, near = pressures_of_points(ends, *points), NEAR
+        return tuple(p for p in asked if not np.isclose(p, known, rtol=near).any())
 
     def press(self, pressures: tuple[float, ...], job: Job) -> "PressedCells":
         """Press the cells at further pressures too, and fit the law to all of them."""
@@ -78,16 +92,20 @@ class PressedCells:
         count = self.case.micro.realisations
         listed = ", ".join(readable(f"{p:.4g} Pa") for p in sorted(self.added))
         return (
-            f"the load of the interfaces leaves the data of their law, and {count} cells were "
-            f"pressed under {listed} too ({self.solved} steps of cells, which all points share)"
+            f"the structure asks for further pressures, and {count} cells were pressed under "
+            f"{listed} too ({self.solved} steps of cells, which all points share)"
         )
 
 
 def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job]:
-    """Return datasets and job with laws that have data for the load of the structure at rest."""
+    """Return datasets and job with laws that have data for the structure at rest.
+
+    The adaptive way presses cells beyond an end of the data that more than 1 % of the load of an
+    interface leaves; the concurrent way presses them near the pressure of every point.
+    """
     if job.team is not None and job.team.size > 1:
         raise CaseError(
-            f'{case.title}: way = "adaptive" in [interface] presses cells between solves of the '
+            f'{case.title}: way = "{case.way}" in [interface] presses cells between solves of the '
             f"structure, in one process, got {job.team.size}"
         )
     still = case.model_copy(update={"vibration": None, "fatigue": None, "growth": None})
@@ -100,10 +118,12 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
         result = stage.run(still, *_with_laws(cells, datasets, quiet))
         shares = np.array([result[name].to_numpy() for name in LOAD_SHARES])
         of_all = named * (shares.shape[2] if len(named) == 1 else 1)
-        further = {
-            name: pressed.further(shares[..., [other == name for other in of_all]])
-            for name, pressed in cells.items()
-        }
+        pressure, area, number = case.structure.point_pressures(result)
+        further = {}
+        for name, pressed in cells.items():
+            its = np.array([other == name for other in of_all])
+            points = pressure[:, its[number]], area[its[number]]
+            further[name] = pressed.further(case.way, shares[..., its], points)
         if not any(further.values()):
             break
         for name, pressures in further.items():

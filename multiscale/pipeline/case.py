@@ -207,6 +207,11 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
     )
     defaults = {name: field.default for name, field in Case.model_fields.items()}
     given = [name for name, value in case if value not in (None, defaults[name])]
+    if case.way == "direct" and case.structure is not None:
+        try:
+            case = case.structure.resolve(case)
+        except CaseError as error:
+            raise CaseError(f"{path}: {error}") from None
     if unread := [name for name in given if name not in read]:
         of_tables = {name for name, value in content.items() if isinstance(value, dict)}
         tables = " and ".join(f"[{name}]" if name in of_tables else name for name in unread)

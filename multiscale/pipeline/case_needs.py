@@ -34,7 +34,7 @@ EVERY = (0.0, inf)  # pressures of a law of grains, which hold at a speed only, 
 
 
 def _refuse_without_cells(case: Case) -> None:
-    """Refuse the adaptive way for laws without cells that could be pressed further."""
+    """Refuse to press cells further for laws without cells."""
     assert case.structure is not None  # no other table has interfaces
     for named in case.structure.named_laws(case):
         if named is None and not case.has_cells:
@@ -46,7 +46,7 @@ def _refuse_without_cells(case: Case) -> None:
         else:
             continue
         raise CaseError(
-            f'{case.title}: way = "adaptive" in [interface] presses the cells of a law further, '
+            f'{case.title}: way = "{case.way}" in [interface] presses the cells of a law further, '
             f"and {where}; name a case with cells by law, or leave way out"
         )
 

@@ -5,11 +5,11 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law
-from multiscale.macro.data_range import further_pressures
+from multiscale.macro.data_range import further_pressures, pressures_of_points
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.upscaling import law_from_dataset
 from multiscale.upscaling.response_observations import join_pressures
-from tests.support import case_text, response_of, write_law, write_scene
+from tests.support import case_text, response_of, small_steel, steel_text, write_law, write_scene
 
 DATA = (1e6, 8e6, 16e6)
 
@@ -26,6 +26,18 @@ DATA = (1e6, 8e6, 16e6)
 )
 def test_further_pressures_lie_beyond_the_ends_that_the_load_leaves(shares, limit, asked):
     assert further_pressures((*DATA[:2], limit), np.array(shares)) == pytest.approx(asked)
+
+
+@pytest.mark.parametrize(("limit", "most"), [(16e6, 30e6), (9e6, 8e6)])
+def test_points_lie_between_rungs_of_a_ladder_that_near_points_share(limit, most):
+    pressure = np.array([[1e3, 5e6, 5.1e6, 30e6], [np.nan, -1.0, 7e6, 30e6]])
+    rungs = np.array(pressures_of_points((*DATA[:2], limit), pressure, np.ones(4)))
+    borne = pressure[(pressure > 1e6) & (pressure <= most)]
+    low = np.array([rungs[rungs <= p].max() for p in borne])
+    high = np.array([rungs[rungs > p].min() for p in borne])
+    np.testing.assert_allclose(high / low, 1.2)
+    assert rungs.size <= 6  # none for the point that bears nothing, the same for near points
+    assert rungs.min() > 1e6
 
 
 def test_joined_branches_keep_the_cautions_and_ends_of_both():
@@ -82,6 +94,51 @@ def test_the_adaptive_law_has_the_gaps_of_the_cells_beyond_the_first_data(ways):
     np.testing.assert_allclose(law.gap_at(pressure), gap, rtol=5e-3)
     first = law_from_dataset(results["adaptive"].interface_law)
     assert abs(first.gap_at(320e6) / float(gap[-1]) - 1.0) > 0.02
+
+
+def test_concurrent_blocks_have_cells_around_every_preload(ways, tmp_path):
+    result = run(steel((20.0, 40.0, 80.0), "concurrent"), tmp_path).macro_result
+    (file,) = tmp_path.glob("adaptive/*/interface_law.nc")
+    pressed = open_law(file)["fit_pressure"].values
+    for preload in result["preload"].values:
+        low, high = pressed[pressed <= preload].max(), pressed[pressed > preload].min()
+        assert high / low < 1.24
+    whole = ways[0]["sequential"].macro_result
+    np.testing.assert_allclose(result["joint_stiffness"], whole["joint_stiffness"], rtol=1e-2)
+
+
+STEEL = small_steel(4).replace("coarser = 5", "coarser = 0")
+DIRECT = '[interface]\nway = "direct"\n[structure]'
+
+
+def test_direct_blocks_are_as_wide_as_their_cells(tmp_path):
+    text = STEEL.replace('"10 mm"', '"2.4 mm"')
+    case = load_case(write_scene(tmp_path, text, ("[structure]", DIRECT)))
+    assert (case.cell.size, case.cell.points) == ((2.4e-3, 2.4e-3), (108, 108))
+    case = case.pressed_at((5e6, 20e6, 80e6, 160e6))
+    narrow = case.cell.model_copy(update={"size": (8e-4, 8e-4), "points": (36, 36)})
+    wide, of_cells = (
+        run(way, tmp_path / str(k)).macro_result
+        for k, way in enumerate((case, case.model_copy(update={"cell": narrow})))
+    )
+    low, high = of_cells["joint_stiffness_one_part"].values
+    assert np.all((low < wide["joint_stiffness"]) & (wide["joint_stiffness"] < high))
+    np.testing.assert_allclose(wide["joint_stiffness"], of_cells["joint_stiffness"], rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            case_text("lap_of_law").replace('"law.nc"', '"law.nc"\nway = "direct"'),
+            'kind = "blocks"',
+        ),
+        (steel_text().replace("[structure]", DIRECT), "possible for flat cells of synth"),
+    ],
+)
+def test_the_direct_way_is_refused_where_nothing_resolves_the_roughness(text, words, tmp_path):
+    with pytest.raises(CaseError, match=words):
+        load_case(write_scene(tmp_path, text))
 
 
 def test_inside_the_data_the_adaptive_way_presses_nothing(tmp_path):

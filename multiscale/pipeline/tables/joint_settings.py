@@ -170,11 +170,12 @@ class LawSource(toml.Settings):
     `"10 %"`; its error is unknown if not given."""
     quick: Annotated[bool, RUN_QUICK] = False
     """Whether a case that `law` names is run `--quick`."""
-    way: Literal["sequential", "adaptive"] = "sequential"
+    way: Literal["sequential", "adaptive", "concurrent", "direct"] = "sequential"
     """How cells serve the structure: `"sequential"`, by the law of the pressures of their case;
     `"adaptive"`, which presses them further wherever more than 1 % of the load of an interface
-    leaves these pressures. All points share the cells. A law that the command names stays as it
-    is."""
+    leaves these pressures; `"concurrent"`, which presses them wherever a point of an interface has
+    no cell within 20 % of its pressure; `"direct"`, by cells as wide as the blocks, whose roughness
+    they resolve. All points share the cells. A law that the command names stays as it is."""
     speed: SlidingSpeed | None = None
     """Speed of sliding of a law of grains, m/s; see `[third_body]`."""
     extrapolate: bool = False

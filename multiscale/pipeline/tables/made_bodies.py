@@ -7,9 +7,11 @@ from math import ceil, pi, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from multiscale import macro
+from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_dataset
 from multiscale.laws import InterfaceLaw
@@ -84,6 +86,23 @@ class Blocks(StructureKind):
     def pressed(self, case: "Case") -> list[Pressed]:
         """Return the preloads, which press the interface evenly."""
         return [Pressed("preloads in [statics] press the joint", case.statics.even)]
+
+    def point_pressures(self, result: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the preloads, which press a single point."""
+        return result["preload"].to_numpy()[:, None], np.ones(1), np.zeros(1, int)
+
+    def resolve(self, case: "Case") -> "Case":
+        """Return the case with cells as wide as the blocks, of the same spacing."""
+        if not case.has_cells or case.cell.geometry != "flat" or case.from_maps:
+            raise CaseError(
+                'way = "direct" in [interface] resolves the roughness of the blocks by cells as '
+                "wide as they are, which is possible for flat cells of synthetic surfaces; give "
+                '[cell] with geometry = "flat", or take "adaptive" or "concurrent"'
+            )
+        edges = zip(case.cell.points, case.cell.size, strict=True)
+        points = tuple(round(n * self.width / edge) for n, edge in edges)
+        size = {"size": (self.width, self.width), "points": points}
+        return case.model_copy(update={"cell": case.cell.model_copy(update=size)})
 
 
 class Plate(StructureKind):

@@ -326,9 +326,14 @@ class Case(Settings):
         return any(table.extrapolate for table in tables if table is not None)
 
     @property
+    def way(self) -> str:
+        """How cells serve the interfaces of the structure."""
+        return "sequential" if self.interface is None else self.interface.way
+
+    @property
     def adaptive(self) -> bool:
-        """Whether cells are pressed wherever the load of an interface leaves their data."""
-        return self.interface is not None and self.interface.way == "adaptive"
+        """Whether cells are pressed further where a structure asks for them."""
+        return self.way in ("adaptive", "concurrent")
 
     @property
     def cut(self) -> Substructures:

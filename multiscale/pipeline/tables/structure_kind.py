@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
+    from multiscale.schema import Dataset
 
 SPREAD = tan(radians(30.0))  # slope of the cone in which a force spreads from its face
 BENDING = 6.0  # pressure at the edge of a rectangle over its moment per area and width
@@ -131,6 +132,18 @@ class StructureKind(Settings):
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""
         return []
+
+    def point_pressures(self, result: "Dataset") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return pressures of points, (steps, points), Pa, their areas, and their interfaces."""
+        area, number = (result[name].to_numpy() for name in ("point_area", "point_joint"))
+        return -result["traction"].to_numpy()[..., 0], area, number.astype(int)
+
+    def resolve(self, case: "Case") -> "Case":
+        """Return a case with cells as wide as the interface, where they are possible."""
+        raise CaseError(
+            'way = "direct" in [interface] resolves the roughness of a whole interface, which is '
+            'possible for [structure] kind = "blocks"; take "adaptive" or "concurrent"'
+        )
 
     def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
         """Return files of laws, and whether a case among them is run quick."""
