@@ -209,7 +209,7 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
     given = [name for name, value in case if value not in (None, defaults[name])]
     if case.way == "direct" and case.structure is not None:
         try:
-            case = case.structure.resolve(case)
+            case = case.structure.with_wide_cells(case)
         except CaseError as error:
             raise CaseError(f"{path}: {error}") from None
     if unread := [name for name in given if name not in read]:

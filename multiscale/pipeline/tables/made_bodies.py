@@ -91,7 +91,7 @@ class Blocks(StructureKind):
         """Return the preloads, which press a single point."""
         return result["preload"].to_numpy()[:, None], np.ones(1), np.zeros(1, int)
 
-    def resolve(self, case: "Case") -> "Case":
+    def with_wide_cells(self, case: "Case") -> "Case":
         """Return the case with cells as wide as the blocks, of the same spacing."""
         if not case.has_cells or case.cell.geometry != "flat" or case.from_maps:
             raise CaseError(

@@ -138,7 +138,7 @@ class StructureKind(Settings):
         area, number = (result[name].to_numpy() for name in ("point_area", "point_joint"))
         return -result["traction"].to_numpy()[..., 0], area, number.astype(int)
 
-    def resolve(self, case: "Case") -> "Case":
+    def with_wide_cells(self, case: "Case") -> "Case":
         """Return a case with cells as wide as the interface, where they are possible."""
         raise CaseError(
             'way = "direct" in [interface] resolves the roughness of a whole interface, which is '
