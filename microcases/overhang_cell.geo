@@ -1,4 +1,4 @@
-// A periodic cell, in units of 10 um: a block with a closed pore, and a summit on a stem, whose rim
+// A periodic cell, in units of 10 um: a block with a closed pore, and a summit on a stem with a rim that
 // overhangs. `gmsh -3 overhang_cell.geo -o overhang_cell.msh` makes the mesh of overhang_cell.toml.
 SetFactory("OpenCASCADE");
 Box(1) = {0, 0, 0, 2, 2, 1};

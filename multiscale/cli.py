@@ -95,7 +95,7 @@ def run_command(
         bool, typer.Option("--force", help=f"Compute all stages anew, and {ANYWAY}.")
     ] = False,
     keep: Annotated[
-        bool, typer.Option("--keep", help="Keep the run folders of all points of a large sweep.")
+        bool, typer.Option("--keep", help="Store the run folders of all points of a large sweep.")
     ] = False,
     until: Annotated[Literal["law", ""], typer.Option(help="Stop after the interface law.")] = "",
     start: Annotated[
@@ -695,7 +695,7 @@ def _working(
             yield executor, progress
     except KeyboardInterrupt:
         report_line(
-            f"multiscale: interrupted; finished jobs are kept in {out}, and the same command "
+            f"multiscale: interrupted; finished jobs remain in {out}, and the same command "
             f"goes on with the others"
         )
         raise typer.Exit(INTERRUPTED) from None

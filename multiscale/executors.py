@@ -72,11 +72,11 @@ def run_jobs(
         reason = reason or ["perhaps for lack of memory, or because it was forked, not spawned"]
         raise MultiscaleError(
             f"a worker process died after {done} finished jobs ({reason[0]}); finished results "
-            f"are kept, so run again with fewer jobs"
+            f"remain, so run again with fewer jobs"
         ) from error
     except CancelledError as error:
         raise MultiscaleError(
-            f"the workers were lost after {done} finished jobs; finished results are kept, so run "
+            f"the workers were lost after {done} finished jobs; finished results remain, so run "
             f"again once the workers are back"
         ) from error
     finally:
@@ -168,7 +168,7 @@ def _dask_workers(address: str) -> Iterator[Executor]:
     except KilledWorker as error:
         raise MultiscaleError(
             "several workers of dask died of the same job, perhaps for lack of memory; finished "
-            "results are kept, so run again on larger workers"
+            "results remain, so run again on larger workers"
         ) from error
 
 

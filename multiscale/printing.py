@@ -1,4 +1,4 @@
-"""What the command line prints: lines and tables of results, cautions, and progress."""
+"""Printed output of the command line: lines and tables of results, cautions, and progress."""
 
 import logging
 import sys

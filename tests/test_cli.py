@@ -71,7 +71,7 @@ def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
         interrupt(begun)
     assert ended.value.exit_code == 130
     assert isinstance(begun[0].exception(), BrokenProcessPool)  # nobody waits for the job
-    assert "interrupted; finished jobs are kept in results" in capsys.readouterr().err
+    assert "interrupted; finished jobs remain in results" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["run", "-h"], ["cases"]])

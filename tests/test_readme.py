@@ -170,7 +170,7 @@ def test_a_piece_of_a_case_fits_into_the_whole_one(name, folder):
         assert len(load_sweep("sweep.toml").points) == 6
         return
     if {"vibration", "fatigue"} & set(piece):
-        whole = _joined(whole, tomllib.loads(blocks("toml")["Bodies of your own"]))
+        whole = _joined(whole, tomllib.loads(blocks("toml")["Bodies from meshes"]))
     if "vibration" in piece:
         del whole["cycles"]
         for body in whole["structure"]["bodies"]:

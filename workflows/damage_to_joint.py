@@ -2,7 +2,7 @@
 
 Damage on plane sections (eq (1)) and effective stiffness of a volume with pores differ: the blocks
 of the joint have the stiffness. The stress of the weakest section, cycled far below the yield
-stress, lets weak inclusions flow until they crack, one after the other, and take their shares of
+stress, makes weak inclusions flow until they crack, one after the other, and take their shares of
 the section with them. The law of the interface comes from elastic cells of milled faces, whose
 roughness is stated. In cases, [fatigue] does the same for the elements of bodies.
 
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     size = (1.6e-3, 1.6e-3)
     faces = [micro.self_affine((64, 64), size, k, **FACE) for k in range(3 if quick else 12)]
     # half the modulus: both faces give way
-    cells = [micro.Cell(one, size[0], 8, 0.5 * E, NU, geometry="flat") for one in faces]
+    cells = [micro.Cell(face, size[0], 8, 0.5 * E, NU, geometry="flat") for face in faces]
     path = micro.Path(pressure=tuple(np.geomspace(2.5e6, 260e6, 10)))
     law = fit_law(micro.run_ensemble(cells, path))
     block = soften(Block(0.02, E, NU), stiffness)

@@ -40,21 +40,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     cells = upscaling.assume_shear(press(points), friction=0.3, stiffness_ratio=0.82)
     files = arguments.tables or write_tables(out, press(points, first=100, factor=1.1))
-    *seen, held = map(upscaling.read_measured, files, KINDS)
+    *seen, validation = map(upscaling.read_measured, files, KINDS)
     calibration = upscaling.calibrate(cells, seen, cells=8.0)
     save_law(law := calibration.law, out / "interface_law.nc")
     for name, unit, _, before, value, after, learned, _ in calibration.parameters:
         line = f"{name}: {value:.3g} ± {after:.2g} {unit}, before ± {before:.2g}, {learned:.0%}"
         sys.stdout.write(f"{line} learned\n")
-    value, ends = upscaling.predict_measured(law, held)
-    apart, noise = np.abs(value - held.value), 1.96 * held.deviation
+    value, ends = upscaling.predict_measured(law, validation)
+    apart, noise = np.abs(value - validation.value), 1.96 * validation.deviation
     inside = np.mean(apart <= np.hypot(noise, np.abs(ends - value).min(axis=0)))
     share = f"{inside:.0%} of the held-out loop in its band"
     sys.stdout.write("\n".join([*calibration.sentences, share, ""]))
-    ax, u = Figure(figsize=(5.0, 3.6), layout="constrained").subplots(), 1e6 * held.displacement
-    ax.plot(u, 1e-6 * upscaling.predict_measured(cells, held)[0], "0.6", label="cells only")
+    ax, u = (
+        Figure(figsize=(5.0, 3.6), layout="constrained").subplots(),
+        1e6 * validation.displacement,
+    )
+    ax.plot(u, 1e-6 * upscaling.predict_measured(cells, validation)[0], "0.6", label="cells only")
     ax.errorbar(u, 1e-6 * value, 1e-6 * np.abs(ends - value), label="calibrated, 95 %")
-    ax.plot(u, 1e-6 * held.value, "C3x", label="held out")
+    ax.plot(u, 1e-6 * validation.value, "C3x", label="held out")
     ax.set(xlabel="displacement (µm)", ylabel="shear (MPa)")
     ax.legend(title="loop under 80 MPa", fontsize="small")
     save_figure(ax.figure, out / "measured_joint.png")

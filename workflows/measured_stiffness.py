@@ -1,14 +1,14 @@
 """The law of an interface from a table of measured stiffness, judged by specimens left out.
 
 The table has the stiffness of an interface over its pressure, with units in its first line.
-Without ``--csv`` the script writes one: K = 3 (p/MPa)^0.6 MPa/um, specimens that scatter by 10 %,
+Without ``--csv`` it writes a table: K = 3 (p/MPa)^0.6 MPa/um, specimens that scatter by 10 %,
 and 3 % of noise. The last quarter of the specimens, which no fit has seen, judges the best family.
 
     python workflows/measured_stiffness.py -o measured [--csv FILE] [--quick]
 
 leaves ``stiffness.csv``, ``law_comparison.nc``, ``interface_law.nc``, ``macro_result.nc`` of two
 steel blocks, and ``measured_stiffness.png``: the law with its bands and all specimens, and the
-joint with its band, which holds the scatter alone. ``--quick`` takes few samples for the bands.
+joint with its band, which contains only the scatter. ``--quick`` takes few samples for the bands.
 """
 
 import argparse
@@ -41,28 +41,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     table, quantity = arguments.csv or write_table(out / "stiffness.csv"), "normal_stiffness"
     seen = upscaling.read_observations(table, quantity)
-    kept = seen.n_realisations - seen.n_realisations // 4
-    known = upscaling.observe(quantity, seen.pressure, seen.values[:kept])
+    n_fitted = seen.n_realisations - seen.n_realisations // 4
+    known = upscaling.observe(quantity, seen.pressure, seen.values[:n_fitted])
     family, families = upscaling.best_family(known)
     law = upscaling.fit_law(known, family=family, n_samples=100 if arguments.quick else 1000)
     write_dataset(families, out / "law_comparison.nc", LAW_COMPARISON)
     save_law(law, out / "interface_law.nc")
     mean, *samples = upscaling.fitted_laws(law, [None, *range(law.sizes["sample"])])
-    found = upscaling.predict(law, known, seen.pressure)
-    middle, band, wide = found.value, found.mean_law, found.next_specimen
+    prediction = upscaling.predict(law, known, seen.pressure)
+    middle, band, wide = prediction.value, prediction.mean_law, prediction.next_specimen
     joint = press_joint(RoughJoint((0.02, 0.02), BLOCK, BLOCK), mean, PRELOADS, samples=samples)
     if samples:
         ends = np.percentile(joint["joint_stiffness_sample"], (2.5, 97.5), axis=0)
         joint = MACRO_RESULT.assign(joint, {"joint_stiffness_mean_law": ends})
     write_dataset(joint, out / "macro_result.nc", MACRO_RESULT)
-    factor = np.exp(np.nanmean(np.log(seen.values / middle), axis=1))[kept:]
+    factor = np.exp(np.nanmean(np.log(seen.values / middle), axis=1))[n_fitted:]
     low, high = (wide / middle)[:, 0]
     sys.stdout.write(
         f"error at unseen pressures:\n{families['cross_validated_error'].to_series().to_string()}\n"
-        f"{family}, {kept} specimens: the mean law within {_within(band, middle)}, the next "
+        f"{family}, {n_fitted} specimens: the mean law within {_within(band, middle)}, the next "
         f"specimen within {_within(wide, middle)}; {np.sum((low <= factor) & (factor <= high))} of "
         f"{factor.size} specimens that were held out lie there\n"
-        f"{''.join(f'{sentence}; ' for sentence in found.unknown)}joint: "
+        f"{''.join(f'{sentence}; ' for sentence in prediction.unknown)}joint: "
         f"{np.round(1e-12 * joint['joint_stiffness'].values, 2)} MPa/um at {1e-6 * PRELOADS} MPa\n"
     )
     left, right = Figure(figsize=(9.0, 3.6), layout="constrained").subplots(1, 2)
@@ -71,8 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     left.fill_between(x, *(1e-12 * wide), color="C0", alpha=0.15, label="next specimen, 95 %")
     left.fill_between(x, *(1e-12 * band), color="C0", alpha=0.4, label="mean law, 95 %")
     left.loglog(x, 1e-12 * middle, color="C0", label=f"law, {family}")
-    left.loglog(x, 1e-12 * seen.values[:kept].T, ".", color="0.5", markersize=3)
-    left.loglog(x, 1e-12 * seen.values[kept:].T, "x", color="C3", markersize=4)
+    left.loglog(x, 1e-12 * seen.values[:n_fitted].T, ".", color="0.5", markersize=3)
+    left.loglog(x, 1e-12 * seen.values[n_fitted:].T, "x", color="C3", markersize=4)
     left.set(xlabel="pressure (MPa)", ylabel="interface stiffness (MPa/µm)")
     left.legend(title="dots fitted, crosses held out", fontsize="small")
     save_figure(left.figure, out / "measured_stiffness.png")

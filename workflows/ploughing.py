@@ -71,10 +71,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     write_dataset(response, out / "sliding_response.nc", SLIDING_RESPONSE)
     draw = on_axes(plot_lines, response, "effective_friction", by="nominal_pressure")
     draw(out / "friction.png")
-    for one, friction in zip(pressure, response["effective_friction"].values, strict=True):
+    for load, friction in zip(pressure, response["effective_friction"].values, strict=True):
         sys.stdout.write(
-            f"{1e-6 * one:.0f} MPa: friction {friction[1]:.3f} at first, {friction[-1]:.3f} at the "
-            f"end, {LOCAL_FRICTION:g} at each point\n"
+            f"{1e-6 * load:.0f} MPa: friction {friction[1]:.3f} at first, {friction[-1]:.3f} at "
+            f"the end, {LOCAL_FRICTION:g} at each point\n"
         )
     return int(not response["converged"].values.all())
 

@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def make_case(quick: bool) -> dict[str, Any]:
-    """Return the shipped case with one lapped face, and with the values of the other one."""
+    """Return the shipped case with one lapped face, and with the values of the other face."""
     case = tomllib.loads(find_case("bolted_lap").read_text(encoding="utf-8"))
     del case["body_2"]["surface"]
     if quick:
@@ -76,7 +76,7 @@ def make_case(quick: bool) -> dict[str, Any]:
 
 @contextmanager
 def cluster(address: str | None) -> Iterator[str | None]:
-    """Yield an address, that of workers on this machine where it is ``local``."""
+    """Yield an address, of workers on this machine where it is ``local``."""
     if address != "local":
         yield address
         return
@@ -87,7 +87,7 @@ def cluster(address: str | None) -> Iterator[str | None]:
 
 
 def say(finished: int) -> None:
-    """Tell how many points are finished."""
+    """Report the number of finished points."""
     sys.stderr.write(f"{finished} points are finished\n")
 
 

@@ -3,7 +3,7 @@
 Shows what no linear analysis can: the load factor raised from 0 to 1, a growing share of the cables
 goes slack, and the tensions spread to several times the prestress (figure ``sorted_tensions``);
 where they are slack is drawn in the deformed grid. Then the load is removed at once: the energies
-over time show the exchange of kinetic and elastic energy, and that their sum is kept.
+over time show the exchange of kinetic and elastic energy, and that their sum is constant.
 
     python workflows/tensegrity_grid.py -o tensegrity [--quick]
 

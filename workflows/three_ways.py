@@ -12,7 +12,7 @@ longest wave of the roughness is 1/4 to 1/32 of them. The functions below serve 
 leaves the dataset ``work_precision.nc`` and its figure, error of the mean gap against run time of
 one answer. It takes a quarter of an hour; ``--quick`` takes one ratio, coarse grids, few surfaces.
 
-The truth of a structure with its own surface is resolved on the finest grid and extrapolated; the
+The truth of a structure with a given surface is resolved on the finest grid and extrapolated; the
 bound of what is left is the uncertainty. ``error`` is the root mean square over the structures, as
 a law or a cell does not know the surface at hand; ``mean_error`` is the error of their mean.
 """
@@ -65,7 +65,7 @@ from multiscale.upscaling.response_observations import join_pressures
 
 BAND = 4.0  # longest over shortest wavelength of the roughness
 CELL_WAVES = 4  # longest wavelengths of the roughness along an edge of a cell
-FEW = slice(4, 7)  # first pressures of adaptive cells, among those of sequential ones
+FEW = slice(4, 7)  # first pressures of adaptive cells, among the pressures of sequential cells
 BELOW = 0.1  # lowest pressure of a concurrent cell over the lowest of a law
 STEEL = Elastic(210e9, 0.3)
 
@@ -102,7 +102,7 @@ class RoughStructure:
             )
 
     def surface(self, seed: int, points_per_wave: int, waves: int | None = None) -> Surface:
-        """Make the roughness of a square piece of some longest waves, or of the structure."""
+        """Build the roughness of a square of some longest waves, or of the structure."""
         waves = round(1.0 / self.ratio) if waves is None else waves
         n, edge = round(BAND * points_per_wave * waves), waves * self.ratio * self.length
         return self_affine(
@@ -134,7 +134,7 @@ class RoughWave(RoughStructure):
     pressures = pressure * np.geomspace(0.05, 4.0, 10)  # of cells: from the rim to beyond the crest
 
     def cell(self, surface: Surface) -> FlatCell:
-        """Make a flat cell, deep enough for a half-space."""
+        """Build a flat cell, deep enough for a half-space."""
         return FlatCell(surface, 2.0 * max(surface.size), 8, STEEL)
 
     def wave(self, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +212,7 @@ class TiltedJoint(RoughStructure):
         return 1e-3 * contact_modulus(self.moduli) * np.geomspace(0.03, 4.0, 12)
 
     def cell(self, surface: Surface) -> FlatCell:
-        """Make a flat profile with the contact modulus of both blocks."""
+        """Build a flat profile with the contact modulus of both blocks."""
         both = contact_modulus(self.moduli, self.moduli) * (1.0 - self.moduli[1] ** 2)
         return FlatCell(surface, 2.0 * max(surface.size), 8, Elastic(both, self.moduli[1]))
 
@@ -437,12 +437,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             numbers = (2, 4) if arguments.quick else (8, 8)  # cells, points per wave
             for row in measure(kind(ratio), range(count), finest, *numbers):
                 rows.append({"scene": name, **row})
-                said = f"{name}, 1/{round(1 / ratio)}, {row['method']}: error {row['error']:.2%}"
-                sys.stdout.write(f"{said}, {row['wall_time']:.3g} s\n")
+                sentence = (
+                    f"{name}, 1/{round(1 / ratio)}, {row['method']}: error {row['error']:.2%}"
+                )
+                sys.stdout.write(f"{sentence}, {row['wall_time']:.3g} s\n")
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    found = WORK_PRECISION.build(columns, title="three ways to the mean gap of rough structures")
-    write_dataset(found, out / "work_precision.nc", WORK_PRECISION)
-    draw_work_precision(found, out / "work_precision.png")
+    result = WORK_PRECISION.build(columns, title="three ways to the mean gap of rough structures")
+    write_dataset(result, out / "work_precision.nc", WORK_PRECISION)
+    draw_work_precision(result, out / "work_precision.png")
     return 0
 
 

@@ -191,7 +191,7 @@ DAMAGE_SCENES = (
     "tension and torsion",
     "blocks of three kinds",
 )
-SUBSTEPS = 16  # number of substeps of every piece of a cycle; four times as many give their error
+SUBSTEPS = 16  # number of substeps of every branch of a cycle; four times as many give their error
 
 
 def stress_history(scene: str) -> np.ndarray:

@@ -19,7 +19,7 @@ def _waves(amplitude: float, points: int) -> np.ndarray:
 
 
 # ---------------------------------------------------------------------------------------------
-# meshes: cells on scikit-fem meshes beside the kernel of conforming cells
+# meshes: cells on scikit-fem meshes against the kernel of conforming cells
 
 
 def gap_of_mesh(element: str, points: int) -> float:

@@ -166,7 +166,7 @@ class Runner:
             "threads": self.family.threads,
             "cores": os.cpu_count() or 1,
             "load_before": self.load,
-            "load_after": os.getloadavg()[0],  # processes that run or wait, mean of a minute
+            "load_after": os.getloadavg()[0],  # running and queued processes, mean of a minute
             "repeats": self.repeats,
             "wall_time_counts": f"{'median' if self.repeats > 1 else 'one run'}; without start of "
             f"the process, imports and compilation",

@@ -63,7 +63,7 @@ def describe_load(work_precision: Dataset) -> str:
     before, after = (work_precision.attrs[f"load_{when}"] for when in ("before", "after"))
     return (
         f"{before:.3g} processes before and {after:.3g} after, on {work_precision.attrs['cores']} "
-        f"cores (that run or wait, mean of a minute)"
+        f"cores (running and queued, mean of a minute)"
     )
 
 

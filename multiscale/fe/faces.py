@@ -2,7 +2,7 @@ r"""Named faces of meshes with normals and frames, and the mortar rows between t
 
 Where the nodes of two faces do not match, the facets of side 2 are projected onto the plane of
 every facet of side 1 and clipped against it, and the shape functions :math:`N` of both sides are
-integrated over the pieces [1]_,
+integrated over the intersections of facets [1]_,
 
 .. math:: D_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
     M_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma,    \tag{1}
@@ -212,7 +212,7 @@ def corner_integrals(
 def match_faces(
     bases: tuple["CellBasis", "CellBasis"], boundaries: tuple[str, str]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Nodes and facets of side 1 that coincide with sorted ones of side 2; None if some do not."""
+    """Nodes and facets of side 1 that coincide with sorted nodes and facets of side 2; None if some do not."""
     from scipy.spatial import cKDTree
 
     nodes, middles = [], []

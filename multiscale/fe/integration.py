@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-SLIVER = 1e-12  # pieces smaller than this share of their facet are left out
+SLIVER = 1e-12  # intersections smaller than this share of their facet are left out
 
 # seven points of degree 5 on the triangle: barycentric coordinates and weights
 _A, _B = (6.0 - np.sqrt(15.0)) / 21.0, (6.0 + np.sqrt(15.0)) / 21.0

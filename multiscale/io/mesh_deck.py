@@ -259,7 +259,7 @@ def _sets(blocks: list[Block], key: str) -> dict[str, list[int]]:
 
 
 def _members(entry: str, sets: dict[str, list[int]], line: int) -> list[int]:
-    """Numbers that an entry of a set stands for: the entry, or all members of a set above."""
+    """Numbers that an entry of a set denotes: the entry, or all members of a set above."""
     for name in (entry, entry.rpartition(".")[2]):  # a part may stand before the name
         if name.isdigit():
             return [int(name)]

@@ -139,7 +139,7 @@ def _cautions(
             share = f"up to {100.0 * far[lost, number].max():.3g} % of the load lies"
             steps = f"at {lost.size} of {len(far)} steps, first at step {lost[0]} with "
             steps += f"{loads[lost[0]]}: the answer there is {then}"
-            further = "" if extrapolate else ", or set extrapolate = true beside the law"
+            further = "" if extrapolate else ", or set extrapolate = true with the law"
             if limit < FAR_FACTOR * high:
                 yield (
                     f"{share} outside {range_}, which the cells contradict above, {steps}; press "

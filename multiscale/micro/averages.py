@@ -251,7 +251,7 @@ def contact_areas(
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE),
     flowing: np.ndarray | bool = False,
 ) -> np.ndarray:
-    r"""Real contact area that each node stands for, m2, from the position of the contact edge [1]_.
+    r"""Real contact area of each node, m2, from the position of the contact edge [1]_.
 
     Towards the edge of a smooth contact the pressure falls as the square root of the distance. A
     straight edge along a row of nodes with the spacing :math:`h` is a problem of Wiener and Hopf.

@@ -39,7 +39,7 @@ WORTH = 2.0
 """Computing time, s, above which a step is stored, and in sparing runs also a realisation and a
 dataset; results below it are computed again."""
 
-NONE = np.zeros(0)  # stands for None in a file
+NONE = np.zeros(0)  # None in a file
 NOT_STORED = {"status", "residuals", "linear_iterations"}  # fields that no step starts from
 
 

@@ -167,7 +167,7 @@ class PeriodicLayer:
 
     @property
     def field_shape(self) -> tuple[int, int]:
-        """Points along x and y of the fields that can be kept."""
+        """Points along x and y of the fields that can be stored."""
         return self.surface.heights.shape[0], self.surface.heights.shape[1]
 
     @property

@@ -247,7 +247,7 @@ def run_ensemble(
     CaseError
         If the folder contains realisations with another identity.
     MultiscaleError
-        If a worker process died; finished cells are kept.
+        If a worker process died; finished cells remain.
     """
     response = run_realisations(
         record_realisation,

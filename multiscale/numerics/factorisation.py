@@ -131,7 +131,7 @@ def _blank_pardiso(matrix_type: int) -> Any:
 
 
 def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
-    """LU factors in an order for symmetric patterns, unless that loses digits."""
+    """LU factors in an order for symmetric patterns, unless digits cancel."""
     scaled = csc_array(diags_array(scale) @ matrix @ diags_array(scale))
     if _has_symmetric_pattern(scaled):
         try:

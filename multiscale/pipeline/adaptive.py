@@ -149,5 +149,5 @@ def _with_laws(
     def read_law(file: Path, quick: bool) -> Dataset:
         return laws[file, quick] if (file, quick) in laws else job.read_law(file, quick)
 
-    own = {FITTED_LAW.name: laws[None]} if None in laws else {}
-    return {**datasets, **own}, replace(job, read_law=read_law)
+    law_of_case = {FITTED_LAW.name: laws[None]} if None in laws else {}
+    return {**datasets, **law_of_case}, replace(job, read_law=read_law)

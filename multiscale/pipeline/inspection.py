@@ -98,8 +98,8 @@ def inspect_surfaces(
                 "the windows of the proposed cells are rougher than the map: more realisations "
                 "cover more of it"
             )
-        held = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
-        described[k] = with_cautions(described[k], *cautions).assign_attrs(held=held)
+        shares = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
+        described[k] = with_cautions(described[k], *cautions).assign_attrs(held=shares)
     described[-1] = described[-1].assign_attrs(proposal=proposal.text)
     return described
 

@@ -35,11 +35,11 @@ STEPS, ADDED = 2, 4
 """Rungs of a knob in a round, and of a knob that adds cells."""
 
 MOST_GROWTH = 10.0
-"""Time of a round over the time of the last answer: an early error shows little of a later one."""
+"""Time of a round over the time of the last answer: an early error shows little of a later error."""
 
 NARROW = 0.5  # width of a range of orders that is taken without two differences
 BELOW, ABOVE = 0.5, 0.7  # distance of an observed order from its range, at most
-NEAR = 0.5  # distance of an order from the observed one, at most
+NEAR = 0.5  # distance of an order from the observed order, at most
 HIDDEN = 0.67  # bias that stays hidden in scatter, over its 95 % half-width
 NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting."""
@@ -96,7 +96,7 @@ class State:
 
 @dataclass(frozen=True)
 class Round:
-    """A setting that was solved: its error, relative, its seconds, and what was expected."""
+    """A setting that was solved: its error, relative, its seconds, and their expected values."""
 
     setting: Setting
     error: float

@@ -101,7 +101,7 @@ def _measure(
     shared: bool,
 ) -> list[Measured]:
     """Cut the windows of the faces, and measure their roughness; see ``rough_sides``."""
-    found = []
+    results = []
     for side, (face, table) in enumerate(zip(faces, tables, strict=True)):
         which = range(side, 2 * count, 2) if shared else range(count)
         needed = count * (1 + shared)
@@ -112,8 +112,8 @@ def _measure(
             other_map=len(faces) == 2 and not shared,
         )
         assert made.measured is not None
-        found.append(made.measured)
-    return found
+        results.append(made.measured)
+    return results
 
 
 def _common_sizes(faces: Sequence[MeasuredFace], count: int) -> list[float]:
@@ -132,7 +132,7 @@ def _common_sizes(faces: Sequence[MeasuredFace], count: int) -> list[float]:
 
 
 def _edges(whole: Surface, count: int) -> list[float]:
-    """Edges of square windows that fit often enough into a map, or of pieces of a line scan."""
+    """Edges of square windows that fit often enough into a map, or of sections of a line scan."""
     profile = whole.heights.shape[1] == 1
     room = whole.size[0] if profile else min(whole.size)
     edges = room / np.geomspace(1.0, 32.0, 16) * (1.0 - 1e-4)
@@ -193,7 +193,7 @@ pressures = [{listed}]
     if further:  # the case extrapolates, until its loads are known
         draft = tomllib.loads(write(pressures)) | {"law": {"extrapolate": True}}
         case = validate_case(draft, Path("proposed.toml"))
-        assert case.structure is not None  # as the further tables have one
+        assert case.structure is not None  # as the further tables have a preload
         (pressed,) = case.structure.pressed(case)
         ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
         pressures = np.geomspace(ROOM[0] * ends[0], ROOM[1] * ends[1], len(LOADS))
@@ -257,7 +257,7 @@ def _blocks(preload: str) -> str:
     if pressure > HARDNESS:
         raise CaseError(
             f"--preload {preload}: blocks of 10 x 10 mm have {1e-9 * pressure:.3g} GPa on their "
-            f"faces, above {1e-9 * HARDNESS:g} GPa, the hardness of soft steel; give a smaller one"
+            f"faces, above {1e-9 * HARDNESS:g} GPa, the hardness of soft steel; give a smaller force"
         )
     return f"""
 [structure]
@@ -319,6 +319,6 @@ def _text(value: str) -> str:
 
 
 def _length(value: float) -> str:
-    """Write a length with the prefix that suits it, or in m where digits would be lost."""
+    """Write a length with the prefix that suits it, or in m where digits would be cut."""
     text = readable(f"{value!r} m").replace("µ", "u")
     return f'"{text}"' if to_si(text, "m") == value else f'"{value!r} m"'

@@ -80,7 +80,7 @@ def _flow(case: Case) -> str:
 
 
 def behaviour(dataset: Dataset) -> list[str]:
-    """Return the sentence on the flow of a response or law, if it has one."""
+    """Return the sentence on the flow of a response or law with flow."""
     return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []
 
 

@@ -25,7 +25,9 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
         if "sweep" in read_toml(file):
             raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
         if difference := _difference(file, case):
-            raise CaseError(f"{out} holds {difference}; choose another folder, or delete this one")
+            raise CaseError(
+                f"{out} holds {difference}; choose another folder, or delete this folder"
+            )
     if results:
         for stage in stages_of(case.tables):
             if force or not is_up_to_date(stage, case, out):
@@ -41,7 +43,7 @@ def require_claimed(out: Path, case: Case) -> None:
     if file.exists() and read_text(file) != case.to_toml():
         raise CaseError(
             f"{out}: another run has written its case into this folder in the meantime; delete the "
-            f"folder, and give each run a separate one"
+            f"folder, and give each run a separate folder"
         )
 
 

@@ -155,7 +155,7 @@ def _up_to_date_or_run(stage: Stage, case: Case, datasets: Datasets, job: Job) -
     file = job.out / stage.file
     if not is_up_to_date(stage, case, job.out):  # maybe of another run in the same folder
         return _compute(stage, case, datasets, job, file)
-    logger.info("%s: up to date, kept", stage.name)
+    logger.info("%s: up to date", stage.name)
     dataset = open_dataset(file, stage.schema)
     stage.check(dataset)
     return dataset

@@ -158,7 +158,7 @@ class Table:
 
     Columns are variables, each with the form of :meth:`View.text` behind a colon. Those that the
     dataset lacks, or that are known nowhere, are left out, but not the ``answer``, without which a
-    row ends behind the columns that say which step it is of.
+    row ends behind the columns that identify its step.
     """
 
     columns: tuple[str, ...]
@@ -216,7 +216,7 @@ def some_steps(count: int, most: int) -> list[int]:
 
 
 def round_by(value: float, half_width: float) -> str:
-    """Write a value with the digits that its error allows: two for an error up to 3.5, else one.
+    """Write a value with the digits that its error allows: two for an error up to 3.5, else a single digit.
 
     Examples
     --------

@@ -43,10 +43,10 @@ def verify_run(out: Path) -> str:
         scale = largest or 1.0  # zero without any contact
         differences[name.replace("_", " ")] = float(np.max(change, initial=0.0) / scale)
     worst = max(differences, key=lambda name: np.nan_to_num(differences[name], nan=np.inf))
-    found = f"{differences[worst]:.1e} of the largest {worst}"
+    distance = f"{differences[worst]:.1e} of the largest {worst}"
     if not differences[worst] <= SAME:
         raise ConvergenceError(
-            f"{out}: the first realisation computed again differs by {found}; its dataset was "
+            f"{out}: the first realisation computed again differs by {distance}; its dataset was "
             f"changed, or computed by {stored.attrs.get('environment', 'other libraries')}"
         )
-    return f"the first realisation computed again agrees within {found}"
+    return f"the first realisation computed again agrees within {distance}"

@@ -69,7 +69,7 @@ def new_figure(width: float = SIZE[0], height: float = SIZE[1]) -> "Figure":
 
 
 def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
-    """Add a colour bar as long as the axes, which have limits: beside them, or below if wide."""
+    """Add a colour bar as long as the axes, which have limits: at their side, or below if wide."""
     from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()

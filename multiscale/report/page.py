@@ -95,7 +95,7 @@ class FinishedRun:
         yield "Other tables, terms of the error and remarks: --details, or report.html"
 
     def costs(self) -> list[Section]:
-        """Return the section on time and error of a run of a case; a plan has its own."""
+        """Return the section on time and error of a run of a case; a plan has a separate section."""
         file = self.out / "case.toml"
         if "sweep" in self.case or not file.exists() or ACCURACY.name in self.found:
             return []
@@ -123,11 +123,16 @@ def open_finished(out: Path) -> FinishedRun:
     from multiscale.pipeline.tables.toml_model import read_toml
 
     opened = open_stages(out)
-    found = {stage.name: dataset for stage, dataset in opened.items()}
+    results = {stage.name: dataset for stage, dataset in opened.items()}
     failures = (stage.failure(dataset) for stage, dataset in opened.items())
     case = read_toml(out / "case.toml")
     return FinishedRun(
-        out, tuple(opened), found, gather_cautions(opened), "; ".join(filter(None, failures)), case
+        out,
+        tuple(opened),
+        results,
+        gather_cautions(opened),
+        "; ".join(filter(None, failures)),
+        case,
     )
 
 

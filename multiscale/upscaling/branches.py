@@ -1,4 +1,4 @@
-"""Branches of a law besides the loading: unloading, shear, sliding and damage."""
+"""Branches of a law other than the loading: unloading, shear, sliding and damage."""
 
 from typing import Any
 

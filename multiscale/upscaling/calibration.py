@@ -74,7 +74,7 @@ class Parameter(NamedTuple):
 
 
 class MeasuredRow(NamedTuple):
-    """A measured value beside its prediction by the calibrated law."""
+    """A measured value with its prediction by the calibrated law."""
 
     table: str
     pressure: float  # Pa

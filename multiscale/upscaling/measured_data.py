@@ -47,7 +47,7 @@ COLUMNS: dict[Kind, dict[str, str]] = {
     "closure": {"closure": "m"},
     "loop": {"displacement": "m", "shear": "Pa"},
 }
-"""Columns of every kind besides the preload, the value last, and their units."""
+"""Columns of every kind in addition to the preload, the value last, and their units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +167,7 @@ class MeasuredJoint(ABC):
 
 
 def _loaded(pressure: np.ndarray, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the true pressures of stated ones, and their derivative by the zero of the load."""
+    """Return the true pressures of stated pressures, and their derivative by the zero of the load."""
     p, least = pressure + nuisances.get("offset", 0.0), LEAST_PRESSURE * pressure
     return np.maximum(p, least), 1.0 * (p > least)
 

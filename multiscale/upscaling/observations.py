@@ -11,7 +11,7 @@ from multiscale.units import readable
 from multiscale.upscaling.sampling import Control, widening
 
 ALLOWED = 0.1
-"""Largest distance of a fitting law from an observation, over its scale, besides the scatter."""
+"""Largest distance of a fitting law from an observation, over its scale, in addition to the scatter."""
 
 TWO_SIDED = 1.96  # standard deviations to 95 %
 
@@ -109,7 +109,7 @@ class Observations:
 
     @property
     def n_further(self) -> int:
-        """Number of cheap values of a control besides the paired values."""
+        """Number of cheap values of a control in addition to the paired values."""
         return 0 if self.control is None else len(self.control.cheap) - self.n_realisations
 
     @property

@@ -105,7 +105,7 @@ def _budget(before: Dataset, after: Dataset, gap: np.ndarray, stiffness: np.ndar
     terms = {}
     for term in ERROR_TERMS:
         half, bias = np.zeros((2, 3, p.size))
-        how = "nothing besides the posterior"
+        how = "nothing but the posterior"
         if has_budget(before) and term not in OF_ONE_PART:
             of_term = before.sel(error_term=term, quantity=list(LAW_QUANTITIES[:2]))
             if term in ALWAYS or of_term["error_half_width"].notnull().any():

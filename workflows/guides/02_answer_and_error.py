@@ -14,20 +14,20 @@ joint = open_run("results")["macro_result"].to_dataset()
 
 # The stiffness of the joint is force over displacement of both blocks, and includes the blocks.
 # The stiffness times the nominal area is the force per displacement. Interface and bodies are its
-# two parts in series, each with an error of its own, so that stiff bodies hide no interface. A run
+# two parts in series, each with a separate error, so that stiff bodies hide no interface. A run
 # prints all three with --details, in MPa/um; datasets have Pa/m.
 for part in ("joint_stiffness", "interface_stiffness", "solid_stiffness"):
     total = joint["error_total"].sel(quantity=part)  # relative, at each preload
     sampling = joint["error_half_width"].sel(quantity=part, error_term="sampling")
     print(part, total.values, "of it sampling", sampling.values)
 
-# The 95 % band of the law in a figure holds the scatter of the realisations alone. The total,
+# The 95 % band of the law in a figure contains only the scatter of the realisations. The total,
 # printed as "error (%)", is the half-width of a 95 % interval that counts every known term:
 # sampling, fit, size of the cells, discretisation, increments, surface, scale separation, few
-# cells, and a discrepancy of the joint from the law of its cells. An attribute says how each term
+# cells, and a discrepancy of the joint from the law of its cells. An attribute states how each term
 # was found.
 #
-# Two intervals stand beside each answer, printed with as many digits as its error leaves. The
+# Two intervals stand next to each answer, printed with as many digits as its error leaves. The
 # answer of the mean law lies in the first. The next joint lies in the second, which is wider by the
 # few cells that its interface holds, and by the discrepancy.
 print(joint["joint_stiffness_mean_law"].values, joint["joint_stiffness_one_part"].values)  # Pa/m

@@ -29,7 +29,7 @@ from multiscale.upscaling import (
 #                                                               and effort of the cells
 #   shear_response        realisation, step, component          the same of cells that are pressed,
 #                                                               sheared and released
-#   control_response      realisation, step, component          flat cells that control dearer ones
+#   control_response      realisation, step, component          flat cells that control dearer cells
 #   coarser_response      realisation, step, component          the first cells on half of their
 #                                                               points, and coarser_shear_response
 #   interface_law         term, sample, step                    law, bootstrap samples, fit errors
@@ -69,7 +69,7 @@ gap.plot.line(x="nominal_pressure", xscale="log", add_legend=False)
 # Evaluate the law between the pressures of the cells: the fit, and one of its bootstrap samples.
 print(law_from_dataset(law).gap_at(15e6), law_from_dataset(law, 0).gap_at(15e6))  # m
 
-# Fit a law of your own to the same cells, and compare it with others.
+# Fit another family to the same cells, and compare it with others.
 mine = Family(
     "exponential, 0.3 um",
     ("gap",),

@@ -33,14 +33,14 @@ def press(points):
 # its data are dense: with 2, 3, 4 and 8 pressures a decade, exponential, power,
 # Greenwood-Williamson and Westergaard laws come back within 4, .4, .25 and .08 % of pressure and
 # 20, 5, 3 and 1 % of stiffness, with the largest errors at the highest pressures. Exponential,
-# power and a family of your own (guide 03) are alternatives.
+# power and further families (guide 03) are alternatives.
 response = press(64)
 law = fit_law(response)
 print(law.attrs["admissibility"])
 print(compare_laws(response))  # cross-validated errors and Akaike weights
-print(law_band(law, lambda one: one.gap_at(np.array([1e9]))))  # m, 95 %
+print(law_band(law, lambda sample: sample.gap_at(np.array([1e9]))))  # m, 95 %
 
-# error_budget says how wrong a law is, term by term (guide 02). Each term needs its own evidence:
+# error_budget estimates the error of a law, term by term (guide 02), each from separate evidence:
 # cells on a coarser grid, here by a factor of 2, give the discretisation. The budget assumes
 # nothing: it lists the terms without evidence as unknown, with the calculation that would give
 # them.

@@ -37,7 +37,7 @@ print(pressed["traction"], pressed["slip_fraction"], pressed["flowing_fraction"]
 #
 # In bodies that flow or whose Poisson's ratio is .4 and more, the pressure of each element is an
 # unknown of its own. So a cell with a slope of .5 and a Poisson's ratio of .4999 takes as many
-# iterations as one with .49: 8 Newton iterations per increment, and 9 linear iterations in each.
+# iterations as a cell with .49: 8 Newton iterations per increment, and 9 linear iterations in each.
 
 # With SecondBody the obstacle is a second deformable body behind its underside, with a law of its
 # own, and both bodies meet in the current configuration. slide_cell presses a cell and slides it at

@@ -16,9 +16,9 @@ from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.upscaling import law_from_dataset
 
 # A structure is cut into substructures that a micro-macro method solves side by side. Where two
-# bodies meet, an interface carries a law, here the fitted one with friction: a bed of springs that
+# bodies meet, an interface carries a law, here the fitted law with friction: a bed of springs that
 # slip one after the other. The friction coefficient and the ratio of tangential to normal stiffness
-# are assumptions; cells lose 2 to 10 % more in a cycle than the bed.
+# are assumptions; cells dissipate 2 to 10 % more in a cycle than the bed.
 normal = law_from_dataset(open_law("results/interface_law.nc"))
 law = Sliders(normal, friction=0.2, stiffness_ratio=0.8)
 steel = Elastic(210e9, 0.3)
@@ -30,7 +30,7 @@ print(joint["slip_fraction"].values)  # share of the joint that slips in a step
 print(joint["cycle_energy"].values)  # J
 
 # Both sides of an interface are plane; their meshes need not match. A shear beyond friction ends
-# the steps, and the result says where. A joint may also be rigid (RigidContact: unilateral, with
+# the steps, and the result states where. A joint may also be rigid (RigidContact: unilateral, with
 # Coulomb friction), for LATIN. Bodies, interfaces between their faces and your load cases make
 # an Assembly, which solve_assembly takes with AssembledNewton, LatinMethod or NewtonSchur.
 #

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.macro import granulate
 
-# Grains meet walls that are held, moved or loaded, or fill periodic cells: deposits, silos,
+# Grains meet walls that are fixed, moved or loaded, or fill periodic cells: deposits, silos,
 # collapses, and grains as the third body of a joint.
 law = granulate.ContactLaw(friction=0.5, compliance=0.02)  # compliance 0: rigid
 model = granulate.deposit(np.full(100, 0.01), (0.1, 0.1), law)  # spheres of 1 cm, box of 10 cm
@@ -18,7 +18,7 @@ print(float(motion["converged"].mean()), motion.attrs["cautions"])  # share of s
 ends, force, branch = granulate.network(motion)  # of the last frame, N and m
 print(granulate.coordination(ends, 100, rattlers_below=2))
 
-# A step whose contacts miss their tolerance is marked in "converged" and "residual", and in
+# A step with contacts above their tolerance is marked in "converged" and "residual", and in
 # "cautions". The force network, the energies, the errors and the stress curve are figures of
 # multiscale.plotting; scenes also leave the grains and their forces as a series for ParaView.
 #

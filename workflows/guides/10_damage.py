@@ -24,7 +24,7 @@ from multiscale.micro.damage import (
 # Damage of plane sections of a representative volume, eq (1): cavities and flat cracks are in
 # closed form; a voxel image is read by read_images("stack.tif"), with the extra "images". The
 # largest damage over the planes of a random medium depends on the size: it falls towards the
-# porosity as the volume grows. The dataset has the size, the mean and quantiles beside it.
+# porosity as the volume grows. The dataset has the size, its mean and quantiles.
 pores = random_spheres((1e-3, 1e-3, 1e-3), 1.5e-4, porosity=0.1, seed=1)
 sections = max_damage(pores, level=1, sections=17)
 print(float(sections["maximum_damage"]), sections["worst_normal"].values)
@@ -33,7 +33,7 @@ print(float(sections["maximum_damage"]), sections["worst_normal"].values)
 # image with periodic conditions, and is not (1 - damage) times the stiffness of the matrix. A flat
 # crack is one voxel thick, so that its error falls as the size of the voxels does; the change from
 # half the resolution bounds it. A crack through the whole section leaves no stiffness, and the
-# solution says so. In a case, [rve] does this for several volumes, and bodies take its tensor.
+# solution reports it. In a case, [rve] does this for several volumes, and bodies take its tensor.
 stiffness = effective_stiffness(voxelise(pores, 24), 71e9, 0.33).unwrap()  # 6 x 6, Pa
 print(youngs_modulus_along(stiffness, np.eye(3)) / 71e9)
 

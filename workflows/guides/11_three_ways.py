@@ -27,7 +27,7 @@ for name, solve in WAYS.items():
 # frictionless cell where a gap asks for it, and no pressure twice; law.account counts the cells
 # pressed and reused.
 #
-# The sequential way beside the direct one on the same seeds splits the error: sampling, cell size,
+# The sequential way next to the direct way on the same seeds splits the error: sampling, cell size,
 # fit, both discretisations, and a remainder, which holds the scale separation. For the rough wave,
 # with cells of four longest waves (+- one standard error; tests/workflows/test_three_ways.py):
 #
@@ -41,7 +41,7 @@ for name, solve in WAYS.items():
 # scale separation is too small for this table.
 #
 # workflows/three_ways.py measures error against run time, and draws the figure. Its truth is each
-# structure with its own surface, which a law does not know: with few waves along a structure this
+# structure with a given surface, which a law averages: with few waves along a structure this
 # is the largest error, a tenth and more in a joint of profiles (TiltedJoint). Resolving the wave
 # by transforms is more exact and faster than pressing eight cells, down to 1/32. Resolving the
 # joint by finite elements is so down to 1/8; at 1/32 the law is faster and as exact. A law pays

@@ -38,6 +38,6 @@ for celsius in (10.0, 50.0):
 # This is friction by hysteresis on the waves that [road] names, without adhesion and finer texture,
 # and hence less than the friction of a tyre. The flanks of the bell are powers of the speed, and
 # its peak moves with the pressure. The bell misses the cells of the shipped case by 1.5 % of its
-# peak, root mean square, and by 4 % at most, as the report says. The error budget of the force
+# peak, root mean square, and by 4 % at most, as the report states. The error budget of the force
 # holds this misfit, the scatter of the road and the elements of the block, and names the terms that
 # nobody has estimated.

@@ -32,7 +32,7 @@ print(requirements(case).built["cells of grains"])
 #
 # How well does such a law hold? Six cells of 100 spheres with a friction of 0.5, at inertial
 # numbers from .05 to .3, give a friction of .241 ± .021 and .214 ± .015 and a height of 37.1 and
-# 36.7 mm (± 1.2 mm) at two pressures between the fitted ones (95 %). Six other cells that are
+# 36.7 mm (± 1.2 mm) at two pressures between the fitted pressures (95 %). Six other cells that are
 # sheared at these pressures have .232 ± .019 and .206 ± .013, 36.7 and 36.1 mm. Three cells of
 # twice the area have a friction of .234 where the small cells have .214. Plates with a friction of
 # 0.1 slide on the grains at that friction: the plates are a part of the law. Most of the scatter of

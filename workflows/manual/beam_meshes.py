@@ -3,11 +3,11 @@
     python workflows/manual/beam_meshes.py [FOLDER]
 
 from the root of a checkout writes ``lower.msh`` and ``upper.msh`` in mm into
-``microcases/brake_reuss``. The dimensions are those of the Brake-Reuss beam: 720 mm long, a lap of
+``microcases/brake_reuss``. The dimensions are of the Brake-Reuss beam: 720 mm long, a lap of
 121.412 mm by 25.4 mm, half-beams of 12.7 mm there, holes of 8.433 mm at 0 and 30.175 mm on both
 sides of the middle, 5/16 inch bolts with heads and nuts of the area of a hexagon of 12.7 mm across
 its flats, and washers of 17.46 mm. Every plan is an O-grid, which is drawn out along z; heads,
-washers and nuts are tied to what they touch. The shank is cut inside the nut.
+washers and nuts are tied to the bodies that they touch. The shank is cut inside the nut.
 """
 
 import sys
@@ -23,7 +23,7 @@ LENGTH, HALF_LAP, HALF_WIDTH, HEIGHT = 720.0, 60.706, 12.7, 12.7
 SPACING, HOLE, WASHER, SHANK = 30.175, 4.2164, 8.73125, 3.75  # the last three are radii
 DEPTH = 0.2
 """Where the shank is cut, in heights of the nut, and its radius, between those of shank and thread
-(3.97 and 3.26 mm), are chosen so that the frequencies without contact are the published ones."""
+(3.97 and 3.26 mm), are chosen so that the frequencies without contact have the published values."""
 HEAD = np.sqrt(2.0 * np.sqrt(3.0) * 6.35**2 / np.pi)
 WASHER_HEIGHT, HEAD_HEIGHT, SHANK_LENGTH = 1.5875, 5.159375, 38.1
 SIDES, RINGS, LAYERS, ARM, END = 2, 1, 3, 21, 6
@@ -147,7 +147,7 @@ def _grid(points: np.ndarray) -> Quads:
     quads = np.stack(corners, axis=2).reshape(-1, 4, 2)
     x, y = np.moveaxis(quads, 2, 0)
     turn = np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
-    return [one if area > 0.0 else one[::-1] for one, area in zip(quads, turn, strict=True)]
+    return [item if area > 0.0 else item[::-1] for item, area in zip(quads, turn, strict=True)]
 
 
 if __name__ == "__main__":

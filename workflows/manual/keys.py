@@ -80,14 +80,14 @@ def key_pages() -> dict[str, str]:
     return {
         f"keys_{name}.md": f"# Keys of {title}\n\n"
         "[Case files](../README.md#keys) explains the columns.\n\n"
-        + "\n\n".join(told for _, told in _sections(models))
+        + "\n\n".join(text for _, text in _sections(models))
         + "\n"
         for name, (title, models) in PAGES.items()
     }
 
 
 def renew(index: str) -> str:
-    """Put the list of tables and their pages between its marks."""
+    """Write the list of tables and their pages between its marks."""
     rows = ["| keys of | tables |", "| --- | --- |"]
     for name, (title, models) in PAGES.items():
         page = f"manual/keys_{name}.md"
@@ -113,15 +113,16 @@ def _anchor(heading: str) -> str:
 
 
 def _sections(models: str) -> list[tuple[str, str]]:
-    """Give heading and text of the tables of some models and of the tables in them."""
-    found: list[tuple[str, str]] = []
+    """Return heading and text of the tables of some models and of the tables in them."""
+    results: list[tuple[str, str]] = []
     for top, head, names, table in _tables(Case, ()):
         if top.__name__ in models.split():
             meaning = _plain((getdoc(table) or "").split("\n\n")[0]) + _beside(table)
             rows = "\n".join([HEAD, *(_row(table, name) for name in names)]) if names else ""
             section = head, f"## {head}\n\n{meaning}\n\n{rows}".rstrip()
-            found += [section] if section not in found else []  # laws of links stand in two kinds
-    return found
+            if section not in results:  # laws of links stand in two kinds
+                results.append(section)
+    return results
 
 
 def _beside(table: type[Settings]) -> str:
@@ -140,7 +141,7 @@ def _tables(
     at: tuple[tuple[str, ...], ...],
     top: type[Settings] | None = None,
 ) -> Iterator[tuple[type[Settings], str, list[str], type[Settings]]]:
-    """Give the outermost table, head, keys and model of a table, then of the tables in it.
+    """Return the outermost table, head, keys and model of a table, then of the tables in it.
 
     ``at`` has the names on the way to the table, several where several tables are alike.
     """
@@ -149,17 +150,24 @@ def _tables(
         for name, field in model.model_fields.items()
     }
     head = _head(model, at)
-    said = "kind" if "kind" in head else ""
-    yield top or model, head, [name for name in inner if not inner[name] and name != said], model
+    selector = "kind" if "kind" in head else ""
+    yield (
+        top or model,
+        head,
+        [name for name in inner if not inner[name] and name != selector],
+        model,
+    )
     for models in dict.fromkeys(inner.values()):
         names = tuple(
             name + LISTED * _is_list(model.model_fields[name].rebuild_annotation())
             for name in inner
             if inner[name] == models
         )
-        for one in models:
+        for inner_model in models:
             named = [("NAME",)] if {"laws", "volumes"} & {*names} else []
-            yield from _tables(one, (*at, names, *named), top or (one if at == () else None))
+            yield from _tables(
+                inner_model, (*at, names, *named), top or (inner_model if at == () else None)
+            )
 
 
 def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
@@ -168,7 +176,9 @@ def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
     values = get_args(kind.annotation) if kind else ()
     if len(values) == 1:
         return f'`[structure]`, `kind = "{values[0]}"`'
-    served = ", ".join(f"`{name}`" for name, one in KINDS.items() if model in one.models.values())
+    served = ", ".join(
+        f"`{name}`" for name, kinds in KINDS.items() if model in kinds.models.values()
+    )
     paths = ", ".join(_say_path(path) for path in product(*at) if path)
     return paths + f" of {served}" * bool(served) if at else "Head of the file"
 
@@ -194,8 +204,8 @@ def _row(model: type[Settings], name: str) -> str:
 
 def _meaning(model: type[Settings], name: str) -> str:
     """Return the meaning of a key: its description, or the docstring below it."""
-    found = [_docstrings(one)[name] for one in model.__mro__ if name in _docstrings(one)]
-    return model.model_fields[name].description or (found[0] if found else "")
+    results = [_docstrings(item)[name] for item in model.__mro__ if name in _docstrings(item)]
+    return model.model_fields[name].description or (results[0] if results else "")
 
 
 @cache
@@ -236,28 +246,28 @@ def _default(field: FieldInfo, unit: str) -> str:
 
 
 def _parts(hint: Any) -> tuple[Any, list[Any]]:
-    """Type and metadata of an annotation, with nested ones joined and None left out."""
+    """Type and metadata of an annotation, with nested annotations joined and None left out."""
     if get_origin(hint) is Annotated:
         inner, *metadata = get_args(hint)
         kind, more = _parts(inner)
         return kind, more + metadata
     if get_origin(hint) in (Union, UnionType):
-        found = [one for one in get_args(hint) if one is not NoneType]
-        if len(found) == 1:
-            return _parts(found[0])
+        results = [member for member in get_args(hint) if member is not NoneType]
+        if len(results) == 1:
+            return _parts(results[0])
     return hint, []
 
 
 def _models(hint: Any) -> list[type[Settings]]:
     """Tables that an annotation names."""
     kind, metadata = _parts(hint)
-    chosen = [model for one in metadata if isinstance(one, OneOf) for model in one.models]
+    chosen = [model for item in metadata if isinstance(item, OneOf) for model in item.models]
     if chosen:
         return chosen
     if isinstance(kind, type) and issubclass(kind, Settings):
         return [kind]
     if get_origin(kind) in (Union, UnionType, dict, tuple):
-        return [model for one in get_args(kind) for model in _models(one)]
+        return [model for member in get_args(kind) for model in _models(member)]
     return []
 
 
@@ -278,13 +288,13 @@ def _reading(hint: Any) -> dict[str, Any]:
 
 
 def _value(hint: Any) -> str:
-    """Say in a few words what may stand there."""
+    """Describe the allowed values in a few words."""
     kind, metadata = _parts(hint)
     bounds = _bounds(metadata)
     if get_origin(kind) is Literal:
         return " or ".join(f"`{json.dumps(value)}`" for value in get_args(kind))  # as in TOML
     if get_origin(kind) in (Union, UnionType):
-        return " or ".join(_value(one) for one in get_args(kind) if one is not NoneType)
+        return " or ".join(_value(member) for member in get_args(kind) if member is not NoneType)
     if get_origin(kind) is tuple:
         return _list(get_args(kind), bounds)
     if get_origin(kind) is dict:
@@ -297,10 +307,10 @@ def _value(hint: Any) -> str:
 
 
 def _list(items: tuple[Any, ...], bounds: dict[str, Any]) -> str:
-    """Say how many values a list has, and of what."""
+    """Describe the number and kind of the values of a list."""
     if items[-1] is not Ellipsis:
-        said = [_value(item) for item in items]
-        return f"{len(said)} × {said[0]}" if len(set(said)) == 1 else f"[{'; '.join(said)}]"
+        lines = [_value(item) for item in items]
+        return f"{len(lines)} × {lines[0]}" if len(set(lines)) == 1 else f"[{'; '.join(lines)}]"
     low, high = bounds.get("min_length", 0), bounds.get("max_length")
     count = f"{low} × " if low == high else f"list of {low} or more: " if low else "list: "
     return count + _value(items[0])
@@ -308,21 +318,23 @@ def _list(items: tuple[Any, ...], bounds: dict[str, Any]) -> str:
 
 def _bounds(metadata: list[Any]) -> dict[str, Any]:
     """Constraints of a field by their names."""
-    found = [one for item in metadata for one in getattr(item, "metadata", [item])]
+    results = [entry for item in metadata for entry in getattr(item, "metadata", [item])]
     names = (*BOUNDS, "min_length", "max_length")
-    return {name: getattr(one, name) for one in found for name in names if hasattr(one, name)}
+    return {
+        name: getattr(entry, name) for entry in results for name in names if hasattr(entry, name)
+    }
 
 
 def _range(bounds: dict[str, Any]) -> list[str]:
     """Write the range of a number."""
-    said = {name: text.format(bounds[name]) for name, text in BOUNDS.items() if name in bounds}
-    if "gt" in said:
-        said.pop("ge", None)
-    if "ge" in said and "le" in said:
-        said = {"ge": f"{bounds['ge']:g} to {bounds['le']:g}"} | {
-            name: text for name, text in said.items() if name not in ("ge", "le")
+    limits = {name: text.format(bounds[name]) for name, text in BOUNDS.items() if name in bounds}
+    if "gt" in limits:
+        limits.pop("ge", None)
+    if "ge" in limits and "le" in limits:
+        limits = {"ge": f"{bounds['ge']:g} to {bounds['le']:g}"} | {
+            name: text for name, text in limits.items() if name not in ("ge", "le")
         }
-    return list(said.values())
+    return list(limits.values())
 
 
 if __name__ == "__main__":

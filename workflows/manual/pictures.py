@@ -3,7 +3,7 @@
 ``joint.png``, the first picture of the README, is of ``bolted_lap``: where it sticks and slips, its
 loop, and its stiffness and loss against preload and amplitude. ``chain.png`` follows a case from
 its surface to its joint; ``structures.png`` has slack cables of a tensegrity grid, zones of stick
-and slip, and the forces in a pile of grains. The other pictures are those of the gallery.
+and slip, and the forces in a pile of grains. The other pictures stand in the gallery.
 
     python workflows/manual/pictures.py [NAME ...] -o . [--quick]
 
@@ -81,7 +81,9 @@ SHOWN = {
     ),
     "surfaces_to_joint": plotting.plot_hysteresis,
     "measured_stiffness": plotting.plot_joint_stiffness,
-    "measured_joint": lambda law, ax: [one.plot(ax=ax) for one in fitted_laws(law, range(40))],
+    "measured_joint": lambda law, ax: [
+        single_law.plot(ax=ax) for single_law in fitted_laws(law, range(40))
+    ],
     "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),
     "three_ways": lambda runs, ax: plotting.plot_work_precision(
         runs, scene="rough wave", ax=ax
@@ -119,24 +121,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="coarse cells, few modules and grains")
     arguments = parser.parse_args(argv)
     figures = make_folder(arguments.out / "workflows" / "figures")
-    results, found = arguments.out / "results", {}
+    results, solved = arguments.out / "results", {}
     for name in arguments.names:
         start = sum(os.times()[:4])  # of this process and of its workers
-        found[name] = solve(name, results, quick=arguments.quick)
+        solved[name] = solve(name, results, quick=arguments.quick)
         sys.stdout.write(f"{name}: {sum(os.times()[:4]) - start:.0f} s\n")
         sys.stdout.flush()
         figure = Figure(figsize=(4.8, 3.6), layout="constrained")
         space = name in IN_SPACE
-        SHOWN[name](found[name], ax=figure.add_subplot(projection="3d" if space else None))
+        SHOWN[name](solved[name], ax=figure.add_subplot(projection="3d" if space else None))
         save_small(figure, figures / f"{name}.png", colours=32)
-    if "ground_steel" in found:
-        save_small(draw_chain(found["ground_steel"]), figures / "chain.png", colours=96)
-    if "bolted_lap" in found:
-        answers = draw_answers(found["bolted_lap"]["macro_result"])
+    if "ground_steel" in solved:
+        save_small(draw_chain(solved["ground_steel"]), figures / "chain.png", colours=96)
+    if "bolted_lap" in solved:
+        answers = draw_answers(solved["bolted_lap"]["macro_result"])
         save_small(answers, figures / "joint.png", colours=64)
-    if set(STRUCTURES) <= set(found):
+    if set(STRUCTURES) <= set(solved):
         save_small(
-            draw_structures(*(found[name] for name in STRUCTURES)), figures / "structures.png"
+            draw_structures(*(solved[name] for name in STRUCTURES)), figures / "structures.png"
         )
     return 0
 
@@ -156,9 +158,9 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         return run_macro(settings, out / "macro_result.nc")
     case = load_case(name)
     run(case.quick() if quick else case, out)
-    found = {key: node.to_dataset() for key, node in open_run(out).items()}
+    datasets = {key: node.to_dataset() for key, node in open_run(out).items()}
     fields = out / "fields" / "fields.nc"
-    return found | ({"fields": open_dataset(fields, FIELDS)} if fields.is_file() else {})
+    return datasets | ({"fields": open_dataset(fields, FIELDS)} if fields.is_file() else {})
 
 
 def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
@@ -170,7 +172,7 @@ def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
 
 
 def draw_cells(runs: xr.Dataset, ax: Axes) -> None:
-    """Draw the error of a rough cell against processor time, beside the boundary-element codes."""
+    """Draw the error of a rough cell against processor time, next to the boundary-element codes."""
     plotting.plot_work_precision(runs.assign(wall_time=runs["cpu_time"]), ax=ax)
     ax.set(xlabel="processor time (s)", ylabel="error of the mean gap over rms height")
     ax.legend(fontsize="small")
@@ -208,7 +210,7 @@ def plate_errors(n: int) -> list[np.ndarray]:
 
 
 def draw_beam(result: xr.Dataset, ax: Axes) -> None:
-    """Draw the damping of the first mode of the Brake-Reuss beam, and the published one."""
+    """Draw the damping of the first mode of the Brake-Reuss beam, and the published damping."""
     plotting.plot_backbone(result, quantity="damping", ax=ax)
     first = result.isel(step=0)
     lever = float(first["largest_displacement"] / first["modal_amplitude"])

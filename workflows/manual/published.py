@@ -1,4 +1,4 @@
-"""Published and exact values beside the values of the package.
+"""Published and exact values next to the values of the package.
 
     python workflows/manual/published.py
 

@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def bring_results(guides: Path, results: Path | None) -> None:
-    """Put the run that guides read where they look for it."""
+    """Copy the run of the guides to the folder that they read."""
     if results is None:
         cli.app(
             ["run", "ground_steel", "--quick", "-q", "-o", str(guides / "results")],
@@ -113,7 +113,7 @@ def head_of(guide: str) -> tuple[str, str, str]:
 
 def list_guides(files: list[Path], heads: list[tuple[str, str, str]]) -> str:
     """Return the head of the page of the guides, with their questions."""
-    lines = ["Guides", "======", "", "Scripts of comments and code, with what they print.", ""]
+    lines = ["Guides", "======", "", "Scripts of comments and code, with their output.", ""]
     lines += [".. list-table::", ""]
     for file, (_, _, rest) in zip(files, heads, strict=True):
         question = " ".join(rest.split("Question: ")[1].split("\n\n")[0].split())

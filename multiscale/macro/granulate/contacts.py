@@ -283,7 +283,7 @@ def find_pairs(
     level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(int)
     members = [np.flatnonzero(level == k) for k in np.unique(level)]
     trees = [cKDTree(place[grains], boxsize=box) for grains in members]
-    found = [np.empty((0, 2), np.int32)]
+    groups = [np.empty((0, 2), np.int32)]
     for k, (tree, grains) in enumerate(zip(trees, members, strict=True)):
         for other, larger in zip(trees[: k + 1], members[: k + 1], strict=True):
             far = float(radius[grains].max() + radius[larger].max()) + reach
@@ -292,8 +292,8 @@ def find_pairs(
             chosen = near["v"] <= radius[i] + radius[j] + reach
             if other is tree:  # a pair within a level belongs to its first grain
                 chosen &= i < j
-            found.append(np.column_stack([i, j])[chosen].astype(np.int32))
-    pairs = np.concatenate(found)
+            groups.append(np.column_stack([i, j])[chosen].astype(np.int32))
+    pairs = np.concatenate(groups)
 
     # by first grains, levels and cells: sweeps pass through space in this order
     i, j = pairs.T

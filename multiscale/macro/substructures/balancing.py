@@ -142,7 +142,7 @@ class Balancing:
         """Replace the Schur complements, N/m, of some substructures of this process."""
         team = self.layout.team
         together(team, lambda: self._support(blocks))
-        # interfaces beside them: stiffness of the sides, balanced motions, shares of the sides
+        # interfaces next to them: stiffness of the sides, balanced motions, shares of the sides
         chosen = np.zeros(len(self.supported))
         chosen[list(blocks)] = 1.0
         changed = team.concatenate(chosen) > 0.0

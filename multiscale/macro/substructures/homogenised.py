@@ -10,7 +10,7 @@ of its nodes, :math:`u_\Gamma = \Phi q`. With taut links the inside of a substru
 
 with the condensed stiffness :math:`K^H` of its resultants :math:`V^T F`, eqs (12) and (13) of the
 source. The load mode in the last column makes loads inside exact. Cubic motions of edges are the
-least that bend: rigid and linear ones lock, and quadratic ones have no shear force.
+least that bend: rigid and linear motions lock, and quadratic motions have no shear force.
 
 Where links would leave their range, a substructure is resolved: its inside has all its unknowns and
 links, and so have its edges. The result is then the equilibrium of all links, in the displacements
@@ -183,7 +183,7 @@ class _Cell(NamedTuple):
 
 
 class _Cells:
-    """Condensed substructures of a structure; equal ones are condensed once."""
+    """Condensed substructures of a structure; equal substructures are condensed once."""
 
     def __init__(self, problem: CutProblem) -> None:
         self.problem = problem
@@ -217,7 +217,7 @@ class _Cells:
     def assemble(self, resolved: np.ndarray) -> CutProblem:
         """Assemble the coarse structure, with some substructures resolved."""
         problem = self.problem
-        # coarse unknowns of interfaces, with all motions beside resolved substructures
+        # coarse unknowns of interfaces, with all motions next to resolved substructures
         motions = [
             np.eye(face.size) if resolved[list(face.sides)].any() else motion
             for face, motion in zip(problem.interfaces, self.edges, strict=True)

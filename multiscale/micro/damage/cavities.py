@@ -382,7 +382,7 @@ def random_spheres(
     # places, from the largest sphere on
     if len(radii) and 2.0 * radii[0] > box.min():
         raise CaseError(
-            f"spheres of radius {radii[0]:g} m overlap their own images in a box of {size} m; "
+            f"spheres of radius {radii[0]:g} m overlap their periodic images in a box of {size} m; "
             f"make the box larger"
         )
     places = np.empty((0, 3))

@@ -22,7 +22,7 @@ from multiscale.executors import run_ranges
 from multiscale.micro.layer import GraphMesh
 from multiscale.numerics.compiled import compiled
 
-BATCH = 32  # elements along y in a batch, whose arrays fit into the first two caches
+BATCH = 32  # elements along y in a batch: its arrays fit into the first two caches
 X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y and z
 NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions
 

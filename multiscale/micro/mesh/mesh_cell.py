@@ -159,7 +159,7 @@ class MeshCell:
 
     @property
     def field_shape(self) -> tuple[int, int] | None:
-        """Points along x and y of the fields that can be kept, if any."""
+        """Points along x and y of the fields that can be stored, if any."""
         return self.points if self.layer is None else self.layer.field_shape
 
     @property

@@ -26,7 +26,7 @@ from multiscale.units import readable
 from multiscale.upscaling.budget import OF_ONE_PART, has_budget, unknown_terms
 
 INPUTS = ("fit_pressure", "nominal_pressure", "preload", "sliding_speed", "porosity")
-"""Variables beside the answers of stages that have no error."""
+"""Variables next to the answers of stages that have no error."""
 
 PRESSURES = INPUTS[:3]
 

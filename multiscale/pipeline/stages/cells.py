@@ -120,7 +120,7 @@ def _press(case: Case, job: Job) -> Dataset:
         response = with_slope_errors(
             response, pair, folder, identity, composite, sparing=job.sparing
         )
-    beyond = "one elastic body no longer stands for two"
+    beyond = "one elastic body no longer represents two"
     of_mesh = case.cell.mesh is not None
     cautions = [
         *case.cautions(),

@@ -122,7 +122,7 @@ def _indefinite(path: Dataset) -> Iterator[str]:
 def _move(
     links: LinkStructure, case: Case, settings: Dynamics, datasets: Datasets, job: Job
 ) -> Dataset:
-    """Find the equilibrium at the start, and follow the motion from it."""
+    """Solve the equilibrium at the start, and follow the motion from it."""
     steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
     times, factor = np.linspace(0.0, settings.duration, steps + 1), settings.start_load_factor
     system, history = links.build(), np.array(settings.load_history)

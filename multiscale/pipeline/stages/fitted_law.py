@@ -181,7 +181,7 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
         )
     yield Section("Interface law", lines, figures=figures, files=files)
     for title, head, rows in calibration_tables(law):
-        drawn = f"The samples stand for {attributes['effective_draws']:.3g} independent draws."
+        drawn = f"The samples amount to {attributes['effective_draws']:.3g} independent draws."
         yield Section(title, [*str(attributes["calibration"]).splitlines(), drawn], head, rows)
 
 

@@ -70,7 +70,7 @@ JOINT_TABLE = showing.Table(
 SENTENCES = (
     "At a preload of {preload} the joint has a stiffness of {joint_stiffness:±}.",
     "{contact_fraction} of its area touches, under a mean pressure of {real_pressure:±}.",
-    "The interface alone has {interface_stiffness:±}, the bodies {solid_stiffness:±}.",
+    "The interface has {interface_stiffness:±}, the bodies {solid_stiffness:±}.",
     "At the start of unloading the stiffness of the joint is {unloading_stiffness:±}.",
 )
 

@@ -1,4 +1,4 @@
-"""Stages: rubber slides over pieces of road; its friction over speed and temperature."""
+"""Stages: rubber slides over sections of road; its friction over speed and temperature."""
 
 from collections.abc import Iterator
 from itertools import product

@@ -120,7 +120,7 @@ def _press(
 def _laws(
     bodies: Bodies, case: Case, laws: Sequence[Dataset | None], change: body_budget.Change
 ) -> list[InterfaceLaw]:
-    """Make slider beds, on the unloading curve of the cells if they have one."""
+    """Build slider beds, on the unloading curve of the cells if it was measured."""
     asked = case.vibration
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
     made = body_budget.changed_sliders(bodies, case, laws, few, asked.slabs)
