@@ -212,7 +212,7 @@ def corner_integrals(
 def match_faces(
     bases: tuple["CellBasis", "CellBasis"], boundaries: tuple[str, str]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Nodes and facets of side 1 that coincide with sorted nodes and facets of side 2; None if some do not."""
+    """Coinciding nodes and facets of side 1, in the order of side 2; None if some are apart."""
     from scipy.spatial import cKDTree
 
     nodes, middles = [], []

@@ -35,7 +35,7 @@ STEPS, ADDED = 2, 4
 """Rungs of a knob in a round, and of a knob that adds cells."""
 
 MOST_GROWTH = 10.0
-"""Time of a round over the time of the last answer: an early error shows little of a later error."""
+"""Time of a round over the time of the last answer: early errors show little of later errors."""
 
 NARROW = 0.5  # width of a range of orders that is taken without two differences
 BELOW, ABOVE = 0.5, 0.7  # distance of an observed order from its range, at most

@@ -257,7 +257,7 @@ def _blocks(preload: str) -> str:
     if pressure > HARDNESS:
         raise CaseError(
             f"--preload {preload}: blocks of 10 x 10 mm have {1e-9 * pressure:.3g} GPa on their "
-            f"faces, above {1e-9 * HARDNESS:g} GPa, the hardness of soft steel; give a smaller force"
+            f"faces, above {1e-9 * HARDNESS:g} GPa, the hardness of soft steel; reduce the force"
         )
     return f"""
 [structure]

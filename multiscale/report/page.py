@@ -95,7 +95,7 @@ class FinishedRun:
         yield "Other tables, terms of the error and remarks: --details, or report.html"
 
     def costs(self) -> list[Section]:
-        """Return the section on time and error of a run of a case; a plan has a separate section."""
+        """Return the section on time and error of a run of a case; plans have another section."""
         file = self.out / "case.toml"
         if "sweep" in self.case or not file.exists() or ACCURACY.name in self.found:
             return []

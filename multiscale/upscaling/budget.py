@@ -165,7 +165,7 @@ def known_error(budget: Dataset, *without: str) -> np.ndarray:
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Add the known terms without the terms of a single specimen: the error of the mean specimen."""
+    """Add the known terms that the mean specimen has: the error of the mean specimen."""
     return known_error(budget, *OF_ONE_PART)
 
 

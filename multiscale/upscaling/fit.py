@@ -64,7 +64,7 @@ def fit_law(
         as is a pressure that no realisation reached. Observations give the law of their
         quantity; see :func:`observe` and :func:`read_observations`.
     control : Dataset, optional
-        Follows ``MICRO_RESPONSE``: many cheap cells in addition to the few of a response, at the same
+        Follows ``MICRO_RESPONSE``: many cheap cells next to the few of a response, at the same
         pressures, such as flat cells for conforming cells. Cheap cells with the numbers of the
         response have its surfaces. Means and samples are of both, see
         :class:`~.sampling.Control`; for a quantity where that makes no interval narrower they

@@ -167,7 +167,7 @@ class MeasuredJoint(ABC):
 
 
 def _loaded(pressure: np.ndarray, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the true pressures of stated pressures, and their derivative by the zero of the load."""
+    """Return true from stated pressures, and their derivative by the zero of the load."""
     p, least = pressure + nuisances.get("offset", 0.0), LEAST_PRESSURE * pressure
     return np.maximum(p, least), 1.0 * (p > least)
 

@@ -11,7 +11,7 @@ from multiscale.units import readable
 from multiscale.upscaling.sampling import Control, widening
 
 ALLOWED = 0.1
-"""Largest distance of a fitting law from an observation, over its scale, in addition to the scatter."""
+"""Largest distance of a fitting law from an observation, over its scale, on top of the scatter."""
 
 TWO_SIDED = 1.96  # standard deviations to 95 %
 

@@ -34,7 +34,7 @@ _EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "1": "1
 _HEAD = re.compile(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>[^)\]]*?)\s*[)\]])?")
 
 LOWEST = 1e-3
-"""Lowest pressure of the data of a table over its first positive pressure: the first chord is data."""
+"""Lowest pressure of the data over the first positive one of a table: the first chord is data."""
 
 ROUNDED = 0.01
 """Distance of a row from the convex law of the others, over its pressure, allowed as rounding."""

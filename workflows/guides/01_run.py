@@ -13,7 +13,7 @@ from multiscale.pipeline import load_case, run
 from multiscale.upscaling import law_from_dataset
 
 # A case is a file, or the name of a shipped case. quick() takes fewer and coarser cells, and the
-# cautions of the run state it. A case is frozen; model_copy makes a changed one. Flat cells are used
+# cautions state it. A case is frozen; model_copy makes a changed one. Flat cells are used
 # here because they are the fastest: they take the roughness as the gap of an elastic layer, which
 # is right for small slopes.
 case = load_case("ground_steel").quick()

@@ -188,7 +188,7 @@ def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # typ
 def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     r"""Solve the contacts in their order, each exactly while the others are fixed.
 
-    The local W is diagonal, so that the normal impulse comes first and bounds the tangential impulse:
+    The local W is diagonal, so that the normal impulse comes first and bounds the tangential part:
 
         r_N = max(0, (r_N + a_N anchor_N - m_N (u_N + b)) / (1 + a_N)),                      (1)
         r_T = projection of (r_T + a_T anchor_T - m_T u_T) / (1 + a_T) on the disc mu r_N.   (2)
