@@ -22,6 +22,7 @@ from .law_figures import plot_unloading as plot_unloading
 from .lines import plot_lines as plot_lines
 from .link_figures import plot_deformed_links as plot_deformed_links
 from .link_figures import plot_energies as plot_energies
+from .link_figures import plot_past_limit as plot_past_limit
 from .link_figures import plot_sorted_tensions as plot_sorted_tensions
 from .rve_figures import plot_cracked_load as plot_cracked_load
 from .rve_figures import plot_modulus_surface as plot_modulus_surface

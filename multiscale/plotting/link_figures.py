@@ -86,7 +86,31 @@ def plot_deformed_links(
     ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     ax.figure.colorbar(taut, ax=ax, label="tension (kN)", shrink=0.6, pad=0.12)
     name, symbol, unit = _step_coordinate(result)
-    ax.set_title(f"{symbol} = {float(shown[name]):.3g}{unit}, displacements times {scale:g}")
+    ax.set_title(f"{symbol} = {float(shown[name]):.3g}{unit}, displacements times {scale:.3g}")
+    return ax
+
+
+def plot_past_limit(result: Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot the load factor of a path over the displacement of the node that the mode moves most.
+
+    The displacement is along the critical mode; states that are not stable are dashed.
+    """
+    ax = axes_or_current(ax)
+    mode = result["critical_mode"].values
+    node = int(np.argmax(np.linalg.norm(mode, axis=1)))
+    along = mode[node] / np.linalg.norm(mode[node])
+    moved, factor = result["displacement"].values[:, node, :3] @ along, result["load_factor"].values
+    critical = int(np.argmin(np.abs(factor - float(result["critical_factor"]))))
+    moved = moved * (np.sign(moved[critical]) or 1.0)
+    unstable = result["stability_eigenvalue"].values < 0.0
+    line = ax.plot(1e3 * moved, np.where(unstable, np.nan, factor), label="stable")[0]
+    after = unstable | np.append(unstable[1:], False) | np.append(False, unstable[:-1])
+    ax.plot(
+        1e3 * moved, np.where(after, factor, np.nan), "--", color=line.get_color(), label="unstable"
+    )
+    ax.plot(1e3 * moved[critical], factor[critical], "ko", label=result.attrs["critical"])
+    ax.set(xlabel=f"displacement of node {node} along the mode (mm)", ylabel="load factor")
+    ax.legend()
     return ax
 
 

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar, root
 
 from multiscale.io import open_dataset
 from multiscale.schema import MACRO_RESULT
 from tests.macro.test_limit_load import FORCE, resist
+from tests.support import SCENES
 
 DOME = {
     "nodes.csv": """x,y,z,fix_x,fix_y,fix_z,load_x,load_y,load_z
@@ -74,6 +76,48 @@ def test_a_case_has_the_critical_load_with_a_caution_of_the_indefinite_tangent(r
     assert "the tangent is indefinite beyond the limit point" in result + warned
     solved = open_dataset(out / "macro_result.nc", MACRO_RESULT)
     assert float(solved.critical_factor) == pytest.approx(limit, rel=1e-8)
+
+
+def test_the_shipped_dome_follows_its_symmetric_path_and_draws_it(command, tmp_path):
+    status, _, warned = command("run", SCENES / "shallow_dome.toml", "-o", tmp_path)
+    assert status == 0, warned
+    path = open_dataset(tmp_path / "macro_result.nc", MACRO_RESULT)
+
+    # bars at the crown, in the ring and below it: unknowns are the height of the crown, the radius
+    # of the ring and its height, in a frame that turns with the symmetry
+    edge, count, place = 2.5, np.array([6, 6, 12]), np.array([0.8216, 2.5, 0.6216])
+
+    def lengths(x):
+        crown, r, z = x
+        below = r**2 + 3.0 * edge**2 - 3.0 * edge * r + z**2
+        return np.sqrt([r**2 + (crown - z) ** 2, r**2, below])
+
+    rest = lengths(place)
+
+    def force(x):  # gradient of the energy, N, by a complex step
+        slope = [lengths(x + 1e-30j * unit).imag / 1e-30 for unit in np.eye(3)]
+        return np.array(slope) @ (count * 100e6 / rest * (lengths(x) - rest))
+
+    def pressed(crown, start):
+        ring = root(lambda q: force([crown, *q])[1:] / 1e6, start, tol=1e-13).x
+        return -force(np.array([crown, *ring]))[0] / 100e3, ring
+
+    ring = place[1:]
+    for moved, factor in zip(
+        path.displacement.values[:, 0, 2], path.load_factor.values, strict=True
+    ):
+        carried, ring = pressed(place[0] + moved, ring)
+        assert carried == pytest.approx(factor, abs=1e-8)
+    top = minimize_scalar(
+        lambda w: -pressed(place[0] - w, place[1:])[0], bounds=(0.0, 0.15), options={"xatol": 1e-7}
+    )
+    assert float(path.critical_factor) == pytest.approx(-top.fun, rel=1e-8)
+    assert path.attrs["critical"] == "limit point"
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "the tangent is indefinite beyond the limit point" in report
+    assert {"load_factor.png", "critical_mode.png"} <= {
+        file.name for file in (tmp_path / "figures").iterdir()
+    }
 
 
 def test_a_cantilever_and_a_rope_share_a_load_by_their_stiffness(run):

@@ -5,8 +5,20 @@ import pytest
 from matplotlib.figure import Figure
 
 from multiscale.laws.link import Cable
-from multiscale.macro import simulate, solve_static, system_from_table, tensegrity_grid
-from multiscale.plotting import plot_deformed_links, plot_energies, plot_sorted_tensions
+from multiscale.macro import (
+    simulate,
+    solve_past_limit,
+    solve_static,
+    system_from_table,
+    tensegrity_grid,
+)
+from multiscale.plotting import (
+    plot_deformed_links,
+    plot_energies,
+    plot_past_limit,
+    plot_sorted_tensions,
+)
+from tests.macro.test_limit_load import dome
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +43,18 @@ def test_steps_that_failed_are_left_out(result):
     failed["tension"][1] = np.nan
     ax = plot_sorted_tensions(failed, ax=Figure().add_subplot())
     assert [line.get_label() for line in ax.lines] == ["α = 0", "α = 40"]
+
+
+def test_a_path_is_dashed_where_it_is_not_stable():
+    path = solve_past_limit(dome(3, 0.2), 6.0)
+    ax = plot_past_limit(path, ax=Figure().add_subplot())
+    stable, unstable, limit = ax.lines
+    depth, below = -1e3 * path.displacement.values[:, -1, 2], path.stability_eigenvalue.values < 0.0
+    np.testing.assert_allclose(stable.get_xdata(), depth)
+    np.testing.assert_array_equal(np.isnan(stable.get_ydata()), below)
+    np.testing.assert_allclose(unstable.get_ydata()[below], path.load_factor.values[below])
+    assert limit.get_ydata()[0] == pytest.approx(float(path.critical_factor))
+    assert (limit.get_label(), limit.get_xdata()[0] > 0.0) == ("limit point", True)
 
 
 def test_the_deformed_structure_has_its_links_in_colour_and_the_slack_ones_dashed(result):

@@ -66,6 +66,7 @@ SHOWN = {
     "equivalent_plate": lambda result, ax: draw_plates(ax),
     "guyed_mast": plotting.plot_deformed_links,
     "cable_net": plotting.plot_deformed_links,
+    "shallow_dome": plotting.plot_past_limit,
     "sudden_unloading": plotting.plot_energies,
     "rough_blocks": plotting.plot_hysteresis,
     "lap_joint": plotting.plot_joint_plan,

@@ -24,6 +24,7 @@ from multiscale.plotting.link_figures import (
     ENERGIES,
     plot_deformed_links,
     plot_energies,
+    plot_past_limit,
     plot_sorted_tensions,
 )
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, SHOWN, Dataset
@@ -39,6 +40,7 @@ OF_PATH = "At which load do the links snap through or buckle, and where do they 
 FIRST_FREQUENCY = "The first frequency of small vibration is {first_frequency}."
 
 LEAST_SHARE = 1e-3  # share of the energy below which a kind of energy is not reported
+MODE = 0.1  # largest displacement of a mode that is drawn, over the size of the structure
 STRAINED = 0.1  # strain of a taut link above which its linear elastic law does not hold
 
 
@@ -255,12 +257,21 @@ def _fill_in(result: Dataset, step: int, sentence: str, **others: object) -> Ite
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show the tensions or the energies, and the structure at the last step."""
-    moving = "time" in result.coords
-    name, plot = (
-        ("energies", plot_energies) if moving else ("sorted_tensions", plot_sorted_tensions)
-    )
-    figures = {name: on_axes(plot, result)}
+    """Show tensions, energies or the path past a limit, and the structure at the last step."""
+    figures = {}
+    if "time" in result.coords:
+        figures["energies"] = on_axes(plot_energies, result)
+    elif (result["law"] == "cable").any():
+        figures["sorted_tensions"] = on_axes(plot_sorted_tensions, result)
+    if "critical_factor" in result:
+        figures["load_factor"] = on_axes(plot_past_limit, result)
+        # the mode, with its largest component as long as a tenth of the structure
+        size = MODE * float(np.ptp(result["position"].to_numpy(), axis=0).max())
+        factor = result["load_factor"].to_numpy()
+        at = int(np.argmin(np.abs(factor - float(result["critical_factor"]))))
+        moved = result["critical_mode"].expand_dims(step=1)
+        mode = result.isel(step=[at]).assign(displacement=moved)
+        figures["critical_mode"] = in_space(plot_deformed_links, mode, scale=size, size=(7.5, 5.5))
     known = np.flatnonzero(result["converged"].to_numpy() == 1)
     if known.size:
         figures["deformed_links"] = in_space(
