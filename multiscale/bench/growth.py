@@ -10,7 +10,7 @@ from multiscale.bench.measure import BenchFamily, Row, Runner
 from multiscale.bench.nonsmooth_scenes import sphere_pile
 from multiscale.bench.structures import scene_grid
 from multiscale.bench.substructures import CUT_METHODS, EDGE, CutScene
-from multiscale.macro import AssembledNewton, MultigridNewton, solve_assembly
+from multiscale.macro import AssembledNewton, MultigridNewton, solve_assembly, solve_past_limit
 from multiscale.nonsmooth import solve_friction
 
 BODIES = {"factors": AssembledNewton(), "multigrid": MultigridNewton()}
@@ -19,10 +19,11 @@ SIZES: Mapping[tuple[str, str], tuple[int, ...]] = {
     ("tensegrity grid in substructures", "Newton-Schur"): (8, 16, 32, 64, 128),
     ("deposit of grains", "sweeps"): (20, 60, 200, 600),
     ("pile with friction, solved or refused", "auto"): (30, 60, 100, 300, 1000),
+    ("path of exact equilibrium of a grid", "arc length"): (4, 8, 16, 32),
     ("two bodies with a joint", "factors"): (8, 16, 24),
     ("two bodies with a joint", "multigrid"): (8, 16, 24, 32, 48),
 }
-"""Modules along an edge, grains, and elements along an edge."""
+"""Modules along an edge, grains, modules again, and elements along an edge."""
 
 
 class Growth(NamedTuple):
@@ -55,6 +56,11 @@ def grow(method: str, size: int) -> Growth:
         solution = solve_friction(W, q, friction)
         answered = solution.converged or bool(solution.detail)
         return Growth(q.size, answered, float(len(solution.residuals)))
+    if method == "arc length":
+        grid = scene_grid(size)
+        path = solve_past_limit(grid, 1.0)
+        steps = float(path["iterations"].sum())
+        return Growth(int(np.count_nonzero(~grid.fixed)), "failure" not in path.attrs, steps)
     parts = size // min(EDGE, size // 2)
     scene = CutScene("grid", scene_grid(size), np.ones((1, 1)), (parts, parts))
     answer = scene.solve(CUT_METHODS[1])

@@ -21,23 +21,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import norm, qr, svd
-from scipy.sparse import block_diag, csr_array, hstack, issparse
+from numpy.linalg import norm
+from scipy.sparse import csr_array, issparse
 
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import ConvergenceError, MultiscaleError
-from multiscale.fe.elasticity import compliances
 from multiscale.fe.multigrid import joint_matrix
 from multiscale.laws.interface_law import InterfaceLaw, Response
+from multiscale.macro.flexible_bodies import SOFT, FlexibleBodies, prepare_flexible
 from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.newton import Limits, NewtonRun, enough, join_solutions, step_length
 
 PATIENCE = 30  # iterations without a smaller residual after which the solver stops
-
-SOFT = 0.25
-"""Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides are in series,
-and the material around a node deforms. With the full stiffness, iterations on metal with plastic
-flow and slip cycle."""
 
 FLOOR = 1e-8
 """Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
@@ -54,13 +49,6 @@ without a smaller residual after which the iteration may cycle: a line search fo
 ATTEMPTS = ((2.8, 1), (1.0, 1), (1.0, 4))
 """Factors of the stiffness of the bodies at a point, and parts in which the load rises, until
 Newton's method converges; the state of the laws is that before the step throughout."""
-
-RIGID = 1e4
-"""Largest stiffness of the bodies at a point, relative to the mean: supports may hold a point."""
-
-FREE, EXACT = 1e-9, 1e-12
-"""Largest force of a free rigid motion, relative to the stiffness, before and after its rounding is
-removed."""
 
 HALVINGS = 6  # limit of reductions of a step of the law and the bodies together
 SHARE = 0.1  # sufficient decrease of the residual along a step, relative to a full decrease
@@ -256,13 +244,13 @@ class Assembled:
         return SOFT * float(np.sum(diagonal[touched > 0.0]) / np.sum(touched))
 
     @cached_property
-    def flexible(self) -> "FlexibleBodies | None":
+    def flexible(self) -> FlexibleBodies | None:
         """Bodies condensed onto their jumps; None if sparse, or singular beyond rigid motions."""
         n = self.load.shape[0]
         matrix = csr_array(self.stiffness)
         if n > FEW and matrix.nnz <= FULL * n**2:
             return None
-        return _prepare_flexible(matrix.toarray(), self.jump, self.weight, self.motions)
+        return prepare_flexible(matrix.toarray(), self.jump, self.weight, self.motions)
 
     def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Newton direction, m, by factors of the tangent K + B^T (w D) B."""
@@ -297,7 +285,7 @@ class Equilibrium:
 
     def __init__(
         self,
-        bodies: "Assembled | FlexibleBodies",
+        bodies: Assembled | FlexibleBodies,
         load: np.ndarray,
         law: InterfaceLaw,
         state: np.ndarray,
@@ -456,102 +444,6 @@ def find_equilibrium(
         here = there
         note(here)
     return here, best if run.since_best else here
-
-
-@dataclass(frozen=True, eq=False)
-class FlexibleBodies:
-    r"""Bodies of a dense stiffness, condensed onto jumps and rigid motions in a Newton step.
-
-    With the free rigid motions N of the bodies, :math:`K N = 0`, displacements are
-    :math:`u = v + N a`, :math:`N^T v = 0`. With :math:`\hat K = K + k N N^T` and the compliance
-    :math:`C = B \hat K^{-1} B^T`, a step of the jumps j and the motions a balances the residual
-    forces :math:`r` by
-
-    .. math::
-        j + C w D j - B N a = B \hat K^{-1} r, \qquad (B N)^T w D j = N^T r, \qquad
-        v = \hat K^{-1} (r - B^T w D j). \tag{1}
-
-    On stiff laws the stiffness of the bodies is not rounded away; on soft laws rounding of the
-    motions does not enter the forces :math:`K v` in the bodies.
-    """
-
-    stiffness: np.ndarray  # of v and a, zero for a, (n + m, n + m), N/m
-    jump: csr_array  # (d * points, n + m)
-    weight: np.ndarray  # (points,), m²
-    motions: np.ndarray  # N, (n, m)
-    solve: Solve  # with K + k N N^T
-    compliance: np.ndarray  # C, (d * points, d * points), m/N
-
-    @cached_property
-    def resistance(self) -> np.ndarray:
-        """Stiffness of the bodies against a traction at a single point, (d, points), Pa/m."""
-        flexibility = self.compliance.diagonal().reshape(-1, self.weight.size) * self.weight
-        return np.asarray(SOFT / np.maximum(flexibility, flexibility.mean() / RIGID))
-
-    def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Newton direction (1), m, of v and a, from the tangent, (d, d, points), N/m."""
-        n, points = len(self.motions), self.compliance.shape[0]
-        B, m = self.jump[:, :n], self.motions.shape[1]
-        size = 1.0 + np.abs(tangent).max(axis=0) / (self.resistance * self.weight)  # stiff laws
-        change = tangent / size
-        # C w D and (B N)^T w D
-        rows = np.concatenate([self.compliance, self.jump[:, n:].toarray().T])
-        blocks = rows.reshape(points + m, *size.shape)
-        product = np.einsum("rip,ijp->rjp", blocks, change).reshape(points + m, points)
-
-        # (1), with scaled jumps and rows of the motions
-        matrix = np.zeros((points + m, points + m))
-        matrix[:, :points] = product
-        matrix[np.arange(points), np.arange(points)] += 1.0 / size.ravel()
-        matrix[:points, points:] = -rows[points:].T
-        right = np.append(B @ self.solve(force[:n]), force[n:])
-        scale = np.abs(matrix[points:]).max(axis=1)
-        if not np.all(scale > 0.0):
-            raise MultiscaleError("the law does not resist a rigid motion")
-        matrix[points:] /= scale[:, None]
-        right[points:] /= scale
-        opened, motion = np.split(factorise(matrix, name="the tangent compliance")(right), [points])
-        moved = np.einsum("ijp,jp->ip", change, opened.reshape(size.shape)).ravel()
-        return np.append(self.solve(force[:n] - B.T @ moved), motion)
-
-    def split(self, value: np.ndarray, *, motions: bool = True) -> np.ndarray:
-        """Displacement without motions, and the motions; or forces, and the forces on motions."""
-        amount = self.motions.T @ value
-        return np.append(value - self.motions @ amount if motions else value, amount)
-
-    def join(self, value: np.ndarray) -> np.ndarray:
-        """Displacement, m."""
-        n = len(self.motions)
-        return np.asarray(value[:n] + self.motions @ value[n:])
-
-
-def _prepare_flexible(
-    stiffness: np.ndarray, jump: csr_array, weight: np.ndarray, motions: np.ndarray
-) -> FlexibleBodies | None:
-    """Condense bodies of dense matrices onto their jumps; None if singular beyond motions."""
-    mean = np.abs(stiffness.diagonal()).mean()
-    # free rigid motions: orthonormal, with forces up to rounding, then refined
-    basis, length, _ = svd(motions, full_matrices=False)
-    basis = basis[:, length > FLOOR * length.max(initial=0.0)]
-    force = abs(stiffness) @ abs(basis)
-    _, resisted, turn = svd(stiffness @ basis, full_matrices=False)
-    N = basis @ turn[resisted <= FREE * norm(force)].T
-    with suppress(MultiscaleError):
-        if N.shape[1]:
-            N = qr(N - factorise(stiffness + mean * (N @ N.T))(stiffness @ N))[0]
-            N = N[:, np.abs(stiffness @ N).max(axis=0) <= EXACT * mean]
-        regular = stiffness + mean * (N @ N.T)
-        solve = factorise(regular, name="the supported bodies")
-        zero = np.zeros((N.shape[1],) * 2)
-        return FlexibleBodies(
-            block_diag([regular, zero]).toarray(),
-            csr_array(hstack([jump, csr_array(jump @ N)])),
-            weight,
-            N,
-            solve,
-            compliances(solve, jump)[0],
-        )
-    return None
 
 
 def soften_tangent(response: Response, stiffness: float | np.ndarray) -> Response:
