@@ -112,7 +112,7 @@ def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:
 
 def known_terms(law: Dataset) -> tuple[str, ...]:
     """Return the terms of the budget of a law that have a value for a quantity at a step."""
-    estimated = law["error_half_width"].notnull().any(("quantity", "step"))
+    estimated = of_this_version(law)["error_half_width"].notnull().any(("quantity", "step"))
     return tuple(term for term in ERROR_TERMS[:-1] if estimated.sel(error_term=term))
 
 

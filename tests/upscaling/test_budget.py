@@ -30,6 +30,7 @@ from multiscale.upscaling.budget import (
     STATED,
     Term,
     assemble_budget,
+    known_terms,
     mean_law_error,
     total_error,
 )
@@ -441,6 +442,7 @@ def test_a_part_has_the_discrepancy_of_joints_from_cells_and_the_mean_law_has_no
     np.testing.assert_allclose(half(usual, "model discrepancy", "stiffness"), part / 2.0)
     old = with_budget(law, without).drop_sel(error_term="model discrepancy")
     del old.attrs["how_model_discrepancy"]
+    assert "model discrepancy" not in known_terms(old)
     read = with_scales(old, compare_scales(0.1, 0.5, 1.0))
     np.testing.assert_allclose(
         mean_law_error(read)[:, 1:-1],
