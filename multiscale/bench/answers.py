@@ -16,6 +16,7 @@ from multiscale.micro.damage import (
     voxelise,
     youngs_modulus_along,
 )
+from multiscale.schema import Dataset
 
 # ---------------------------------------------------------------------------------------------
 # chain: stiffness of an interface of a shipped case, from surface to answer
@@ -50,9 +51,120 @@ def interface_stiffnesses(points: int, realisations: int, samples: int = SAMPLES
     return np.array([interface_stiffness(points, realisations, k)[0] for k in range(samples)])
 
 
-@partial(BenchFamily, "whole chain: stiffness of an interface", packages=("scipy", "numba"))
+# the same chain on a surface with closed forms: a wave in one direction, pressed to s p*
+
+AMPLITUDE, WAVELENGTH, MODULUS = 1e-6, 100e-6, 115e9  # m, m, and contact modulus, Pa
+CLOSING = np.pi * MODULUS * AMPLITUDE / WAVELENGTH  # p*, Pa
+PRESSED, SHEARED = 0.3, 0.6  # p over p*, and shear over the friction limit
+FRICTION, RATIO = 0.2, 0.8
+EDGE, HEIGHT, DENSITY = 1.0, 1e-4, 7800.0  # of rigid blocks, m and kg/m³: too flat to tilt
+RIGID = 1e18  # Young's modulus of the blocks, Pa
+
+
+def wave_law(points: int) -> Dataset:
+    """Press a cell with a wave, and fit its law with its leakage."""
+    from multiscale.micro import Cell, Path, Surface, run_ensemble
+    from multiscale.upscaling import fit_law
+    from multiscale.upscaling.transport import with_leakage
+
+    x = np.arange(points) / points
+    heights = AMPLITUDE * np.cos(2.0 * np.pi * x)[:, None] * np.ones(2)
+    surface = Surface(heights, (WAVELENGTH, 2.0 * WAVELENGTH / points))
+    youngs_modulus = (1.0 - POISSON**2) * MODULUS
+    cell = Cell(surface, 1.5 * WAVELENGTH, 24, youngs_modulus, POISSON, geometry="flat")
+    pressures = tuple(CLOSING * np.geomspace(0.02, 0.8, 16))
+    response = run_ensemble([cell], Path(pressure=pressures), keep_flow=True)
+    law = fit_law(response, n_samples=0)
+    return with_leakage(law.assign_attrs(cell_size=WAVELENGTH, longest_wave=WAVELENGTH), response)
+
+
+def wave_answer(scene: str, points: int) -> float:
+    """Return the answer of a scene, from the surface: Pa/m, m³, J or Hz."""
+    from multiscale.laws.bulk import Elastic
+    from multiscale.macro import vibration
+    from multiscale.macro.bodies import stacked_blocks
+    from multiscale.macro.substructures import AssembledNewton, JointLoading, load_joint
+    from multiscale.upscaling import assume_shear, law_from_dataset, sliders_from_dataset
+
+    law, pressure = wave_law(points), PRESSED * CLOSING
+    if scene == "leak rate along a wave":
+        along = law["hydraulic_aperture"].sel(direction="y").to_numpy() ** 3 / 12.0
+        return float(np.interp(np.log(pressure), np.log(law["fit_pressure"]), along))
+    normal = law_from_dataset(law)
+    if scene == "stiffness of a wave":
+        return float(normal.stiffness(normal.gap_at(np.array(pressure))))
+    sheared = assume_shear(law, friction=FRICTION, stiffness_ratio=RATIO)
+    bed = sliders_from_dataset(sheared, slabs=3 * points)
+    size = (EDGE, EDGE, HEIGHT)
+    blocks = stacked_blocks(size, (1, 1, 1), [Elastic(RIGID, 0.0)] * 2, [bed])
+    if scene == "loss of a joint in shear":
+        shear = SHEARED * FRICTION * pressure
+        loading = JointLoading((pressure,), shear, cycles=1, steps=8)
+        return float(load_joint(blocks, loading, method=AssembledNewton())["cycle_energy"][-1])
+    rest = vibration.press_structure(blocks, np.array([[pressure, 0.0]]))
+    mass = vibration.structure_mass(rest.free, blocks.bodies, [DENSITY] * 2)
+    modes = vibration.tangent_modes(rest.free, rest.tangent(), mass, 6)
+    moved = np.abs(modes.nodal(rest.free)[..., 2].mean(axis=1))
+    return float(modes.frequency[np.argmax(moved)])
+
+
+def wave_exact(scene: str) -> float:
+    r"""Return the closed form of a scene, by the gap and the mean gap of the wave.
+
+    With :math:`y = |\sin (\pi x/\lambda)|` outside the contact, :math:`y^2 > s = p/p^*` [1]_,
+
+    .. math::
+        g = 2 \Delta [y \sqrt{y^2 - s} - s \operatorname{arcosh}(y / \sqrt s)], \qquad
+        \bar g = \Delta (1 - s + s \ln s), \qquad K = p^* / (\Delta \ln (1/s)).
+
+    References
+    ----------
+    .. [1] H. M. Westergaard, J. Appl. Mech. 6 (1939) A49-A53.
+    """
+    from scipy.integrate import quad
+
+    s = PRESSED
+    stiffness = CLOSING / (AMPLITUDE * np.log(1.0 / s))
+    if scene == "stiffness of a wave":
+        return float(stiffness)
+    if scene == "frequency of a block":
+        return float(np.sqrt(stiffness / (DENSITY * HEIGHT)) / (2.0 * np.pi))
+    if scene == "leak rate along a wave":
+
+        def cube(angle: float) -> float:
+            y = np.sin(angle)
+            return float((y * np.sqrt(y**2 - s) - s * np.arccosh(y / np.sqrt(s))) ** 3)
+
+        first = float(np.arcsin(np.sqrt(s)))
+        mean = 2.0 / np.pi * quad(cube, first, np.pi / 2.0)[0]
+        return float((2.0 * AMPLITUDE) ** 3 * mean / 12.0)
+
+    # loss of a Masing loop, with t = mu (p - q) and the slip mu / kappa of the mean gaps
+    def slip(q: float) -> float:
+        return float(FRICTION / RATIO * AMPLITUDE * ((q * np.log(q) - q) - (s * np.log(s) - s)))
+
+    shear, turned = SHEARED * FRICTION * s * CLOSING, s * (1.0 - SHEARED)
+    work = FRICTION * CLOSING * quad(slip, turned, s)[0]  # of the slip on the shear
+    return float(EDGE**2 * 4.0 * (shear * slip(turned) - 2.0 * work))
+
+
+WAVE_SCENES = (
+    "stiffness of a wave",
+    "leak rate along a wave",
+    "loss of a joint in shear",
+    "frequency of a block",
+)
+
+
+@partial(BenchFamily, "whole chain: from surface to answer", packages=("scipy", "numba"))
 def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
-    """Run the case on several grids with several numbers of realisations."""
+    """Run a wave with closed forms, and the case with several numbers of realisations."""
+    for scene in WAVE_SCENES:
+        rows = [
+            run(scene, f"{points} points a wave", wave_answer, scene, points, warm=(scene, 16))
+            for points in ((32, 128) if quick else (16, 32, 64, 128, 256, 512))
+        ]
+        yield judge(rows, wave_exact(scene), 0.0)
     grids, counts = ((34, 48), (3,)) if quick else ((48, 64, 96, 128), (3, 6, 12))
     rows = [
         run(

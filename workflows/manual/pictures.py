@@ -29,6 +29,7 @@ from PIL import Image
 
 from multiscale import macro, plotting
 from multiscale.bench import bench
+from multiscale.bench.answers import WAVE_SCENES
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
 from multiscale.macro import links
 from multiscale.pipeline import load_case, run, run_macro
@@ -90,6 +91,7 @@ SHOWN = {
         runs, scene="rough wave", ax=ax
     ).legend(fontsize="small"),
     "error_against_time": lambda runs, ax: draw_cells(runs, ax=ax),
+    "error_of_the_chain": lambda runs, ax: draw_chain_errors(runs, ax=ax),
 }
 PUBLISHED = {1e-7: 0.0873, 2.43e-6: 0.1636, 8.94e-6: 0.615, 6.99e-5: 3.063}
 """Damping of the first bending mode of the Brake-Reuss beam, % of critical, at modal amplitudes,
@@ -149,6 +151,8 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
     scene, out = WORKFLOWS / "scenes" / f"{name}.toml", results / name
     if name == "error_against_time":
         return bench("micro", quick=True)
+    if name == "error_of_the_chain":
+        return bench("chain", quick=quick)
     if name in LEFT:
         main = runpy.run_path(str(WORKFLOWS / f"{name}.py"))["main"]
         main(["-o", str(out), *(["--quick"] if quick else [])])
@@ -208,6 +212,15 @@ def plate_errors(n: int) -> list[np.ndarray]:
     result = links.compare_with_links(links.solve_plate(plate, factors, mass=mass), rest)
     frequency = np.abs(result["first_frequency"] / result["links_frequency"] - 1.0)
     return [result["plate_error"].to_numpy(), frequency.to_numpy()]
+
+
+def draw_chain_errors(runs: xr.Dataset, ax: Axes) -> None:
+    """Draw the errors of answers of the whole chain against processor time, by closed forms."""
+    for scene in WAVE_SCENES:
+        ladder = runs.isel(run=runs["scene"].values == scene)
+        ax.loglog(ladder["cpu_time"], 100.0 * ladder["error"], "o-", label=scene)
+    ax.set(xlabel="processor time from surface to answer (s)", ylabel="error (%)")
+    ax.legend(fontsize="small")
 
 
 def draw_beam(result: xr.Dataset, ax: Axes) -> None:
