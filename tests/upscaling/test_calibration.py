@@ -39,6 +39,7 @@ from multiscale.upscaling.posterior import draw, find_mode, smooth_weights
 from multiscale.upscaling.posterior_law import law_of_interfaces
 from multiscale.upscaling.reading import fitted_laws
 from multiscale.upscaling.sampling import half_range
+from tests.support import press_flat, rough_square
 from tests.upscaling.responses import exponential_gaps, response_of
 
 P = np.geomspace(6e6, 6e7, 8)  # Pa
@@ -466,3 +467,76 @@ def test_the_frame_is_a_share_of_the_stiff_branches(tmp_path):
     file.write_text("preload (MPa), displacement (um), shear (MPa)\n" + text)
     frame = HALF * read_measured(file, "loop", error=0.05).nuisances["frame"]
     assert frame == pytest.approx(0.2 * 1e-12, rel=1e-3)
+
+
+@pytest.mark.long
+def test_the_posterior_is_that_of_an_ensemble_of_chains():
+    """Level and exponent of the law, kappa, mu, frames and zeros, by stiffnesses and a loop."""
+    emcee = pytest.importorskip("emcee")
+    scale = np.append(np.array([0.2, 0.1, 0.12, 0.5]) / HALF, 2 * [*NUISANCES.values()])
+    random = np.random.default_rng(8)
+
+    def answers(theta, tables):
+        """Values over their deviations, with derivatives, by whitened parameters."""
+        level, bend, ratio, friction, *others = scale * theta
+        bed = interface(1.0, 0.8 * np.exp(ratio), 0.3 * np.exp(friction))
+        curve = bed.curve
+        moved = curve.log_stiffness + np.array([level, bend]) @ curve.rates
+        bed, values, rows = bed._replace(curve=replace(curve, log_stiffness=moved)), [], []
+        for k, table in enumerate(tables):
+            place = slice(4 + 2 * k, 6 + 2 * k)
+            given = dict(zip(NUISANCES, others[2 * k : 2 * k + 2], strict=True))
+            value, gradient = table.answer(bed, given)
+            row = np.zeros((value.size, theta.size))
+            row[:, :4], row[:, place] = gradient[:, :4], gradient[:, 4:]
+            values.append((value - table.value) / table.deviation)
+            rows.append(row * scale / table.deviation[:, None])
+        return np.concatenate(values), np.concatenate(rows)
+
+    data = [measure(table, interface(1.1, 0.75, 0.25), random) for table in (stiffness(), loop())]
+    mode = find_mode(lambda theta: answers(theta, data), scale.size)
+    draws = draw(lambda theta: answers(theta, data), mode, 2000, 1000, random)
+
+    def log_density(theta):
+        r = answers(theta, data)[0]
+        return -0.5 * (theta @ theta + 4.0 * np.log1p(r**2 / 4.0).sum())
+
+    chains = emcee.EnsembleSampler(32, scale.size, log_density)
+    chains.run_mcmc(mode.theta + 0.1 * random.normal(size=(32, scale.size)), 1500)
+    drawn = chains.get_chain(discard=300, flat=True)
+    half = HALF * drawn.std(axis=0)
+    for estimate in (mode.theta, draws.theta.mean(axis=0)):
+        assert np.abs((estimate - drawn.mean(axis=0)) / half).max() < 0.25
+    for deviation in (np.sqrt(np.diag(mode.covariance)), draws.theta.std(axis=0)):
+        np.testing.assert_allclose(deviation, drawn.std(axis=0), rtol=0.15)
+
+
+@pytest.mark.parametrize("specimen", ["specimen_vd1.csv", "specimen_vd2.csv"])
+def test_fractures_close_under_twice_the_measured_stress_as_predicted(reference_data, specimen):
+    """Granodiorite, of unknown roughness: up to 5 MPa are measured, 6 to 10 MPa are predicted.
+
+    D. Vogler and others, J. Geophys. Res. Solid Earth 123 (2018), doi:10.1002/2017JB015057.
+    """
+    surfaces = [rough_square(64, 0.25, 0.0625, 0.03, seed=seed) for seed in range(8)]
+    response = press_flat(surfaces, 0.03 * np.geomspace(5e-3, 0.3, 10))
+    for name, unit in (("mean_gap", 0.1), ("traction", 1.2e9), ("nominal_pressure", 1.2e9)):
+        response[name] = response[name] * unit  # m, and the contact modulus of such a scale, Pa
+    cells = fit_branches(response, n_samples=80)
+    _, closure, stress = np.genfromtxt(
+        reference_data / "fractures" / specimen, delimiter=",", skip_header=2
+    ).T
+    rise = slice(0, int(np.argmax(stress)) + 1)
+    p, closure = 1e6 * stress[rise], 1e-3 * closure[rise]
+
+    def table(rows):
+        deviation = np.hypot(1e-6, 0.02 * closure[rows])
+        nuisances = {"frame": 0.5e-12, "offset": 2e4, "zero": 2e-6}
+        return MeasuredClosure(specimen, p[rows], closure[rows], deviation, nuisances)
+
+    seen, unknown = p < 5.3e6, p > 5.3e6
+    wide = {"roughness": 3.0, "discrepancy": 3.0, "exponent": 0.3}  # nothing of them is known
+    calibrated = calibrate(cells, [table(seen)], extrapolate=True, **wide).law
+    _, (low, high) = predict_measured(calibrated, table(p > 0.0))
+    inside = (low <= closure) & (closure <= high)
+    assert inside[unknown].all()
+    assert np.all((high - low)[unknown] < 0.4 * closure[unknown])
