@@ -28,7 +28,7 @@ from multiscale.upscaling.budget import (
     interval_errors,
     known_terms,
 )
-from multiscale.upscaling.propagation import STRETCH
+from multiscale.upscaling.propagation import FEWEST_SAMPLES, STRETCH
 from multiscale.upscaling.scales import compare_scales, effective_cells, pressure_length_of_points
 from multiscale.upscaling.shear_budget import loss_term, shear_errors
 
@@ -66,9 +66,10 @@ class JointAnswers:
     rests: np.ndarray  # steps of these answers
     place: Callable[[Dataset, Dataset], Dataset]  # adds a budget of rests, then cycles, to a result
     cycles: CycleAnswers | None = None
+    first_order: "FirstOrder | None" = None
 
 
-def joint_answers(result: Dataset) -> JointAnswers:
+def joint_answers(result: Dataset, first_order: "FirstOrder | None" = None) -> JointAnswers:
     """Return the answers of joints at their preloads, then in the cycles of every amplitude."""
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
@@ -109,7 +110,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
         selected = selected.assign_coords(quantity=[AT_END.get(name, name) for name in names])
         return with_intervals(with_budget(result, over_steps(selected, at, known.size)))
 
-    return JointAnswers(read, real, rests, place, cycles)
+    return JointAnswers(read, real, rests, place, cycles, first_order)
 
 
 def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
@@ -198,14 +199,17 @@ class JointsOfLaw:
         return f"interface {', '.join(map(str, self.joints))}"
 
     def sources(
-        self, pressure: np.ndarray | None, without: Mapping[str, np.ndarray] = {}
+        self,
+        pressure: np.ndarray | None,
+        without: Mapping[str, np.ndarray] = {},
+        drawn: Sequence[np.ndarray] | None = None,
     ) -> list[upscaling.Source]:
         """Return the errors of normal law and friction at a pressure of the joints, Pa, if any."""
 
         def change(normal: NormalLaw) -> Change:
             return Change(self.joints, normal)
 
-        listed = upscaling.law_sources(self.law, pressure, of=self.name, change=change)
+        listed = upscaling.law_sources(self.law, pressure, of=self.name, change=change, drawn=drawn)
         friction = {} if pressure is None else shear_errors(self.law, pressure)
         known = known_terms(self.law)
         for parameter, widths in friction.items():
@@ -225,6 +229,10 @@ class JointsOfLaw:
             )
         return listed
 
+
+FirstOrder = Callable[[Sequence[Change]], Mapping[str, np.ndarray]]
+"""Maps changes to relative changes of answers at rest, shape (changes, preloads), by the tangents
+of the path without changes."""
 
 JointSolve = Callable[[Change], "Dataset"]
 """Maps a change to the result at the preloads and, if joints slip, in cycles of few steps; workers
@@ -348,8 +356,12 @@ def with_joint_budget(
         return rows
 
     listed: list[upscaling.Source] = []
+    value = answers(result)
     for joints in sources.laws:
-        of_law, cautions = _measured(joints, result, steps, rests.size, asked, np.array(names))
+        drawn = _draw(joints, asked, names, value, rests)
+        of_law, cautions = _measured(
+            joints, result, steps, rests.size, asked, np.array(names), drawn
+        )
         listed += of_law
         result = with_cautions(result, *cautions)
     listed += sources.stated
@@ -358,7 +370,6 @@ def with_joint_budget(
         listed.append(upscaling.Knob(name="mesh", ratios=[*sources.meshes], changes=changes))
     else:
         listed.append(upscaling.Bound(name="mesh", bounds={MACRO: Term(NO_MESH)}))
-    value = answers(result)
     if cycles is not None:
         moving = 1.0 * (np.arange(steps.size) >= rests.size)
         if sources.beds:
@@ -384,6 +395,26 @@ def with_joint_budget(
     return asked.place(result, budget).assign_attrs(interval_seconds=perf_counter() - begin)
 
 
+def _draw(
+    group: JointsOfLaw,
+    asked: JointAnswers,
+    names: Sequence[str],
+    value: np.ndarray,
+    rests: np.ndarray,
+) -> list[np.ndarray] | None:
+    """Return the answers at rest by the samples of a law, (samples, answers, steps), else NaN."""
+    normals = upscaling.fitted_laws(group.law, range(group.law.sizes.get("sample", 0)))
+    if asked.first_order is None or len(normals) < FEWEST_SAMPLES:
+        return None
+    changes = asked.first_order([Change(group.joints, normal) for normal in normals])
+    drawn = np.full((len(normals), *value.shape), np.nan)
+    for row, name in enumerate(names):
+        if name in changes:  # a preload is the step of its number
+            changed = value[row, : rests.size] * (1.0 + changes[name][:, rests])
+            drawn[:, row, : rests.size] = changed
+    return list(drawn)
+
+
 def _measured(
     group: JointsOfLaw,
     result: Dataset,
@@ -391,6 +422,7 @@ def _measured(
     n_rests: int,
     asked: JointAnswers,
     names: np.ndarray,
+    drawn: Sequence[np.ndarray] | None,
 ) -> tuple[list[upscaling.Source], list[str]]:
     """Return the sources of error of a law at the pressures of its joints, and cautions."""
     law, cycles, cautions = group.law, asked.cycles, list[str]()
@@ -438,7 +470,7 @@ def _measured(
     if any(real):
         listed.append(contact_source(law, mean, real, group.name))
     # the error of the loss by the bed is measured by the cycles of the cells
-    listed += replace(group, law=law).sources(mean, dict.fromkeys(bounds, lost))
+    listed += replace(group, law=law).sources(mean, dict.fromkeys(bounds, lost), drawn)
     shared = np.where(lost, cells[0], cells[1])
     return [source.averaged(shared) for source in listed], cautions
 

@@ -1,6 +1,6 @@
 """Stages that solve a structure, and bodies that are built and condensed for their solver."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import count
@@ -212,6 +212,17 @@ class ReadyBodies:
         return SolveAgain(
             self.bodies, self.case, self.laws, problem, areas, self.method, follow, near
         )
+
+    def first_order(
+        self, near: "substructures.FollowedJoint", changes: Sequence[Change]
+    ) -> Mapping[str, np.ndarray]:
+        """Return relative changes of the stiffnesses of joints at rest, (changes, preloads)."""
+        made = [
+            changed_sliders(self.bodies, self.case, self.laws, change, slabs=1)  # without slip
+            for change in changes
+        ]
+        problem = self.structure.small
+        return substructures.changed_stiffness(near, [problem.with_laws(laws).law for laws in made])
 
     def finish(self, result: Dataset, facts: Sequence[str]) -> Dataset:
         """Add facts on bodies, loads and solver, and the fields of the elements."""

@@ -139,8 +139,11 @@ class Samples(Source):
     how: str
 
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
-        """Return half the distance of the percentiles."""
-        return {"sampling": Term(self.how, half_range(np.array(changed)) / np.abs(value))}
+        """Return half the distance of the percentiles; zero where an answer is unknown."""
+        drawn = np.array(changed)
+        counted = np.isfinite(drawn).all(axis=0)
+        half = half_range(np.where(counted, drawn, 0.0)) / np.abs(value)
+        return {"sampling": Term(self.how, np.where(counted, half, 0.0))}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -328,7 +331,8 @@ def law_sources(
     samples : int
         Number of bootstrap samples of the law to solve; with fewer than 40, sampling enters as the
         other terms do.
-    drawn : sequence of ndarray, shape (answers, steps), optional, known answers of samples
+    drawn : sequence of ndarray, shape (answers, steps), optional
+        Known answers of samples; where one is NaN, sampling enters as the other terms do.
 
     Returns
     -------
@@ -354,11 +358,13 @@ def law_sources(
     draws = fitted_laws(law, range(count if count >= FEWEST_SAMPLES else 0))
     # sampling, by bootstrap samples of the law or as the other terms
     sampled: list[Source] = []
+    counted: np.ndarray | bool = bool(draws)  # answers with samples
     if draws or (drawn is not None and len(drawn)):
         count = len(draws) if drawn is None else len(drawn)
         how = f"{count} bootstrap samples of the law"
         changes = [change(sample) for sample in draws] if drawn is None else ()
         sampled.append(Samples(name="samples", of=of, changes=changes, answers=drawn, how=how))
+        counted = counted if drawn is None else np.asarray(np.isfinite(drawn).all(axis=0))
 
     def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
         """Return half-widths of a quantity of the law at the pressures, by known terms."""
@@ -368,14 +374,14 @@ def law_sources(
             widths[term] = float(np.sqrt(np.mean(half**2)))
             if pressure is not None:
                 widths[term] = np.interp(np.log(pressure), np.log(data), half)
-        if sampled:
-            widths.pop("sampling", None)
+        if "sampling" in widths:
+            widths["sampling"] = np.where(counted, 0.0, widths["sampling"])
         return widths
 
     # unknown terms, larger gaps, a softer law, and gaps without the biases
     bounds = {}
     for term in ERROR_TERMS[:-1]:  # the last term is not of a law
-        if not (sampled and term == "sampling"):
+        if not (np.all(counted) and term == "sampling"):
             how = str(law.attrs[how_attribute(term)])
             bounds[term] = Term(how, np.zeros(()) if term in known else None)
     p = data if pressure is None else np.asarray(pressure)

@@ -297,5 +297,6 @@ def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path
         # under an exponential law the load that slips hardly depends on its length
         alike = 1e-3 if name == "slipping_load" else 0.0
         # law and friction add as if they were independent: too much where a sample moves both
-        limit = 0.4 if name == "cycle_energy" else 0.35
+        # at rest the changes by all samples are of first order
+        limit = 0.1 if name.endswith("stiffness") else 0.4
         assert float(part[column]) == pytest.approx(half, rel=limit, abs=alike), name

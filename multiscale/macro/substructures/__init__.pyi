@@ -12,6 +12,7 @@ from .load_path import FEW_STEPS as FEW_STEPS
 from .load_path import JointLoading as JointLoading
 from .load_path import LoadPath as LoadPath
 from .measures import FollowedJoint as FollowedJoint
+from .measures import changed_stiffness as changed_stiffness
 from .measures import follow_cut_loads as follow_cut_loads
 from .measures import follow_joint as follow_joint
 from .measures import load_joint as load_joint

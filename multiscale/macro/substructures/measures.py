@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.laws.interface_law import InterfaceLaw, SideBySide
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import (
     FAR_FACTOR,
@@ -245,6 +245,23 @@ def follow_joint(
         like = known[level] if level < len(known) else None
         cycles.append(follow(prepared, swing, after=state, near=like))
     return replace(followed, loading=loading, cycles=cycles)
+
+
+def changed_stiffness(followed: FollowedJoint, laws: Sequence[SideBySide]) -> dict[str, np.ndarray]:
+    """Return relative changes of the stiffnesses at the preloads by small changes of the laws.
+
+    To first order, shape (laws, preloads); see :meth:`~.tangents.Tangents.changes`.
+    """
+    problem, n = followed.path.problem, len(followed.ended)
+    tangents, work = Tangents(problem), followed.work[0, :, :n]
+    changes = [tangents.changes(state, laws) for state in followed.ended]
+    relative = -np.stack(changes, axis=2) / work  # (laws, parts, preloads, cases)
+    return {
+        "joint_stiffness": relative[:, 0, :, 0],
+        "tangential_stiffness": relative[:, 0, :, 1],
+        "interface_stiffness": relative[:, 1, :, 0],
+        "solid_stiffness": relative[:, 2, :, 0],
+    }
 
 
 def measure_joint(

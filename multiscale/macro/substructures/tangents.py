@@ -1,6 +1,7 @@
 """Tangent stiffness of a structure under its loads at a state of its path."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,6 +69,52 @@ class Tangents:
                 continue
             for column, case in enumerate(cases):
                 work[1, :, case] = at.rise(load[:, column], u[:, column], float(rise[case]))
+        return work
+
+    def changes(self, state: JointState, laws: Sequence[SideBySide]) -> np.ndarray:
+        r"""Change of the work without slip by small changes of the laws, J, (laws, 3, cases).
+
+        Notes
+        -----
+        To first order, with the changes :math:`t'` of the tractions at the jump of the state and
+        :math:`k'` of the tangents at the changed jump, which both are without slip,
+
+        .. math::
+            (K + B^T w k B)\, U' = -B^T w t', \qquad
+            (K + B^T w k B)\, u' = -B^T w k' B u, \qquad f \cdot u' = -B u \cdot w k' B u;
+
+        every factorisation serves the right-hand sides of all laws.
+        """
+        law, points = self.problem.law, state.jump.shape[1]
+        base = law.respond(state.jump, law.at_rest(state.jump))
+        # changed jump of the state
+        place = _Place(self.whole, law, state.jump, state.history)
+        pushed = [
+            (other.respond(state.jump, other.at_rest(state.jump)).traction - base.traction)
+            for other in laws
+        ]
+        forces = self.whole.jump.T @ np.reshape(self.whole.weight * pushed, (len(laws), -1)).T
+        opened = (self.whole.jump @ place.solve(place.stuck, -forces))[:points].T
+        tangents = list[np.ndarray]()
+        for other, normal in zip(laws, opened, strict=True):
+            jump = state.jump + np.eye(3)[:, :1] * normal
+            tangents.append(other.respond(jump, other.at_rest(jump)).tangent - base.tangent)
+        # changed displacement under the loads
+        work = np.zeros((len(laws), 3, self.problem.n_cases))
+        for structure, cases in self.structures:
+            at, B = replace(place, structure=structure), structure.jump
+            load = structure.load[:, cases]
+            jump = (B @ at.solve(at.stuck, load)).reshape(3, points, len(cases))
+            weight = structure.weight[:, None]
+            pulled = weight * np.einsum("lijp,jpc->lipc", tangents, jump)
+            forces = B.T @ pulled.transpose(1, 2, 0, 3).reshape(3 * points, -1)
+            moved = at.solve(at.stuck, -forces)
+            apart = (B @ moved).reshape(3, points, len(laws), len(cases))
+            carried = weight * np.einsum("ijp,jpc->ipc", at.stuck, jump)
+            stored = np.einsum("ipc,lipc->lc", jump, pulled)
+            work[:, 0, cases] = -stored
+            work[:, 1, cases] = stored + 2.0 * np.einsum("ipc,iplc->lc", carried, apart)
+        work[:, 2] = work[:, 0] - work[:, 1]
         return work
 
 

@@ -94,7 +94,7 @@ def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> 
             )
         near = substructures.follow_joint(ready.structure.small, short, method=ready.method)
         solve = ready.again(partial(_follow_joints, short), near)
-        asked = body_budget.joint_answers(result)
+        asked = body_budget.joint_answers(result, partial(ready.first_order, near))
         result = body_budget.with_joint_budget(result, sources, solve, asked, job)
     return ready.finish(result, facts)
 

@@ -1,14 +1,24 @@
 """Stiffness against small changes of loads: stuck, sliding, frictionless, half slipping."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from multiscale.fe.mesh_file import box_mesh
-from multiscale.laws import Exponential, HystereticLaw, Sliders
+from multiscale.laws import Exponential, HystereticLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Interface
 from multiscale.macro.bodies import GapMap
-from multiscale.macro.substructures import LoadPath, condense_assembly, follow_cut_loads
+from multiscale.macro.substructures import (
+    JointLoading,
+    LoadPath,
+    changed_stiffness,
+    condense_assembly,
+    follow_cut_loads,
+    follow_joint,
+    measure_joint,
+)
 
 EDGE, PRESSURE, DECAY, RATIO = 0.02, 10e6, 1e-7, 0.8
 AREA = EDGE**2
@@ -47,6 +57,41 @@ def follow(laws, steps, parts=HALVES, gap=None, elements=2):
     result = follow_cut_loads(small, path, method=AssembledNewton(), extrapolate=True)
     assert result["converged"].values.all(), result.attrs
     return result
+
+
+def test_first_order_changes_are_the_differences():
+    """A block that tilts under an uneven pressure; both changes act on one of its halves."""
+    mesh = box_mesh((EDGE, EDGE, EDGE), (4, 2, 1)).with_boundaries(HALVES)
+    tractions = {
+        "top": (0.0, 0.0, lambda x, time: -(0.7 + 0.6 * x[0] / EDGE) * (time == 1.0)),
+        "bottom": (lambda x, time: 1.0 * (time == 2.0), 0.0, 0.0),
+    }
+    block = Body(mesh, Elastic(1e13, 0.0), {}, tractions)
+    laws, h = (bed(0.5), bed(0.5)), 1e-3
+    faces = [
+        Interface((None, 0), (None, name), law) for name, law in zip(HALVES, laws, strict=True)
+    ]
+    assembly = Assembly((block,), faces, times=(1.0, 2.0), areas=(AREA, AREA))
+    small = condense_assembly(assembly, AssembledNewton()).small
+    centre = float(NORMAL.gap_at(np.array(PRESSURE)))
+
+    def press(problem):
+        return follow_joint(problem, JointLoading((PRESSURE,)), method=AssembledNewton())
+
+    for change in ("factor", "shift"):
+        changed = []
+        for step in (h, -h):
+            size = {"factor": 1.0 + step} if change == "factor" else {"shift": step * DECAY}
+            normal = ModifiedLaw(NORMAL, centre=centre, **size)
+            changed.append(small.with_laws([replace(laws[0], normal=normal), laws[1]]))
+        first = changed_stiffness(press(small), [problem.law for problem in changed])
+        solved = [measure_joint(press(problem), (AREA, AREA)) for problem in changed]
+        base = measure_joint(press(small), (AREA, AREA))
+        for name in ("joint_stiffness", "interface_stiffness", "tangential_stiffness"):
+            apart = [float(result[name][0] / base[name][0]) for result in solved]
+            rate = np.ptp(first[name][:, 0]) / (2.0 * h)
+            exact = abs(apart[0] - apart[1]) / (2.0 * h)
+            assert rate == pytest.approx(exact, rel=1e-6, abs=1e-6), (name, rate, exact)
 
 
 STATES = {
