@@ -501,9 +501,9 @@ def test_the_posterior_is_that_of_an_ensemble_of_chains():
         r = answers(theta, data)[0]
         return -0.5 * (theta @ theta + 4.0 * np.log1p(r**2 / 4.0).sum())
 
-    chains = emcee.EnsembleSampler(32, scale.size, log_density)
-    chains.run_mcmc(mode.theta + 0.1 * random.normal(size=(32, scale.size)), 1500)
-    drawn = chains.get_chain(discard=300, flat=True)
+    chains = emcee.EnsembleSampler(24, scale.size, log_density)
+    chains.run_mcmc(mode.theta + 0.1 * random.normal(size=(24, scale.size)), 900)
+    drawn = chains.get_chain(discard=200, flat=True)
     half = HALF * drawn.std(axis=0)
     for estimate in (mode.theta, draws.theta.mean(axis=0)):
         assert np.abs((estimate - drawn.mean(axis=0)) / half).max() < 0.25
