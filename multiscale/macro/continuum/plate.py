@@ -20,7 +20,7 @@ class PlateElements:
         \kappa_{\alpha\beta} = \theta_{(\alpha,\beta)}, \quad
         \gamma_\alpha = w_{,\alpha} + \theta_\alpha,    \tag{1}
 
-    in the order of :data:`~multiscale.macro.links.plate_cell.STRAINS`, with doubled shears.
+    in the order of :data:`~multiscale.macro.links.plate_cells.STRAINS`, with doubled shears.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from .link_system import LinkSystem as LinkSystem
 from .link_system import describe as describe
 from .mechanisms import prestress_by_itself as prestress_by_itself
 from .mechanisms import self_stress as self_stress
-from .plate_cell import PlateCell as PlateCell
-from .plate_cell import plate_cell as plate_cell
+from .plate_cells import PlateCell as PlateCell
+from .plate_cells import plate_cell as plate_cell
 from .statics import solve_static as solve_static
 from .vibration import natural_frequencies as natural_frequencies

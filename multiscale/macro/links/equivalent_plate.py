@@ -14,7 +14,7 @@ from multiscale.convergence import Solution
 from multiscale.errors import CaseError, MultiscaleError, require
 from multiscale.macro.continuum.plate import UNKNOWNS, PlateElements, plate_elements
 from multiscale.macro.links.link_system import LinkSystem, link_dataset
-from multiscale.macro.links.plate_cell import STRAINS, PlateCell, PlateResponse
+from multiscale.macro.links.plate_cells import STRAINS, PlateCell, PlateResponse
 from multiscale.macro.links.vibration import lowest_frequencies
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun, step_length

@@ -7,7 +7,6 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.io.fields import write_link_fields
-from multiscale.macro.links.link_system import link_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
@@ -79,6 +78,8 @@ def _sections(result: Dataset) -> Iterator[Section]:
 
 
 def _needs(plate: EquivalentPlate, case: Case) -> Needs:
+    from multiscale.macro.links.link_system import link_needs
+
     links = link_needs(plate.links.build(), steps=len(case.statics.load_factors))
     resolved = Choice(
         "links", "solved at the same loads, for the error of the plate", plate.resolve
