@@ -485,6 +485,19 @@ def bounce(friction: float, restitution: float, step: float) -> float:
     return max(gain, -energy.min()) if restitution == 1.0 and friction == 0.0 else gain
 
 
+def third_body(speed: float, pressure: float) -> float:
+    """Shear grains between two plates: distance of the pressure that they bear from the stated."""
+    from multiscale.macro.granulate import ContactLaw, Solver, shear_cells
+
+    radii, size = np.full(30, 0.005), (0.04, 0.04)
+    law, solver = ContactLaw(0.5, compliance=0.05), Solver(1e-2, 300, 0)
+    p, v = np.array([pressure]), np.array([speed])
+    cell = shear_cells(radii, size, p, v, law, distance=6.0, solver=solver)
+    if not cell.values["converged"].all():
+        raise ConvergenceError(cell.attributes["ended"])
+    return abs(float(cell.values["traction"][0, 0, 0]) / pressure + 1.0)
+
+
 def voids(modulus: float, porosity: float) -> float:
     """Solve a volume with voids, filled or not: distance of its stiffness from a mesh of bricks."""
     from scipy.sparse import csr_array, diags_array, kron

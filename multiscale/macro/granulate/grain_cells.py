@@ -63,6 +63,7 @@ def compact(
     has a finite inertia and follows the pressure, so that no incompatible strain is prescribed.
     """
     require("pressure", pressure, "(0, inf)", "Pa")
+    require("max_steps", max_steps, "[1, inf)", integer=True)
     solver = solver or Solver(tolerance=1e-4, max_iterations=2000)
     # random order on a jittered lattice in a square or cubic cell
     radii = np.random.default_rng(seed).permutation(np.asarray(radii, dtype=float))
@@ -214,6 +215,7 @@ def shear_response(
     inertial number :math:`I = (v / H)\, d \sqrt{\rho / p}` with the height :math:`H` of the layer,
     and holds at all p and v with the same :math:`v / \sqrt p`.
     """
+    require("n_realisations", n_realisations, "[1, inf)", integer=True)
     first = options.pop("seed", 0)
     options |= {"n_steps": n_steps, "distance": distance}
     records = [
@@ -240,6 +242,8 @@ def shear_cells(
     p, v = np.broadcast_arrays(
         np.atleast_1d(np.asarray(pressures, float)), np.atleast_1d(np.asarray(speeds, float))
     )
+    if n_steps is not None:
+        require("n_steps", n_steps, "[1, inf)", integer=True)
     ended, rows = list[str](), list[dict[str, Any]]()
     for pressure, speed in zip(p, v, strict=True):
         model, step = shear_layer(radii, size, pressure, speed, law, **options)
@@ -289,7 +293,7 @@ def _shear(
     count, step = steps
     frames = min(FRAMES, count + 1)
     motion = simulate_grains(model, count * step, step, solver=solver, n_frames=frames)
-    late, upper = slice(count // 2, None), model.walls[1]
+    late, upper = slice(motion.sizes["step"] // 2, None), model.walls[1]
     force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
     height = motion["wall_position"].values[:, 1, 2]
     plate, disc = model.grains.n + 1, np.pi * model.grains.radius**2

@@ -31,7 +31,7 @@ from multiscale.macro.granulate.model import Model, Solver
 LIST_MARGIN = 0.3
 """Reach of the neighbour list beyond the motion of a step, relative to the mean radius."""
 
-ALLOWED_START_OVERLAP = 0.01
+ALLOWED_START_OVERLAP = 0.02
 """Allowed overlap of grains at the start, relative to the smaller radius."""
 
 
@@ -268,7 +268,7 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
     reach = 2.0 * speed + 4.0 * h * rate * float(radius.max())
     farthest = 2.0 * float(np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0)))
     if farthest + reach > state.list_reach:
-        return _update_neighbours(model, state, 2.0 * reach)
+        return _update_neighbours(model, state, reach)
     return state
 
 
@@ -328,14 +328,17 @@ def _advance(model: Model, state: GrainState, shift: np.ndarray) -> GrainState:
 def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
     """Return the state with a new list of neighbours, and the contacts of persistent pairs."""
     radius, n = model.grains.radius, model.mobility.shape[0]
-    margin = reach + LIST_MARGIN * float(radius.mean())
-    least = 2.0 * (2.0 * float(radius.max()) + margin)  # for a unique shortest distance of a pair
-    short = np.flatnonzero(state.period < least)
+    margin = LIST_MARGIN * float(radius.mean())
+    widest = 2.0 * float(radius.max()) + margin
+    room = 0.5 * state.period - widest  # for a unique shortest distance of a pair
+    short = np.flatnonzero(room < reach)
     if short.size:
         raise CaseError(
             f"period along {'xyz'[short[0]]} is {state.period[short[0]]:.4g} m and must be at "
-            f"least {least:.4g} m, twice the reach of the largest grains"
+            f"least {2.0 * (widest + reach):.4g} m, twice the reach of the largest grains in a "
+            f"step; take a longer period, or shorter steps"
         )
+    margin += min(2.0 * reach, float(room.min()))  # the list holds for a second step, if possible
     near = find_pairs(state.position, radius, margin, state.period)
     pairs = np.concatenate([near, find_wall_pairs(state.place(model), margin)])
     # from the bottom upwards, so that a single sweep carries impulses through the pile

@@ -46,7 +46,8 @@ def simulate_grains(
     Dataset
         Follows ``GRANULATE``. A step with contacts that missed the tolerance, or with impacts left
         over, has ``converged`` 0, and the motion continues; the attribute ``cautions`` counts such
-        steps. If a velocity becomes infinite the motion ends, and ``failure`` states the time.
+        steps. If a velocity becomes infinite, or a grain too fast for the period, the motion ends,
+        and ``failure`` states the time.
 
     Raises
     ------
@@ -72,7 +73,14 @@ def simulate_grains(
     for end in ends[1:]:
         while state.time < end - 1e-9 * longest:
             h = longest if accuracy is None else min(longest, end - state.time)
-            state, done = step_grains(model, state, h, solver, accuracy)
+            try:
+                state, done = step_grains(model, state, h, solver, accuracy)
+            except CaseError as error:
+                if not record.rows:  # the start is refused, not the motion
+                    raise
+                record.failure = f"the motion ends at {state.time:.4g} s: {error}"
+                record.show(state)
+                return record.dataset()
             record.add(state, done)
             if callback is not None:
                 callback(len(record.rows) - 1, done["residual"])
