@@ -173,7 +173,7 @@ class EquivalentPlate(StructureKind):
         """Build the plate, its cell and its links."""
         grid = self.links
         module = grid.model_copy(update={"n": 1, "m": 1}).build()
-        cell = macro.links.plate_cells(module, (grid.size, grid.size))
+        cell = macro.links.plate_cell(module, (grid.size, grid.size))
         elements = self.elements or (grid.n, grid.m or grid.n)
         return macro.links.EquivalentPlate(grid.build(), cell, elements)
 
