@@ -93,7 +93,7 @@ class PressedCells:
         listed = ", ".join(readable(f"{p:.4g} Pa") for p in sorted(self.added))
         return (
             f"the structure asks for further pressures, and {count} cells were pressed under "
-            f"{listed} too ({self.solved} steps of cells, which all points share)"
+            f"{listed} too ({self.solved} steps of cells and control cells, which all points share)"
         )
 
 

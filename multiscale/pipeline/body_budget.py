@@ -12,6 +12,7 @@ from multiscale import upscaling
 from multiscale.fe.faces import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
+from multiscale.macro.data_range import LOAD_SHARES, NEGLIGIBLE
 from multiscale.pipeline.real_contact import contact_source
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.tables.assembly_settings import Bodies
@@ -203,13 +204,16 @@ class JointsOfLaw:
         pressure: np.ndarray | None,
         without: Mapping[str, np.ndarray] = {},
         drawn: Sequence[np.ndarray] | None = None,
+        beyond: tuple[bool, bool] = (False, False),
     ) -> list[upscaling.Source]:
         """Return the errors of normal law and friction at a pressure of the joints, Pa, if any."""
 
         def change(normal: NormalLaw) -> Change:
             return Change(self.joints, normal)
 
-        listed = upscaling.law_sources(self.law, pressure, of=self.name, change=change, drawn=drawn)
+        listed = upscaling.law_sources(
+            self.law, pressure, of=self.name, change=change, drawn=drawn, beyond=beyond
+        )
         friction = {} if pressure is None else shear_errors(self.law, pressure)
         known = known_terms(self.law)
         for parameter, widths in friction.items():
@@ -470,7 +474,12 @@ def _measured(
     if any(real):
         listed.append(contact_source(law, mean, real, group.name))
     # the error of the loss by the bed is measured by the cycles of the cells
-    listed += replace(group, law=law).sources(mean, dict.fromkeys(bounds, lost), drawn)
+    below, above = (
+        bool((result[name].isel(interface=[*group.joints]) > NEGLIGIBLE).any())
+        for name in LOAD_SHARES[:2]
+    )
+    of_bed = dict.fromkeys(bounds, lost)
+    listed += replace(group, law=law).sources(mean, of_bed, drawn, (below, above))
     shared = np.where(lost, cells[0], cells[1])
     return [source.averaged(shared) for source in listed], cautions
 

@@ -45,6 +45,11 @@ from multiscale.upscaling.sampling import half_range
 STRETCH = 0.02
 """Relative change of a parameter with which the answers are solved again."""
 
+FEWEST_PRESSURES = 3  # of a law
+BEYOND = np.array(2.0)
+"""Error of answers by the form of a law beyond its data over their change without the last data.
+Every further pressure would change them by about half of the change by the pressure before it."""
+
 FEWEST_SAMPLES = 40  # for a percentile interval
 
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
@@ -317,6 +322,7 @@ def law_sources(
     change: Callable[[NormalLaw], Any] = lambda law: law,
     samples: int = 0,
     drawn: Sequence[np.ndarray] | None = None,
+    beyond: tuple[bool, bool] = (False, False),
 ) -> list[Source]:
     """Return the sources of error of an interface law, from its budget.
 
@@ -333,6 +339,9 @@ def law_sources(
         other terms do.
     drawn : sequence of ndarray, shape (answers, steps), optional
         Known answers of samples; where one is NaN, sampling enters as the other terms do.
+    beyond : tuple of bool
+        Whether load lies below, and above the data: the change of the answers without the last data
+        at an end is then the error of the form of the law beyond it, a part of the term "fit".
 
     Returns
     -------
@@ -399,6 +408,18 @@ def law_sources(
             corrections.append(
                 Correction(name=f"bias by {term}", of=of, changes=[corrected], term=term)
             )
+    # errors of the law beyond its data
+    ends: list[Source] = []
+    for outside, name, left in (
+        (beyond[0], "lowest", slice(1, None)),
+        (beyond[1], "highest", slice(-1)),
+    ):
+        if outside and "fit" in known and data[left].size >= FEWEST_PRESSURES:
+            without = fit_each(observe("gap", data[left], gap[left]), gap[None, left])[0]
+            how = f"the law without its {name} pressure"
+            ends.append(
+                Knob(name=how, of=of, changes=[change(without)], term="fit", share=BEYOND, how=how)
+            )
     return [
         Bound(name="budget of the law", of=of, bounds=bounds),
         Uncertainty(
@@ -408,5 +429,6 @@ def law_sources(
             name="softness", of=of, changes=[change(softer)], half_width=widths["stiffness"]
         ),
         *corrections,
+        *ends,
         *sampled,
     ]

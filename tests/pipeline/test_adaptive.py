@@ -79,7 +79,7 @@ def test_adaptive_blocks_are_those_of_cells_at_all_pressures(ways):
     for name in ("joint_stiffness", "mean_gap", "joint_stiffness_one_part"):
         np.testing.assert_allclose(adaptive[name], whole[name], rtol=1e-6)
     steps = [results[way].micro_response["converged"].sum() for way in results]
-    counted = f"{int(steps[1] - steps[0])} steps of cells, which all points share"
+    counted = f"{int(steps[1] - steps[0])} steps of cells and control cells, which all points share"
     assert counted in adaptive.attrs["cautions"]
     # the law of the case itself is left as it was
     assert results["adaptive"].interface_law.attrs["pressure_max"] == 80e6

@@ -92,6 +92,32 @@ def test_sampling_is_students_interval_from_two_realisations_on(n, student, fami
     assert np.all(np.isfinite(budget["error_total"]))
 
 
+@pytest.mark.parametrize(("beyond", "at"), [((True, False), 0.3e6), ((False, True), 3e8)])
+def test_load_beyond_the_data_has_the_error_of_the_form_of_the_law_there(beyond, at):
+    """Of gaps that fall by a power of the pressure, which no law of free form continues."""
+    p = 1e6 * 2.0 ** np.arange(8)
+    gap = 1e-6 * (p / 1e6) ** -0.2
+    stiff = at / 0.2 / (1e-6 * (at / 1e6) ** -0.2)
+    law = fit_law(response_of(np.tile(gap, (4, 1)), p, area=np.tile(p / 5e9, (4, 1))), n_samples=0)
+    budget = error_budget(response_of(np.tile(gap, (4, 1)), p), law, discrepancy=0.0)
+    law = with_budget(law, budget)
+
+    def stiffness(normal):
+        return normal.stiffness(normal.gap_at(np.array([at])))
+
+    value = stiffness(law_from_dataset(law))
+    halves = [
+        half(
+            propagate("stiffness", law_sources(law, beyond=ends), stiffness, value),
+            "fit",
+            "stiffness",
+        )
+        for ends in ((False, False), beyond)
+    ]
+    error = abs(value / stiff - 1.0)
+    assert halves[0] < error < halves[1] < 10.0 * error
+
+
 def test_one_realisation_leaves_sampling_and_the_totals_unknown():
     response = ensemble(1)
     law = fit_law(response)
