@@ -339,9 +339,13 @@ def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     value, _ = asked.values(datasets)
     np.testing.assert_array_equal(value, result["joint_stiffness"])
     preloads = result["preload"].to_numpy()
-    np.testing.assert_array_equal(
-        asked.nearest(datasets, 1.01 * preloads[1]), preloads == preloads[1]
-    )
+    np.testing.assert_array_equal(asked.pressures(datasets), preloads)
+    at = asked.is_at(preloads, 1.001 * preloads[1])
+    np.testing.assert_array_equal(at, preloads == preloads[1])
+    with pytest.raises(CaseError, match=r"stiffness is computed at .* MPa; give one of these"):
+        asked.is_at(preloads, 1.1 * preloads[1])
+    with pytest.raises(CaseError, match="does not depend on one"):
+        asked.is_at(None, preloads[1])
     half = np.linspace(0.01, 0.05, preloads.size)  # of every term
     along = xr.DataArray(half, dims="step")
     datasets[JOINT.name] = result.assign(

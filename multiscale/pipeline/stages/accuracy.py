@@ -42,6 +42,9 @@ HEAD = (
     "powers of two of settings, over the case as it is given",
 )
 
+SAME = 0.01
+"""Relative difference of pressures that are the same."""
+
 OF_LAW = ("mean_gap", "contact_fraction", "stiffness")
 """Answers by ``quantity`` that are of the interface law."""
 
@@ -65,17 +68,29 @@ class Asked:
         ends = None if band is None else band.transpose("limit", *value.dims).to_numpy()
         return value.to_numpy().ravel(), None if ends is None else ends.reshape(2, -1)
 
-    def nearest(self, datasets: Datasets, pressure: float) -> np.ndarray:
-        """Whether a place of the answer is the nearest to a pressure, Pa."""
+    def pressures(self, datasets: Datasets) -> np.ndarray | None:
+        """Return the pressures of its places, Pa; None if it does not depend on a pressure."""
         compared = self.stage.compared(datasets[self.stage.name])
         for name in PRESSURES:
             if name in compared and compared[name].dims == compared[self.name].dims:
-                distance = np.abs(np.log(compared[name].to_numpy() / pressure))
-                return np.asarray(np.arange(distance.size) == np.argmin(distance))
-        raise CaseError(
-            f"at in [accuracy] is a pressure, and the {self.label} does not depend on one; leave "
-            f"it out"
-        )
+                return np.asarray(compared[name].to_numpy())
+        return None
+
+    def is_at(self, pressures: np.ndarray | None, asked: float) -> np.ndarray:
+        """Whether a place of the answer is at a pressure, Pa."""
+        if pressures is None:
+            raise CaseError(
+                f"at in [accuracy] is a pressure, and the {self.label} does not depend on one; "
+                f"leave it out"
+            )
+        near = np.abs(np.log(pressures / asked)) < SAME
+        if not near.any():
+            listed = ", ".join(f"{1e-6 * p:.4g}" for p in pressures)
+            raise CaseError(
+                f"at in [accuracy] is {1e-6 * asked:.4g} MPa, and the {self.label} is computed at "
+                f"{listed} MPa; give one of these pressures"
+            )
+        return np.asarray(near)
 
     def errors(
         self, datasets: Datasets, places: Sequence[int]
@@ -174,6 +189,7 @@ class Campaign:
     record: dict[str, dict[str, Any]] = field(default_factory=dict)
     counted: set[str] = field(default_factory=set)  # settings of this plan
     places: list[int] = field(default_factory=list)  # of the answer in its array
+    pressures: list[float] = field(default_factory=list)  # of the places, Pa; empty without any
     missing: list[str] = field(default_factory=list)  # unknown terms of the last budget
     answer: int = 0  # its number
 
@@ -199,7 +215,7 @@ class Campaign:
         self.counted.add(key)
         if whole:
             self.answer, self.places = entry["answer"], entry["places"]
-            self.missing = entry["missing"]
+            self.pressures, self.missing = entry.get("pressures", []), entry["missing"]
         half, bias = (
             {term: np.array(values) for term, values in entry[kind].items()}
             for kind in ("half_width", "bias")
@@ -225,8 +241,9 @@ class Campaign:
             asked = self.answers[self.answer]
             known = np.isfinite(value if ends is None else ends.sum(axis=0))
             known &= value != 0.0  # no error is relative to zero
+            pressures = asked.pressures(datasets)
             if self.pressure is not None:
-                known &= asked.nearest(datasets, self.pressure)
+                known &= asked.is_at(pressures, self.pressure)
             self.places = np.flatnonzero(known).tolist()
             if not self.places:
                 raise CaseError(
@@ -234,6 +251,7 @@ class Campaign:
                     f"error; ask for another answer, or another pressure by at in [accuracy]"
                 )
             value = value[self.places]
+            self.pressures = [] if pressures is None else pressures[self.places].tolist()
             half, bias = asked.errors(datasets, self.places)
             names = asked.quantities(datasets[asked.stage.name])
             missing = unknown_terms(datasets[asked.stage.name], *names) if names else []
@@ -248,6 +266,7 @@ class Campaign:
             "elapsed": elapsed,
             "answer": self.answer,
             "places": self.places,
+            "pressures": self.pressures,
             "missing": missing,
         }
 
@@ -330,6 +349,7 @@ def _dataset(
             "value": state.value,
             "error": reached.error,
             "solved_value": state.outcome.value,
+            **({"pressure": campaign.pressures} if campaign.pressures else {}),
             "rung": [[done.setting[name] for name in knobs] for done in rounds],
             "round_error": [done.error for done in rounds],
             "round_seconds": [done.seconds for done in rounds],
@@ -358,8 +378,12 @@ def _answer(plan: Dataset) -> Iterator[str]:
     attributes = plan.attrs
     value, error = float(attributes["scale"]) * plan["value"].values, plan["error"].values
     unit = "" if attributes["unit"] == "1" else f" {attributes['unit']}"
-    pairs = zip(value, error, strict=True)
-    listed = ", ".join(f"{round_by(x, e * abs(x))}{unit} ± {format_error(e)} %" for x, e in pairs)
+    pressures = plan["pressure"].values if "pressure" in plan else np.full(value.size, np.nan)
+    listed = ", ".join(
+        f"{round_by(x, e * abs(x))}{unit} ± {format_error(e)} %"
+        + (f" at {1e-6 * p:.4g} MPa" if isfinite(p) else "")
+        for x, e, p in zip(value, error, pressures, strict=True)
+    )
     target, done = float(attributes["target"]), plan.sizes["round"]
     below = f", below the target of {100.0 * target:.3g} %" if error.max() <= target else ""
     spent = float(plan["round_seconds"].sum())
