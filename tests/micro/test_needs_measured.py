@@ -67,11 +67,12 @@ KINDS[1:] = [pytest.param(*kind.values, id=kind.id, marks=pytest.mark.slow) for 
 @pytest.mark.parametrize(("make", "n", "layers"), KINDS)
 def test_a_cell_takes_the_memory_and_the_libraries_that_it_states(make, n, layers):
     code = CODE.format(make=make, n=n, layers=layers, pressure=0.002)
-    # the first process may compile kernels of the larger cell
-    computed = [json.loads(run_python(code).stdout.splitlines()[-1]) for _ in range(2)][-1]
-    assert computed["stated"] / 2.0 < computed["taken"] < 2.0 * computed["stated"], computed[
-        "stated"
-    ]
+    for _ in range(2):  # the first process may compile kernels of the larger cell
+        computed = json.loads(run_python(code).stdout.splitlines()[-1])
+        memory, taken = computed["stated"], computed["taken"]
+        if taken < 2.0 * memory:
+            break
+    assert memory / 2.0 < taken < 2.0 * memory
     loaded = {name.partition(".")[0] for name in computed["modules"]}
     stated = {NAMES.get(name, name) for name in computed["libraries"]}
     assert stated <= loaded

@@ -136,9 +136,16 @@ def scans(tmp_path):
     return [tmp_path / "matrix.txt", tmp_path / "points.xyz"]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path, seed):
-    count = 200 if seed == 1 else 3000
+SEEDS = [
+    (1, 200),
+    pytest.param(2, 800, marks=pytest.mark.slow),
+    pytest.param(2, 2000, marks=pytest.mark.long),
+]
+"""Seeds and numbers of mutants."""
+
+
+@pytest.mark.parametrize(("seed", "count"), SEEDS)
+def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path, seed, count):
     assert read_all(load_sweep, CASES, mutate_lines, count, tmp_path, seed) == []
     assert read_all(load_case, SCENES, mutate_lines, count, tmp_path, seed) == []
 
@@ -153,9 +160,8 @@ def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_path, seed):
-    count = 100 if seed == 1 else 2000
+@pytest.mark.parametrize(("seed", "count"), SEEDS)
+def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_path, seed, count):
     assert read_all(read_surface, scans, mutate_bytes, count, tmp_path, seed) == []
 
 
