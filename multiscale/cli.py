@@ -408,6 +408,9 @@ def macro_command(
     law: LawOption = None,
     explain: ExplainOption = False,
     force: AnywayOption = False,
+    details: Annotated[
+        bool, typer.Option("--details", help="Print all tables, and remarks.")
+    ] = False,
 ) -> None:
     """Solve the structure of a case: bars and cables, bodies with rough joints, or grains.
 
@@ -417,6 +420,7 @@ def macro_command(
     from multiscale.pipeline import refuse_excess, requirements, run_macro
     from multiscale.pipeline.case_needs import prepare
     from multiscale.pipeline.stages import stages_of
+    from multiscale.report.page import brief_lines
 
     settings, team = _load_with("structure", case).from_structure(law), world()
     if quick:
@@ -436,7 +440,12 @@ def macro_command(
         return
     warn_of(result.attrs.get("cautions", "").splitlines())
     stage, *more = stages_of(settings.tables)
-    print_lines(stage.lines(result))
+    sections = list(stage.sections({stage.name: result}, out.parent))
+    if details:
+        print_lines(stage.lines(result, sections, details=True))
+    else:
+        print_lines(brief_lines(settings.title, stage.summary(result), sections))
+        typer.echo("Other tables and remarks: --details")
     print_lines(f"{other.name}: {out.with_name(f'{out.stem}-{other.file}')}" for other in more)
     fields = out.parent / "fields" / f"{out.stem}.pvd"
     typer.echo(f"dataset: {out}" + (f"; for ParaView: {fields}" if stage.write_fields else ""))

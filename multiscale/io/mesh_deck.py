@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from os.path import realpath
 from pathlib import Path
 from typing import NamedTuple
 
@@ -105,11 +106,11 @@ def read_deck(path: Path) -> NamedMesh:
     )
 
 
-def _blocks(path: Path, above: tuple[Path, ...] = ()) -> Iterator[Block]:
+def _blocks(path: Path, above: tuple[str, ...] = ()) -> Iterator[Block]:
     """Split a deck, and the files that it includes, at its keywords; ``above`` include it."""
-    if path.resolve() in above:
+    if realpath(path) in above:
         raise CaseError(f"{path} includes itself by *INCLUDE; leave that line out")
-    above = (*above, path.resolve())
+    above = (*above, realpath(path))
     content = read_bytes(path)
     try:
         text = content.decode()

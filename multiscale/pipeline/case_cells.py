@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from itertools import pairwise
+from os.path import realpath
 from pathlib import Path
 
 import numpy as np
@@ -250,7 +251,7 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
     """Build the surfaces of both bodies, or the first ``made``; a map of both is read once."""
     count, seed = case.micro.realisations, case.micro.seed
     settings = [body.surface for body in case.bodies]
-    files = [table.file.resolve() for table in settings if isinstance(table, InstrumentSurface)]
+    files = [realpath(table.file) for table in settings if isinstance(table, InstrumentSurface)]
     maps: dict[str, tuple[Surface, list[str]]] = {}
     sides = []
     for side, table in enumerate(settings):
@@ -259,7 +260,7 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
                 sides.append(RoughSide([]))
             elif isinstance(table, InstrumentSurface):
                 # two sides of one map take turns, so that more realisations change none
-                shared = files.count(table.file.resolve()) == 2
+                shared = files.count(realpath(table.file)) == 2
                 which = range(side, 2 * count, 2) if shared else range(count)
                 needed = 2 * count if shared else count
                 key = table.checksum(exclude={"filled", "periodic", "short_cutoff"})

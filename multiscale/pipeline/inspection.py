@@ -1,6 +1,7 @@
 """Statistics of a measured surface, its proposed case, and the sections of its report."""
 
 from collections.abc import Iterator, Sequence
+from os.path import realpath
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,7 +59,7 @@ def inspect_surfaces(
         density = spectrum([surface], periodic=False)
         statistics = describe_surface(surface, resolution=topography.resolution, waves=density)
         settings = InstrumentSurface(
-            file=file.resolve(),
+            file=Path(realpath(file)),
             channel=channel,
             detrend_order=detrend_order,
             fill_undefined=undefined > 0,

@@ -242,11 +242,12 @@ WIDTH = 100  # columns of a terminal
 def fit_columns(
     head: tuple[str, ...], rows: Sequence[tuple[str, ...]]
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the leading columns of a table that fit into the width of a terminal."""
-    count, room = 0, WIDTH + 2
-    for name, *cells in zip(head, *rows, strict=True):
-        room -= 2 + max(map(len, (*_two_lines(name, *cells), *cells)))
-        if room < 0 and count:
-            break
-        count += 1
-    return head[:count], [row[:count] for row in rows]
+    """Return the columns of a table that fit into a terminal; earlier columns come first."""
+    fitting: list[int] = []
+    room = WIDTH + 2
+    for k, (name, *cells) in enumerate(zip(head, *rows, strict=True)):
+        width = 2 + max(map(len, (*_two_lines(name, *cells), *cells)))
+        if width <= room or not fitting:
+            fitting.append(k)
+            room -= width
+    return tuple(head[k] for k in fitting), [tuple(row[k] for k in fitting) for row in rows]

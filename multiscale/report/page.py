@@ -47,6 +47,17 @@ SENTENCES = 2  # of the answer on the command line
 Figures: TypeAlias = Sequence[tuple[Path, Callable[[Path], Path]]]
 
 
+def brief_lines(title: str, summary: Summary, sections: Iterable[Section]) -> Iterator[str]:
+    """Yield title, question, answer in two sentences, and one table for a terminal."""
+    yield from (title, summary.question, *summary.answer[:SENTENCES])
+    tables = [section for section in sections if section.head and section.printed]
+    for table in tables[:1]:
+        narrow = fit_columns(table.head, table.rows)
+        yield from format_table(table.heading, *narrow, notes=table.notes)
+        if any(LOWER_BOUND in cell for row in narrow[1] for cell in row):
+            yield f"{LOWER_BOUND.strip()} marks errors with terms that are not known."
+
+
 @dataclass(frozen=True)
 class FinishedRun:
     """Content of the folder of a finished run or sweep."""
@@ -74,7 +85,9 @@ class FinishedRun:
         tables and remarks of all stages are printed, the last stage first.
         """
         if not details:
-            yield from self._brief()
+            sections = self.answering.sections(self.found, self.out)
+            yield from brief_lines(self.title, self.summary, sections)
+            yield "Other tables, terms of the error and remarks: --details, or report.html"
             return
         for stage in self.stages[::-1]:
             sections = stage.sections(self.found, self.out)
@@ -82,17 +95,6 @@ class FinishedRun:
             yield from lines or (self.summary.answer if stage is self.answering else ())
         for section in self.costs():
             yield from format_table(section.heading, section.head, section.rows)
-
-    def _brief(self) -> Iterator[str]:
-        yield from (self.title, self.summary.question, *self.summary.answer[:SENTENCES])
-        sections = self.answering.sections(self.found, self.out)
-        tables = [section for section in sections if section.head and section.printed]
-        for table in tables[:1]:
-            narrow = fit_columns(table.head, table.rows)
-            yield from format_table(table.heading, *narrow, notes=table.notes)
-            if any(LOWER_BOUND in cell for row in narrow[1] for cell in row):
-                yield f"{LOWER_BOUND.strip()} marks errors with terms that are not known."
-        yield "Other tables, terms of the error and remarks: --details, or report.html"
 
     def costs(self) -> list[Section]:
         """Return the section on time and error of a run of a case; plans have another section."""

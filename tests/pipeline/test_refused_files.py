@@ -1,6 +1,7 @@
 """Full disks and folders that cannot be written to are one sentence, and cost nothing finished."""
 
 import os
+import re
 import subprocess
 import sys
 from contextlib import suppress
@@ -144,6 +145,14 @@ def test_a_dataset_goes_to_a_file_whose_name_says_so(command, arguments, name):
 def test_a_folder_that_has_the_name_of_the_dataset_is_a_sentence(command):
     Path("out.nc").mkdir()
     refused(command("macro", "scene.toml", "-o", "out.nc"), "is a directory")
+
+
+def test_a_map_that_is_a_link_to_itself_is_a_sentence(command):
+    Path("map.npy").symlink_to("map.npy")
+    text = Path("case.toml").read_text()
+    body = re.sub(r"\[body_1.surface\][^\[]*", '[body_1.surface]\nfile = "map.npy"\n', text)
+    Path("link.toml").write_text(body)
+    refused(command("run", "link.toml", "-o", "out"), "map.npy: no such file")
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from multiscale.io import write_dataset
 from multiscale.needs import Choice, Needs, join_needs
 from multiscale.pipeline import load_case, load_sweep, requirements, run, stages
-from multiscale.pipeline.stage import Section, Stage, format_table
+from multiscale.pipeline.stage import WIDTH, Section, Stage, fit_columns, format_table
 from multiscale.pipeline.stages import STAGES, stages_of
 from multiscale.plotting.figure import new_figure, save_figure
 from multiscale.report import draw_figures, open_finished, write_report
@@ -109,3 +109,12 @@ def test_needs_of_stages_are_joined_and_the_largest_memory_counts():
 def test_a_long_name_of_a_column_stands_in_two_lines():
     table = format_table("title", ("preload (MPa)", "mean law, 95 %"), [("5", "11.48 ... 11.87")])
     assert table == ["title", "preload", "  (MPa)   mean law, 95 %", "      5  11.48 ... 11.87"]
+
+
+def test_a_terminal_shows_the_columns_that_fit_in_their_order():
+    head = ("step", "wide", "wider", "slip")
+    rows = [("1", "a" * 50, "b" * 60, "0.3"), ("2", "a", "b", "0.4")]
+    shown = fit_columns(head, rows)
+    assert shown == (("step", "wide", "slip"), [(row[0], row[1], row[3]) for row in rows])
+    assert max(map(len, format_table("Table", *shown))) <= WIDTH
+    assert fit_columns(("long",), [("a" * 200,)])[0] == ("long",)

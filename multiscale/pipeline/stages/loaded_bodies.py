@@ -36,9 +36,10 @@ IN_CYCLES = ("secant_stiffness", "cycle_loss", "cycle_slip")
 TABLE = showing.Table(
     (
         "preload",
-        *STIFFNESS,
-        "tangential_stiffness:±",
+        *STIFFNESS[:3],
         "slipping_load",
+        "tangential_stiffness:±",
+        *STIFFNESS[3:],
         "slip_fraction",
         "open_fraction",
         "real_pressure:±",

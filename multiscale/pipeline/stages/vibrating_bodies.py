@@ -40,19 +40,21 @@ TABLE = Table(
     (
         "step_mode",
         "largest_displacement",
-        "modal_amplitude",
-        "frequency:()",
-        "fall:()",
-        "damping:()",
+        "frequency",
+        "frequency:both",
+        "damping",
+        "damping:both",
         "slipping_load",
         "opens",
+        "modal_amplitude",
+        "fall:()",
     ),
     {
         "largest_displacement": "largest",
         "modal_amplitude": "modal",
         "slipping_load": "sliding force",
     },
-    at=3,
+    at=2,
     missing="slides away",
 )
 
