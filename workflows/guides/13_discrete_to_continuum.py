@@ -1,6 +1,6 @@
 """From discrete to continuum: many bodies as a law, and where that holds.
 
-Questions: which friction and height has a layer of grains, and how does a joint take them? When is
+Question: which friction and height has a layer of grains, how does a joint take them, and when is
 a grid of cables and bars a plate?
 
     python workflows/guides/13_discrete_to_continuum.py
