@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 FAR_FACTOR = 2.0  # factor outside the data beyond which a law is no longer valid
 FAR_SHARE = 0.05  # largest allowed share of the load of an interface beyond this factor
-NEGLIGIBLE = 0.01  # share of the load outside the data below which no caution is given
+NEGLIGIBLE_LOAD = 0.01  # share of the load outside the data below which no caution is given
 RUNG = 1.2  # factor between the pressures of cells that serve the points of a structure
 ROUND_OFF = 1e-6  # relative distance up to which a pressure outside the data counts as their end
 
@@ -52,8 +52,8 @@ def further_pressures(
     low, high, limit = data
     below, above, _ = np.nan_to_num(shares).reshape(3, -1).max(axis=1, initial=0.0)
     reach = FAR_FACTOR ** np.arange(1, 3)
-    lower = low / reach[::-1] if below > NEGLIGIBLE else np.empty(0)
-    higher = high * reach if above > NEGLIGIBLE and limit >= FAR_FACTOR * high else np.empty(0)
+    lower = low / reach[::-1] if below > NEGLIGIBLE_LOAD else np.empty(0)
+    higher = high * reach if above > NEGLIGIBLE_LOAD and limit >= FAR_FACTOR * high else np.empty(0)
     return tuple(map(float, (*lower, *higher)))
 
 
@@ -63,7 +63,7 @@ def pressures_of_points(
     """Return the pressures of a ladder between which the points of an interface lie, Pa.
 
     Points share the rungs, at factors of :data:`RUNG`. Points that together bear less than
-    :data:`NEGLIGIBLE` of the load have none, nor have pressures that the cells contradict.
+    :data:`NEGLIGIBLE_LOAD` of the load have none, nor have pressures that the cells contradict.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def pressures_of_points(
     load = np.maximum(np.nan_to_num(pressure), 0.0) * area
     order = np.argsort(pressure, axis=1)
     sums = np.cumsum(np.take_along_axis(load, order, axis=1), axis=1)
-    borne = np.take_along_axis(pressure, order, axis=1)[sums > NEGLIGIBLE * sums[:, -1:]]
+    borne = np.take_along_axis(pressure, order, axis=1)[sums > NEGLIGIBLE_LOAD * sums[:, -1:]]
     _, high, limit = data
     borne = borne[borne <= (np.inf if limit >= FAR_FACTOR * high else high)]
     below = np.floor(np.log(borne) / np.log(RUNG))
@@ -150,7 +150,9 @@ def _cautions(
                     f"{share} more than a factor of {FAR_FACTOR:g} outside {range_}, {steps}; "
                     f"press the cells at these pressures, or state a law that holds there{further}"
                 )
-        near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
+        near = np.setdiff1d(
+            np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE_LOAD), lost
+        )
         if near.size:
             step = near[np.argmax((below + above)[near, number])]
             sides = {"below": below[step, number], "above": above[step, number]}

@@ -12,7 +12,7 @@ from multiscale import upscaling
 from multiscale.fe.faces import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
-from multiscale.macro.data_range import LOAD_SHARES, NEGLIGIBLE
+from multiscale.macro.data_range import LOAD_SHARES, NEGLIGIBLE_LOAD
 from multiscale.pipeline.real_contact import contact_source
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.tables.assembly_settings import Bodies
@@ -475,7 +475,7 @@ def _measured(
         listed.append(contact_source(law, mean, real, group.name))
     # the error of the loss by the bed is measured by the cycles of the cells
     below, above = (
-        bool((result[name].isel(interface=[*group.joints]) > NEGLIGIBLE).any())
+        bool((result[name].isel(interface=[*group.joints]) > NEGLIGIBLE_LOAD).any())
         for name in LOAD_SHARES[:2]
     )
     of_bed = dict.fromkeys(bounds, lost)

@@ -37,7 +37,7 @@ from multiscale.upscaling.budget import (
     known_terms,
     of_this_version,
 )
-from multiscale.upscaling.free_form import fit_each
+from multiscale.upscaling.free_form import FEWEST_PRESSURES, fit_each
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.sampling import half_range
@@ -45,7 +45,6 @@ from multiscale.upscaling.sampling import half_range
 STRETCH = 0.02
 """Relative change of a parameter with which the answers are solved again."""
 
-FEWEST_PRESSURES = 3  # of a law
 BEYOND = np.array(2.0)
 """Error of answers by the form of a law beyond its data over their change without the last data.
 Every further pressure would change them by about half of the change by the pressure before it."""
