@@ -68,7 +68,8 @@ TESTS = {
 
 EQUIVALENT = {
     "not given.endswith(unit)) -> given is None and unit not in _PREFIXED and "
-    "(not given.endswith(unit))": "pint converts what the table of prefixes does not",
+    "(not given.endswith(unit))": "pint converts units that the table of prefixes lacks",
+    "1e-12 * across -> 1e-12 / across": "a bound against division by rounding",
 }
 """Ends of the lines of mutations that change no answer, and why."""
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw
 
 PRESSURE = np.array([1.0e6, 3.0e6, 9.0e6, 2.7e7])
@@ -53,3 +54,9 @@ def test_area_does_not_depend_on_the_unit_of_pressure():
     np.testing.assert_allclose(
         AreaLaw(1e-9 * PRESSURE, fraction).contact_fraction(1e-9 * p), in_pascal
     )
+
+
+@pytest.mark.parametrize("fraction", [[0.1, 0.2, 0.3, 1.1], [-0.1, 0.2, 0.3, 0.4]])
+def test_contact_fractions_lie_between_0_and_1(fraction):
+    with pytest.raises(CaseError, match="must lie between 0 and 1"):
+        AreaLaw(PRESSURE, np.array(fraction))

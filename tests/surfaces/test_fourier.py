@@ -44,6 +44,20 @@ def test_the_length_for_a_share_is_the_shortest_whose_waves_hold_it(rough):
     assert 1.0 - rms_height(longer) ** 2 / rms_height(rough) ** 2 < 0.81
 
 
+@pytest.mark.parametrize("order", [0, 2])
+def test_two_waves_share_the_roughness_by_their_squares(order):
+    n, waves, amplitude = 64, np.array([4, 10]), np.array([3e-6, 1e-6])
+    x = np.arange(n) / n
+    heights = (amplitude * np.cos(2.0 * np.pi * np.outer(x, waves))).sum(axis=1)
+    surface = Surface(np.repeat(heights[:, None], n, axis=1), (1.0, 1.0))
+    parts = amplitude * waves ** (order / 2)
+    share = spectrum([surface]).share(1.0, 1.0 / 7.0, order=order)
+    assert share == pytest.approx(parts[0] / np.hypot(*parts), rel=1e-6)
+    assert spectrum([surface]).share(1.0 / 7.0, 0.09, order=order) == pytest.approx(
+        parts[1] / np.hypot(*parts), rel=1e-6
+    )
+
+
 def test_the_waves_of_a_map_are_those_of_its_mirror_image(rough):
     whole = crop(rough, (5, 7), (40, 61))
     inside, outside = spectrum([whole], periodic=False), spectrum([mirror(whole)])
