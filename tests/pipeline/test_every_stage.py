@@ -122,7 +122,7 @@ def test_a_stage_is_out_of_date_by_its_own_tables_and_those_that_it_takes_from(f
 
 
 def test_every_figure_and_every_table_stands_on_the_page(finished):
-    plain = html.unescape(re.sub(r"<[^>]+>", " ", finished.page))
+    plain = html.unescape(re.sub(r"<[^>]+>", " ", finished.page)).replace("\u00a0", " ")
     for section in finished.run.sections():
         for name in section.figures:
             file = finished.run.out / "figures" / f"{name}.png"
