@@ -61,7 +61,7 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert "multiscale 0" in page.split("Work and provenance</h2>")[1]
     assert "numpy" in page.split("Work and provenance</h2>")[1]
     assert "(from 2 MPa to 240 MPa)" in page
-    assert re.search(r"<td>[\d.]+ \.\.\. [\d.]+ \+ \?</td>", page)  # an interval
+    assert re.search(r"<td>[\d.]+ \.\.\. [\d.]+\s\+\s\?</td>", page)  # an interval
     assert re.findall(r"<td>micro.unload</td><td>false</td>", page)
 
 
