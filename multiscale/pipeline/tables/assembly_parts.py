@@ -174,7 +174,7 @@ class MeshedBody(Material):
     unknown without it."""
     volume: str = ""
     """Named volume of the mesh that is the body; or `"tetra"` or `"hexahedron"` in a mesh with
-    both; or a face that it names, for the piece with this face in a mesh of several pieces. The
+    both; or a face that it names, for the volume with this face in a mesh of several volumes. The
     whole mesh if not given."""
     unit: Unit | None = None
     """Length of the unit of the mesh, such as `"mm"`; m if not given."""

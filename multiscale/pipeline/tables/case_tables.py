@@ -116,7 +116,7 @@ class CellSettings(GridSettings):
     volumes: dict[str, VolumeSettings] | None = None
     """Moduli of all named volumes in the file `mesh`."""
     sides: Literal["periodic", "sliding", "displacement", "traction"] | None = None
-    """Condition on the sides of a mesh: `periodic` if not given, `sliding` in their own planes, or
+    """Condition on the sides of a mesh: `periodic` if not given, `sliding` in their planes, or
     uniform `displacement` or `traction`, an upper and a lower bound."""
     pores: CellPores | None = None
 
@@ -472,7 +472,7 @@ class MeasuredTable(toml.Settings):
     """Half-width of the 95 % interval of the zero of the load; a tenth of the least preload if not
     given."""
     area: Area | None = None
-    """Nominal area of the joint, whose few cells scatter; many cells if not given."""
+    """Nominal area of the joint with the scatter of its few cells; many cells if not given."""
 
     def read(self) -> MeasuredJoint:
         """Read the table."""

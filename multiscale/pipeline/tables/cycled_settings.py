@@ -54,7 +54,8 @@ class VibrationSettings(toml.Settings):
     preload_friction: bool = True
     """Whether interfaces have friction while the preload is brought up."""
     slabs: Annotated[toml.Count, Field(ge=8, le=10_000), toml.at_most(192)] = 512
-    """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is lost."""
+    """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is not
+    resolved."""
 
     _whole: "VibrationSettings | None" = PrivateAttr(None)
 

@@ -174,8 +174,8 @@ class LawSource(toml.Settings):
     """How cells serve the structure: `"sequential"`, by the law of the pressures of their case;
     `"adaptive"`, which presses them further wherever more than 1 % of the load of an interface
     leaves these pressures; `"concurrent"`, which presses them wherever a point of an interface has
-    no cell within 20 % of its pressure; `"direct"`, by cells as wide as the blocks, whose roughness
-    they resolve. All points share the cells. A law that the command names stays as it is."""
+    no cell within 20 % of its pressure; `"direct"`, by cells as wide as the blocks, with all of
+    their roughness. All points share the cells. A law that the command names stays as it is."""
     speed: SlidingSpeed | None = None
     """Speed of sliding of a law of grains, m/s; see `[third_body]`."""
     extrapolate: bool = False

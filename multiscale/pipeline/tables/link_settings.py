@@ -165,7 +165,7 @@ class EquivalentPlate(StructureKind):
     links: TensegrityGrid
     """The grid, with its modules as cells of the plate, its supports and its loads."""
     elements: Annotated[tuple[Modules, Modules] | None, toml.Quick(lambda *_: None)] = None
-    """Elements of the plate along x and y; one for each module if not given."""
+    """Elements of the plate along x and y; one element for each module if not given."""
     resolve: bool = True
     """Whether the links themselves are solved too, for the error of the plate."""
 
