@@ -177,6 +177,28 @@ def test_supports_within_a_plate_are_refused():
         EquivalentPlate(grid, plate_cell(tensegrity_grid(1), (1.0, 1.0)), (2, 2))
 
 
+@pytest.mark.parametrize(
+    ("shape", "lifted"), [((1, 5), False), ((5, 1), False), ((1, 5), True), ((2, 3), True)]
+)
+def test_only_the_edges_with_fixed_nodes_are_fixed(shape, lifted):
+    """Corners on two edges, and edges without a node at z = 0, fix no other edge."""
+    grid, cell = tensegrity_grid(*shape), plate_cell(tensegrity_grid(1), (1.0, 1.0))
+    if lifted:
+        free_edge = np.isin(grid.position[:, 1], (0.0, float(shape[1]))) & ~grid.fixed.all(axis=1)
+        grid.position[free_edge, 2] += 0.1
+    plate = EquivalentPlate(grid, cell, shape)
+    fixed = np.setdiff1d(np.arange(plate.plate.n), plate.free) // 5
+    x = plate.plate.position[0]
+    np.testing.assert_array_equal(
+        np.unique(fixed), np.flatnonzero((x < 1e-9) | (x > shape[0] - 1e-9))
+    )
+
+
+def test_a_plate_of_corners_is_refused():
+    with pytest.raises(CaseError, match="has only corners at z = 0"):
+        EquivalentPlate(tensegrity_grid(1), plate_cell(tensegrity_grid(1), (1.0, 1.0)), (1, 1))
+
+
 def tiled(n, law):
     """A square plate of n by n cells of a truss on all of its edges, with a load downwards."""
     cell = truss(law=law)

@@ -129,6 +129,27 @@ def test_a_cantilever_and_a_rope_share_a_load_by_their_stiffness(run):
     assert float(solved.tension[2]) == pytest.approx(100.0 * rope / (bending + rope), rel=1e-9)
 
 
+def test_tensions_of_links_that_turn_are_a_caution_with_their_work(run):
+    """A hinged column under .4 of its buckling load bends 1 / (1 - .4) times as far as without."""
+    n, length, bending = 20, 2.0, 2000.0
+    rows = [
+        f"{length * k / n},0,0,{int(k in (0, n))},1,{int(k in (0, n))},-9" for k in range(n + 1)
+    ]
+    force = -0.4 * bending * (np.pi / length) ** 2
+    files = {
+        "nodes.csv": "x,y,z,fix_x,fix_y,fix_z,load_z,fix_rx,fix_rz\n"
+        + "".join(f"{row},1,1\n" for row in rows),
+        "links.csv": "first,second,law,prestress\n"
+        + "".join(f"{k},{k + 1},beam,{force}\n" for k in range(n)),
+        "case.toml": FRAME["case.toml"].replace(
+            'laws.rope = { kind = "cable", rigidity = "3 kN" }', ""
+        ),
+    }
+    status, _, warned, _ = run(files)
+    assert status == 0, warned
+    assert "tensions do 40 % of the work of the load as their links turn" in warned
+
+
 MOTION = """[dynamics]
 step = "1 ms"
 duration = "1 s"

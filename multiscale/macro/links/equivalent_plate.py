@@ -43,7 +43,7 @@ class EquivalentPlate:
     Raises
     ------
     CaseError
-        If other nodes are fixed, or none.
+        If other nodes are fixed, or none, or no edge has nodes between its corners.
     """
 
     system: LinkSystem
@@ -53,6 +53,11 @@ class EquivalentPlate:
     def __post_init__(self) -> None:
         fixed = np.asarray(self.system.fixed)[:, :3]
         by_edge = np.any(self._edges[..., None] & self._supports[:, None], axis=0)
+        if not np.any(self._edges.sum(axis=1) > 2):
+            raise CaseError(
+                "an equivalent plate has only corners at z = 0, which belong to two edges; give it "
+                "more modules"
+            )
         odd = np.flatnonzero(np.any(fixed & ~by_edge, axis=1))
         if odd.size or not fixed.any():
             where = f"node {odd[0]} is fixed apart" if odd.size else "no node is fixed"
@@ -76,9 +81,14 @@ class EquivalentPlate:
 
     @property
     def _supports(self) -> np.ndarray:
-        """Whether all these nodes of each edge are fixed along each axis, shape (4, 3)."""
-        fixed = np.asarray(self.system.fixed)[:, :3]
-        return np.array([fixed[edge].all(axis=0) for edge in self._edges])
+        """Whether these nodes of each edge are some, all fixed along each axis, shape (4, 3)."""
+        fixed, edges = np.asarray(self.system.fixed)[:, :3], self._edges
+        whole = np.array([edge.any() & fixed[edge].all(axis=0) for edge in edges])
+        # corners lie on two edges: they fix an edge without further nodes if no other edge has them
+        longer = edges.sum(axis=1) > 2
+        covered = np.any(edges[longer, :, None] & whole[longer, None], axis=0)
+        apart = np.array([np.any(~covered[edge], axis=0) for edge in edges])
+        return np.asarray(whole & (longer[:, None] | apart))
 
     @cached_property
     def plate(self) -> PlateElements:

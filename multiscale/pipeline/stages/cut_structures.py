@@ -29,7 +29,9 @@ from multiscale.plotting.link_figures import (
 )
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, SHOWN, Dataset
 
-FURTHEST = 0.05  # displacement of the ends of a link, over its length, up to which it is small
+FURTHEST = 0.05
+"""Displacement of the ends of a link, over its length, and work of the tensions of links that turn,
+over the work of the load, up to which displacements are small."""
 
 OF_MOTION = "How do the links move, which tensions do they carry, and where does the energy go?"
 """Question of a motion."""
@@ -64,7 +66,7 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         path = macro.solve_past_limit(system, statics.load_factors[0])
         return with_too_far(
             _measured(path.assign_attrs(question=OF_PATH)),
-            *_strained(path, statics),
+            *strained(path, system, statics),
             *_indefinite(path),
         )
     else:
@@ -73,7 +75,7 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         )
         if statics.mass is not None:
             result = macro.links.natural_frequencies(system, result, statics.mass)
-    return with_too_far(_measured(result), *_strained(result, statics), *unstable(result))
+    return with_too_far(_measured(result), *strained(result, system, statics), *unstable(result))
 
 
 def unstable(result: Dataset) -> Iterator[str]:
@@ -88,12 +90,13 @@ def unstable(result: Dataset) -> Iterator[str]:
             )
 
 
-def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
-    first, second = result["ends"].values.T
-    apart = np.diff(result["position"].values[result["ends"].values], axis=1)[:, 0]
-    u = np.nan_to_num(result["displacement"].values)[:, :, :3]
-    moved_apart, length = u[:, second] - u[:, first], np.linalg.norm(apart, axis=1)
-    turned = np.linalg.norm(moved_apart, axis=2) / length
+def strained(result: Dataset, system: "macro.LinkSystem", statics: Statics) -> Iterator[str]:
+    """Caution on links that stretch, or turn under tension, by more than their theory allows."""
+    first, second = system.ends.T
+    apart = np.diff(system.position[system.ends], axis=1)[:, 0]
+    moved = [result[name].values for name in ("displacement", "rotation") if name in result]
+    u = np.nan_to_num(np.concatenate(moved, axis=2))
+    moved_apart, length = (u[:, second] - u[:, first])[:, :, :3], np.linalg.norm(apart, axis=1)
     strain = np.abs(np.linalg.norm(apart + moved_apart, axis=2) / length - 1.0)
     strain = np.where(result["slack"].values > 0.0, 0.0, strain)
     if statics.exact and strain.max() > STRAINED:
@@ -102,11 +105,21 @@ def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
             f"link {link} has a strain of up to {strain.max():.2g}, and the linear law of its "
             f"material does not hold above {STRAINED:g}: check loads, rigidities and their units"
         )
-    if not statics.exact and turned.max() > FURTHEST:
+    if statics.exact:
+        return
+    # work of the tensions by the rotation of their links, over the work of the load
+    turned = np.linalg.norm(moved_apart, axis=2) / length
+    across = np.sum(moved_apart**2, axis=2) - np.sum(moved_apart * apart / length[:, None], 2) ** 2
+    left_out = np.abs(np.sum(np.nan_to_num(result["tension"].values) / length * across, axis=1))
+    work = np.abs(result["load_factor"].values * np.sum(system.load * u, axis=(1, 2)))
+    share = np.divide(left_out, work, out=np.zeros_like(work), where=work > 0.0)
+    if max(turned.max(), share.max()) > FURTHEST:
         yield (
             f"the ends of a link move against each other by up to {turned.max():.2g} of its "
-            f"length, and the error of small displacements is about as large: set exact to true in "
-            f"[statics]"
+            f"length, and tensions do {100.0 * share.max():.2g} % of the work of the load as their "
+            f"links turn, which small displacements leave out: the larger share is about the error "
+            f"of the answers; set exact to true in [statics] if the links are bars and cables that "
+            f"are not cut, or take smaller loads"
         )
 
 

@@ -10,7 +10,7 @@ from multiscale.io.fields import write_link_fields
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
-from multiscale.pipeline.stages.cut_structures import FIRST_FREQUENCY, unstable
+from multiscale.pipeline.stages.cut_structures import FIRST_FREQUENCY, strained, unstable
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.pipeline.tables.link_settings import EquivalentPlate
 from multiscale.pipeline.tables.settings import Case
@@ -34,13 +34,14 @@ VIBRATES = "The first frequency of the links themselves is {links_frequency}."
 def _solve(plate: EquivalentPlate, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Solve the plate and, if asked, its links at the same loads."""
     built, factors, mass = plate.build(), case.statics.load_factors, case.statics.mass
-    result = macro.links.solve_plate(built, factors, mass=mass)
+    result, cautions = macro.links.solve_plate(built, factors, mass=mass), list[str]()
     if plate.resolve:
         links = macro.solve_static(built.system, factors)
+        cautions += strained(links, built.system, case.statics)
         if mass is not None:
             links = macro.links.natural_frequencies(built.system, links, mass)
         result = macro.links.compare_with_links(result, links)
-    return with_too_far(result, *unstable(result))
+    return with_too_far(result, *cautions, *unstable(result))
 
 
 def _answer(result: Dataset) -> Iterator[str]:
