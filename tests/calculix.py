@@ -1,4 +1,4 @@
-"""CalculiX beside the package: a mark for tests that need it, and a run."""
+"""CalculiX next to the package: a mark for tests that need it, and a run."""
 
 import os
 import subprocess

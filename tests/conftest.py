@@ -41,7 +41,7 @@ def reference_data(request):
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory):
-    """Make a folder once for all workers, by its name and text and by its maker.
+    """Create a folder once for all workers, by its name and text and by its maker.
 
     Nothing is written to it later. A folder that is not complete is of a process that was killed.
     """
@@ -65,7 +65,7 @@ def once(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def run_folder(once):
-    """What the main command leaves, of flat cells on a coarse grid."""
+    """Output of the main command, of flat cells on a coarse grid."""
     from multiscale.pipeline import load_case, run
     from multiscale.report import draw_figures
 

@@ -95,7 +95,7 @@ def fitted_ellipse(distance, pressure):
 
 
 def moment_radius(distance, traction, area):
-    """Radius c of q ~ sqrt(c^2 - r^2) from its second moment, 2 c^2 / 5; no point decides alone."""
+    """Radius c of q ~ sqrt(c^2 - r^2) from its second moment, 2 c^2 / 5, not of one point."""
     return np.sqrt(2.5 * np.sum(area * traction * distance**2) / np.sum(area * traction))
 
 
@@ -253,8 +253,8 @@ def beyond(rings, length, ratio):
 def half_ball(cells, rings, layer, side):
     """Half of the elastic body below (-1) or above (+1) the contact, cut at y = 0.
 
-    The upper one is curved for both, so that the normals of the lower one are vertical, as
-    they are on the common surface of like balls once these are pressed together.
+    The upper body is curved for both, so that the normals of the lower body are vertical,
+    as they are on the common surface of like balls once these are pressed together.
     """
     a, length = CONTACT_RADIUS, 8.0 * CONTACT_RADIUS
     radii = a * np.asarray(rings)

@@ -1,4 +1,4 @@
-"""Newton-Schur as a function, beside ``solve_latin``."""
+"""Newton-Schur as a function, next to ``solve_latin``."""
 
 from multiscale.macro import NewtonSchur
 

@@ -42,7 +42,7 @@ def lines_of_fork(function, *arguments):
 
 
 def import_until_more(package, names, tested):
-    """Yield the message of each import; the last one is an error or brought untested modules."""
+    """Yield the message of each import; the last is an error or brought untested modules."""
     for number, name in enumerate(names, start=1):
         try:
             import_module(name)

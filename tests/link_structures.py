@@ -56,7 +56,7 @@ def truss(panels):
 
 
 def solve_dual_program(system, load_factor):
-    r"""Find tensions of least complementary energy in equilibrium with the load, by clarabel.
+    r"""Return tensions of least complementary energy in equilibrium with the load, by clarabel.
 
     .. math::
         \min_\tau \sum \frac{(\tau - \tau^0)^2}{2 k}, \qquad

@@ -1,4 +1,4 @@
-"""What the tests of families share."""
+"""Shared fixtures and checks of the tests of families."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def in_this_process(monkeypatch):
 
 @pytest.fixture
 def stored(tmp_path):
-    """Write a dataset, draw what is read again, and return that."""
+    """Write a dataset, draw the dataset that is read again, and return it."""
 
     def store(result, least_bytes):
         write_dataset(result, tmp_path / "result.nc", WORK_PRECISION)

@@ -1,4 +1,4 @@
-"""Every family in its smallest form, and what its scenes are known to give."""
+"""Every family in its smallest form, and the known answers of its scenes."""
 
 from importlib.util import find_spec
 
@@ -32,11 +32,11 @@ LARGEST = {
     "substructures": RIGHT,
     "volumes": 0.15,
 }
-"""Largest error of a family; the others have no errors, or those of methods that fail."""
+"""Largest error of a family; the others have no errors, or errors of methods that fail."""
 OPEN = ("micro", "nonsmooth")
 """Families with methods that may not converge, or codes that may not start."""
 SEPARATE = "structures"
-"""The family with a process for each run, as its methods choose what a process may import; the
+"""The family with a process for each run, as its methods choose the imports of a process; the
 others are measured in the process of the test."""
 
 
@@ -85,7 +85,7 @@ def test_grains_follow_their_closed_forms_to_first_order_of_the_step(scene, comp
 
 
 @pytest.mark.parametrize("scene", LIMIT_SCENES)
-def test_a_kernel_is_measured_beside_a_copy_of_its_bytes(scene, monkeypatch):
+def test_a_kernel_is_measured_with_a_copy_of_its_bytes(scene, monkeypatch):
     monkeypatch.setattr(cell_scenes, "LEAST", 1e-3)
     result = measure_kernel(scene, 34)
     assert min(result[name] for name in ("over_copy", "wall_time", "operations")) > 0.0

@@ -29,7 +29,7 @@ def die():
     os._exit(1)
 
 
-def test_each_measurement_has_its_own_process_times_and_memory():
+def test_each_measurement_has_times_and_memory_of_one_process():
     small, large = (measure(task, fill_small) for task in (fill_small, fill_large))
     assert small.value[0] == 2**17
     assert len({small.value[1], large.value[1], os.getpid()}) == 3
@@ -53,7 +53,7 @@ def measured(scenes, **options):
     ("answer", "error", "time", "converged"),
     [(np.array([1.0, 3.0]), 0.5, 0.05, 1), (2.0, 0.0, 0.1, 1), (np.nan, np.nan, 0.1, 0)],
 )
-def test_the_error_of_samples_is_their_root_mean_square_and_their_time_that_of_one(
+def test_the_error_of_samples_is_their_root_mean_square_and_their_time_is_of_one_run(
     answer, error, time, converged
 ):
     def scenes(run, quick):
@@ -80,7 +80,7 @@ def test_a_family_that_is_killed_leaves_its_finished_scenes():
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_rows_without_a_variable_have_none_and_methods_that_are_left_out_are_named_once():
+def test_rows_without_a_variable_stay_empty_and_methods_that_are_left_out_are_named_once():
     def scenes(run, quick):
         run.leave_out("d", "because it is not installed")
         run.leave_out("d", "because it is not installed")
@@ -105,18 +105,18 @@ def test_the_limit_of_a_power_of_the_spacing_is_exact(order):
 @pytest.mark.parametrize(
     ("values", "limit"),
     [
-        ([0.0, 0.5, 0.99], 0.99 + 0.49),  # the order is at least one
+        ([0.0, 0.5, 0.99], 0.99 + 0.49),  # the order is at least 1
         ([0.0, 0.9, 0.93], 0.93 + 0.03 / 3.0),  # and at most two
         ([1.0, 0.9, 0.93], 0.93 + 0.03 / 3.0),
         ([1.0, 0.5, 0.5], 0.5),
         ([1.0, 2.0, np.nan], np.nan),
     ],
 )
-def test_the_observed_order_is_kept_between_one_and_two(values, limit):
+def test_the_observed_order_is_limited_to_the_range_from_1_to_2(values, limit):
     assert extrapolate(np.array(values)) == pytest.approx(limit, nan_ok=True)
 
 
-def test_a_code_without_a_limit_is_no_reference():
+def test_a_code_without_a_limit_is_not_a_reference():
     reference = common_reference(np.array([np.nan, 2.0]), np.array([np.nan, 2.1]))
     np.testing.assert_array_equal(reference, [2.0, np.nan])
     assert np.isnan(common_reference(np.array([np.nan]), np.array([np.nan]))).all()

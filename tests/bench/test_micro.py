@@ -1,4 +1,4 @@
-"""The rough-contact scene and the boundary-element codes beside this package."""
+"""The rough-contact scene and the boundary-element codes next to this package."""
 
 from functools import cache, partial
 
@@ -66,7 +66,7 @@ def test_the_conforming_cell_leaves_tamaas_in_proportion_to_the_slope():
     pytest.importorskip("tamaas")
     steep, shallow = (
         np.subtract(*beside_tamaas(press_conforming_cell, slope, 1)[0])
-        - np.subtract(*beside_tamaas(press_flat_cell, slope, 1)[0])  # what the grid does
+        - np.subtract(*beside_tamaas(press_flat_cell, slope, 1)[0])  # effect of the grid
         for slope in (0.1, 0.05)
     )
     np.testing.assert_allclose(steep / shallow, 2.0, rtol=0.15)
@@ -118,7 +118,7 @@ def odd_codes(monkeypatch):
 
 
 @pytest.mark.usefixtures("in_this_process", "odd_codes")
-def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
+def test_missing_or_failing_codes_are_reported_and_nothing_is_invented(stored):
     lines = []
     result = bench("micro", quick=True, report=lines.append)
     assert result.attrs["cautions"] == (

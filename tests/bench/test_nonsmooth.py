@@ -59,7 +59,7 @@ def test_the_complementarity_answers_have_no_natural_map_left(name, size):
     scale = 1.0 / np.sqrt(matrix.diagonal())
     error = np.abs(np.minimum(z / scale, scale * (matrix @ z + vector)))
     data = np.max(np.abs(scale * vector))
-    # with impulses 1e6 times what they balance, rounding in M z counts
+    # with impulses 1e6 times the balanced loads, rounding in M z counts
     rounding = 64.0 * np.finfo(float).eps * scale * (abs(matrix) @ z)
     assert np.all(error <= 1e-10 * data + rounding)
     assert np.max(error) <= 1e-7 * data
@@ -78,13 +78,13 @@ def test_the_friction_answers_keep_coulombs_law(name, size):
     assert np.min(velocity[:, 0]) >= -1e-7 * u
     assert np.min(r[:, 0]) >= -1e-12 * size_r
     assert np.all(pushed <= mu * r[:, 0] + 1e-12 * size_r)
-    # power of normal and friction forces: nothing is lost but by the largest friction
+    # power of normal and friction forces: no energy is dissipated but by the largest friction
     assert np.max(np.abs(r[:, 0] * velocity[:, 0])) <= 1e-7 * u * size_r
     power = np.sum(r[:, 1:] * velocity[:, 1:], axis=1)
     np.testing.assert_allclose(power, -mu * r[:, 0] * speed, rtol=0.0, atol=1e-7 * u * size_r)
 
 
-def test_histories_go_forward_in_time_and_hold_what_was_reached(found):
+def test_histories_go_forward_in_time_and_contain_every_state_reached(found):
     for k in range(found.sizes["run"]):
         mine = found["history_run"].values == k
         seconds, error = found["history_seconds"].values[mine], found["history_error"].values[mine]

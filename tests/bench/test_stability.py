@@ -46,7 +46,7 @@ def hang():
 
 @pytest.fixture
 def families(monkeypatch):
-    """Families that do what their names say, in this process."""
+    """Families with the behaviour of their names, in this process."""
 
     def raise_error():
         raise ZeroDivisionError("by zero")
@@ -84,7 +84,7 @@ def test_only_a_verified_answer_has_converged_and_only_a_sentence_refuses(
     assert entry.sentence == sentence
 
 
-def test_a_process_that_dies_fails_alone(monkeypatch):
+def test_a_process_that_dies_fails_only_its_case(monkeypatch):
     cases = [case("wedge", coefficient=mu) for mu in (0.3, "no number", 1.5)]
     monkeypatch.setattr(stability, "solve_case", _die_without_number)
     result = check_stability(cases, jobs=1)
@@ -96,7 +96,7 @@ def test_a_process_that_dies_fails_alone(monkeypatch):
     assert rows[-1][:5] == ("all", "3", "2", "0", "1")
 
 
-def test_what_is_found_is_kept_after_every_case(monkeypatch, tmp_path):
+def test_results_are_stored_after_every_case(monkeypatch, tmp_path):
     cases = [case("wedge", coefficient=mu) for mu in (0.3, 0.6, 1.5)]
     monkeypatch.setattr(stability, "solve_case", _die_without_number)
 
@@ -112,7 +112,7 @@ def test_what_is_found_is_kept_after_every_case(monkeypatch, tmp_path):
     assert dataset.attrs["cases"] == 3
 
 
-def test_every_case_runs_on_one_thread_since_others_run_beside_it(monkeypatch):
+def test_every_case_runs_on_one_thread_since_others_run_at_the_same_time(monkeypatch):
     monkeypatch.setattr(stability, "solve_case", _count_threads)
     result = check_stability([case("wedge", coefficient=mu) for mu in (0.3, 0.6)], jobs=2)
     np.testing.assert_array_equal(result["residual"], 1.0)

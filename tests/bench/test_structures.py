@@ -81,7 +81,7 @@ def test_the_share_of_slack_cables_does_not_depend_on_the_size():
 
 
 def takes_pardiso(method):
-    """Solve, and tell whether PARDISO factorises in this process."""
+    """Solve, and return whether PARDISO factorises in this process."""
     solve_grid(scene_grid(2), 1.0, method)
     return factorisation.new_pardiso() is not None
 

@@ -39,7 +39,7 @@ def test_the_rough_joint_slips_in_part(scenes):
     assert 0.2 < whole.weight @ slipping / whole.weight.sum() < 0.8
 
 
-def test_errors_of_bodies_are_those_of_their_stresses(scenes):
+def test_errors_of_bodies_are_errors_of_their_stresses(scenes):
     scene = scenes["plate"]
     u = scene.solve(CUT_METHODS[0]).value
     assert scene.error(1.003 * u, u) == pytest.approx(3e-3, rel=1e-9)

@@ -1,4 +1,4 @@
-r"""Vertical stress in a silo whose wall bears a share of the weight.
+r"""Vertical stress in a silo with a wall that bears a share of the weight.
 
 The stress on a slice follows from its balance, :math:`d\sigma/dz = \rho g - 4 \mu_w K \sigma / D`:
 the wall pressure is :math:`K \sigma` and its friction is fully mobilised. H. A. Janssen,

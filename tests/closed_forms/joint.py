@@ -19,7 +19,7 @@ def joint_stiffness(pressure: np.ndarray, decay_length: float, *compliance: floa
 def stiffness_ratio(
     pressure: np.ndarray, decay_length: float, youngs_modulus: float, height: float
 ) -> np.ndarray:
-    """Stiffness of two equal joined blocks over that of the solid, :math:`1/(1 + E u_0/(2 h p))`.
+    """Stiffness of two equal joined blocks over the solid stiffness, :math:`1/(1 + E u_0/(2 h p))`.
 
     >>> stiffness_ratio(np.array([1e6, 1e7, 5e7]), 0.45 * 0.4e-6, 210e9, 0.02).round(4)
     array([0.5141, 0.9137, 0.9815])

@@ -1,4 +1,4 @@
-"""Elastic layers on a frictionless and on a rigid base, and held laterally."""
+"""Elastic layers on a frictionless and on a rigid base, and laterally fixed."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def ratio_frictionless(phase: np.ndarray) -> np.ndarray:
 
 
 def oedometer_compliance(thickness: float, youngs_modulus: float, poissons_ratio: float) -> float:
-    r"""Shortening of a laterally held layer by a unit pressure, m/Pa.
+    r"""Shortening of a laterally fixed layer by a unit pressure, m/Pa.
 
     .. math:: T (1+\nu)(1-2\nu) / (E(1-\nu))
     """

@@ -1,7 +1,7 @@
 r"""Spheres that are pressed together by F and pulled sideways by T: partial slip.
 
 Like bodies, so that the normal and the tangential problem do not act on each other; the two
-functions for an elastic body on a rigid one state what they assume. Ratios are :math:`T / \mu F`,
+functions for an elastic body on a rigid one state their assumptions. Ratios are :math:`T / \mu F`,
 limits :math:`\mu F`, N, and a is the contact radius, m.
 R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268; R. D. Mindlin and H. Deresiewicz, J. Appl. Mech. 20
 (1953) 327-344; D. A. Spence, Proc. R. Soc. London A 305 (1968) 55-80 and J. Elast. 5 (1975)
@@ -19,7 +19,7 @@ def tangential_modulus(*bodies: tuple[float, float]) -> float:
 
 
 def stick_radius(ratio: np.ndarray | float) -> np.ndarray:
-    r"""Radius of the stick zone over that of the contact, :math:`c/a = (1 - T/\mu F)^{1/3}`."""
+    r"""Radius of the stick zone over the contact radius, :math:`c/a = (1 - T/\mu F)^{1/3}`."""
     return np.asarray(np.maximum(0.0, 1.0 - np.asarray(ratio)) ** (1.0 / 3.0))
 
 
@@ -62,7 +62,7 @@ def loop_energy(
 
 
 def spence_stick_radius(friction: float, poissons_ratio: float) -> float:
-    r"""Stick radius of an elastic body that is pressed on a rigid one, over the contact radius.
+    r"""Stick radius of an elastic body that is pressed on a rigid body, over the contact radius.
 
     The root :math:`c/a` of
 

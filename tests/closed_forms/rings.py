@@ -1,6 +1,6 @@
-r"""Two rings, one inside the other, pressed from outside: frictionless contact.
+r"""Two rings, an inner and an outer ring, pressed from outside: frictionless contact.
 
-Plane strain. The inner ring lies in :math:`a < r < b`, the outer one in :math:`b < r < c`; the
+Plane strain. The inner ring lies in :math:`a < r < b`, the outer ring in :math:`b < r < c`; the
 outside carries the pressure :math:`p_0 + p_2 \cos 2\theta` and no shear, the inside nothing.
 """
 

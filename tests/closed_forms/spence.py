@@ -1,7 +1,7 @@
 r"""A rigid flat punch pressed on an elastic half-space with friction, by integral equations.
 
 Pressure and shear act on each other here. A ball that is pressed by a growing force sticks
-within the same part of its contact: its traction is a sum of those of all smaller punches.
+within the same part of its contact: its traction is a sum of the tractions of all smaller punches.
 """
 
 from functools import cache

@@ -40,7 +40,7 @@ def test_the_element_tangent_is_the_derivative_of_the_force(kind, law):
 
 
 @pytest.mark.parametrize("kind", [MeshTri, MeshTet])
-def test_elastic_elements_are_those_of_the_scalar_forms(kind):
+def test_elastic_elements_equal_the_scalar_forms(kind):
     mesh = distorted(kind)
     elements = prepare_elements(mesh)
     law = Elastic(2.0, 0.3)

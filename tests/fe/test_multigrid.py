@@ -79,7 +79,7 @@ def test_friction_makes_a_tangent_that_is_not_symmetric(structure):
         assert compare(structure, D) < 1e-6
 
 
-def test_a_residual_above_the_goal_is_no_answer(structure, monkeypatch):
+def test_a_residual_above_the_goal_is_not_an_answer(structure, monkeypatch):
     monkeypatch.setattr(multigrid, "ROOM", 3)
     with pytest.raises(MultiscaleError, match="multigrid left a residual of"):
         compare(structure, tangent(structure, 1.0, 1.0, False))

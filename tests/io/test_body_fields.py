@@ -26,7 +26,7 @@ E, DAMAGE, NORMAL = 70e9, 0.3, Exponential(1e9, 0.2e-6, gap=0.1e-6)
 
 
 def volumes(mesh):
-    """Volume of boxes whose corners are in the order of VTK."""
+    """Volume of boxes with corners in the order of VTK."""
     corner = mesh.points[mesh.cells_dict["hexahedron"]]
     edges = [corner[:, k] - corner[:, 0] for k in (1, 3, 4)]
     np.testing.assert_allclose(corner[:, 6] - corner[:, 0], sum(edges), atol=1e-12)

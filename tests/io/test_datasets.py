@@ -59,7 +59,7 @@ def test_a_dataset_round_trips(schema, tmp_path):
     assert read.encoding["source"] == plain.encoding["source"]
 
 
-def test_a_file_tells_where_it_comes_from(response, tmp_path):
+def test_a_file_states_its_origin(response, tmp_path):
     write_dataset(response, tmp_path / "r.nc", MICRO_RESPONSE, identity="abc")
     attrs = open_dataset(tmp_path / "r.nc").attrs
     assert attrs["schema"] == "micro_response"

@@ -36,7 +36,7 @@ def test_a_stack_is_read_with_the_size_of_its_voxels(void, tmp_path):
     assert image.spacing == pytest.approx((0.5e-6, 0.25e-6, 0.75e-6))
 
 
-def test_given_edges_come_before_those_of_the_file(void, tmp_path):
+def test_given_edges_come_before_the_edges_in_the_file(void, tmp_path):
     path = write_imagej(tmp_path / "stack.tif", void, spacing=0.75, unit="um")
     assert read_images(path, voxel_size=2e-6).size == pytest.approx((1e-5, 8e-6, 6e-6))
 
@@ -74,7 +74,7 @@ def test_half_the_resolution_keeps_size_and_porosity():
 
 def test_solid_floats_that_meets_no_other_by_a_face():
     solid = np.zeros((7, 7, 7), bool)
-    solid[:2] = True  # the largest piece
+    solid[:2] = True  # the largest component
     touching, apart, cut, between = ((2, 3, 3), (4, 1, 1), (6, 3, 3), (6, 6, 3))
     for voxel in (touching, apart, cut, between):
         solid[voxel] = True
@@ -86,11 +86,11 @@ def test_solid_floats_that_meets_no_other_by_a_face():
     assert not VoxelImage(np.ones((2, 2, 2)), (1.0, 1.0, 1.0)).floating.any()
 
 
-def test_an_image_takes_zeros_and_ones():
+def test_an_image_contains_only_the_values_0_and_1():
     assert VoxelImage(np.eye(3, dtype=int)[None], (1.0, 1.0, 1.0)).porosity == pytest.approx(1 / 3)
 
 
-def test_what_cannot_be_read_is_refused_with_a_sentence(void, tmp_path):
+def test_an_unreadable_image_is_refused_with_a_sentence(void, tmp_path):
     plain = write_imagej(tmp_path / "plain.tif", void)
     grey = tmp_path / "grey.tif"
     tifffile.imwrite(grey, np.arange(60, dtype=np.uint8).reshape(3, 4, 5), photometric="minisblack")
@@ -114,7 +114,7 @@ def test_what_cannot_be_read_is_refused_with_a_sentence(void, tmp_path):
         read_images(plain, voxel_size=-1.0)
 
 
-def test_without_the_library_the_sentence_says_what_to_install(void, tmp_path):
+def test_without_the_library_the_sentence_names_the_package_to_install(void, tmp_path):
     path = write_imagej(tmp_path / "plain.tif", void)
     code = (
         "import sys; sys.modules['tifffile'] = None\n"

@@ -46,7 +46,7 @@ def same(path, heights, **given):
 
 
 def listed(members, heights):
-    """An X3P file with its data in the index, a missing one as an empty tag."""
+    """An X3P file with its data in the index, a missing entry as an empty tag."""
     data = "".join(
         "<Datum/>" if np.isnan(value) else f"<Datum>{value!r}</Datum>"
         for value in heights.T.ravel().tolist()

@@ -74,7 +74,7 @@ def test_surfaces_of_a_deck_without_a_name_are_no_faces(tmp_path):
 
 
 @pytest.mark.parametrize("entry", ["LID.1", "Part-1.Lid.1"])
-def test_a_dot_in_a_name_of_a_set_is_no_number_of_an_element(tmp_path, entry):
+def test_a_dot_in_a_name_of_a_set_is_not_read_as_an_element_number(tmp_path, entry):
     # element 1 is the cube: the set is the tetrahedron
     dotted = (
         f"*ELSET, ELSET=Part-1.Lid.1\n2\n*ELSET, ELSET=Lid.1\n2\n*SURFACE, NAME=Top\n{entry}, S1\n"
@@ -119,7 +119,7 @@ def test_a_mesh_with_two_kinds_of_solids_needs_a_volume(tmp_path):
     assert sorted(named.boundaries) == sorted(kind.boundaries)
 
 
-def test_a_face_names_the_piece_of_a_mesh_that_has_it(tmp_path):
+def test_a_face_selects_the_part_of_a_mesh_that_has_it(tmp_path):
     above = CUBE + np.array([0.0, 0.0, 2.0])
     top = "*Surface, name=Lid\n7, S2\n*Nset, nset=Seat\n51, 52, 53, 54\n"
     rows = "".join(f"{51 + k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(above))
@@ -134,7 +134,7 @@ def test_a_face_names_the_piece_of_a_mesh_that_has_it(tmp_path):
         load_mesh(tmp_path / "pair.inp", volume="Floor")
 
 
-def test_wedges_beside_the_elements_of_a_body_are_not_left_out(tmp_path):
+def test_wedges_next_to_the_elements_of_a_body_are_not_left_out(tmp_path):
     points = np.vstack([CUBE, [[2.0, 0.0, 0.0], [2.0, 0.0, 1.0]]])
     cells = [("hexahedron", [range(8)]), ("wedge", [[1, 8, 2, 5, 9, 6]])]
     meshio.Mesh(points, cells).write(tmp_path / "mixed.vtu")

@@ -37,7 +37,7 @@ def test_spacing_is_size_over_points():
     assert surface.spacing == (0.5, 2.0)
 
 
-def test_surface_keeps_its_own_copy_of_the_heights():
+def test_surface_stores_a_copy_of_the_heights():
     heights = np.zeros((3, 3))
     surface = Surface(heights, (1.0, 1.0))
     heights[:] = 1.0
@@ -48,7 +48,7 @@ def test_surface_keeps_its_own_copy_of_the_heights():
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_detrending_removes_its_own_polynomial_and_no_higher_one(order):
+def test_detrending_removes_the_polynomial_of_its_order_and_no_higher_order(order):
     x, y = np.meshgrid(np.linspace(0.0, 3.0, 17), np.linspace(0.0, 1.0, 12), indexing="ij")
     trends = [1.0 + 0.0 * x, 1.0 + 2.0 * x - 3.0 * y, 1.0 - y + x * y - 4.0 * x**2 + y**2]
     for degree, trend in enumerate(trends):
@@ -74,7 +74,7 @@ def test_text_file_is_read_in_metres_with_x_along_the_rows(tmp_path, heights):
     np.testing.assert_allclose(surface.heights, 1e-9 * (heights - heights.mean()), atol=1e-22)
 
 
-def test_plane_is_removed_unless_told_otherwise(tmp_path, heights):
+def test_plane_is_removed_by_default(tmp_path, heights):
     x, y = np.meshgrid(np.arange(6.0), np.arange(5.0), indexing="ij")
     tilted = read_surface(write_text(tmp_path / "tilted.txt", heights + 3.0 * x - 2.0 * y))
     level = read_surface(write_text(tmp_path / "level.txt", heights))
@@ -107,7 +107,7 @@ def test_a_map_without_holes_has_no_filled_points(tmp_path, heights):
     assert surface.filled_share == 0.0
 
 
-def test_detrended_and_cropped_maps_know_their_filled_points(heights):
+def test_detrended_and_cropped_maps_mark_their_filled_points(heights):
     filled = heights > 1.0
     piece = crop(detrend(Surface(heights, (6.0, 5.0), filled)), (1, 2), (4, 3))
     np.testing.assert_array_equal(piece.filled, filled[1:5, 2:5])
@@ -115,7 +115,7 @@ def test_detrended_and_cropped_maps_know_their_filled_points(heights):
         Surface(heights, (6.0, 5.0), filled.T)
 
 
-def test_channel_is_found_by_name_and_by_number(tmp_path, heights):
+def test_channel_is_selected_by_name_and_by_number(tmp_path, heights):
     first = write_text(tmp_path / "first.txt", heights, "# Channel: Up\n" + HEADER)
     second = write_text(tmp_path / "second.txt", 2.0 * heights, "# Channel: Down\n" + HEADER)
     both = tmp_path / "both.txt"
@@ -274,7 +274,7 @@ def test_points_x_y_z_and_line_scans_are_read_with_their_unit(tmp_path, heights,
         read_surface(path, unit=1e-6)
 
 
-def test_a_unit_that_the_file_gives_is_not_told_twice(tmp_path, heights):
+def test_a_unit_that_the_file_gives_must_not_be_given_twice(tmp_path, heights):
     with pytest.raises(CaseError, match="the file gives its unit, nm; leave out unit"):
         read_surface(write_text(tmp_path / "map.txt", heights), unit=1e-6)
     larger = read_surface(write_text(tmp_path / "map.txt", heights), size=(24e-6, 10e-6))

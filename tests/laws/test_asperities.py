@@ -45,7 +45,7 @@ def test_an_asperity_follows_hertz_until_it_yields_and_then_carries_less():
     assert 1.0 > ratio[3] > ratio[4] > 0.3
 
 
-def test_the_plastic_force_is_that_of_the_reference_implementation():
+def test_the_plastic_force_equals_the_reference_implementation():
     """At 2, 10 and 100 times the approach at yield, by tmdsimpy 17d5fc3 for Re = 1.36493 mm."""
     changed = replace(ONE, radius=1.36493e-3)
     times = np.array([2.0053, 10.0, 100.0])
@@ -67,7 +67,7 @@ def test_unloading_starts_at_the_load_is_reversible_and_leaves_a_dent():
     assert press(law, 1.001 * dent, state)[0] > 0.0
 
 
-def test_a_loop_of_loading_and_unloading_loses_work():
+def test_a_loop_of_loading_and_unloading_dissipates_work():
     law, top = AsperityLaw(ROUGH), 10e-6
     path = np.concatenate([np.linspace(0.0, top, 400), np.linspace(top, 0.0, 400)])
     state, p = None, []
@@ -127,7 +127,7 @@ def random_path(yields, steps=60, points=20):
 
 
 @pytest.mark.parametrize("yields", [True, False])
-def test_no_step_of_a_random_path_wins_energy(yields):
+def test_no_step_of_a_random_path_gains_energy(yields):
     lost, most = [], 0.0
     for law, jump, state in random_path(yields):
         account = law.sliding(jump, state)

@@ -1,4 +1,4 @@
-"""What every bulk law must satisfy, and what is particular to plasticity."""
+"""Properties of every bulk law, and of plasticity in particular."""
 
 import numpy as np
 import pytest
@@ -164,7 +164,7 @@ def test_simple_tension_follows_the_hardening_curve():
     assert response.state[6] == pytest.approx(plastic, rel=1e-9)
 
 
-def test_a_held_shear_relaxes_as_the_prony_series():
+def test_a_constant_shear_relaxes_as_the_prony_series():
     F = np.eye(3)
     F[0, 1] = 0.3
     law = VISCOUS.over(0.0)

@@ -1,4 +1,4 @@
-"""What every interface law must satisfy, whatever its formula: a further law is a row of LAWS."""
+"""Properties of every interface law, whatever its formula: a further law is a row of LAWS."""
 
 from dataclasses import dataclass, replace
 
@@ -186,7 +186,7 @@ def test_resolvent_pushes_surfaces_apart_that_start_deep_inside_each_other(sourc
 
 
 @pytest.mark.parametrize("length", [1e-9, 1e3], ids=["nm", "km"])
-def test_resolvent_knows_no_absolute_scale(length):
+def test_resolvent_has_no_absolute_scale(length):
     pressure = 1e9
     law = ConvexDecreasing(SIGNED.knot * length, SIGNED.coefficient * pressure / length**3)
     plain = ConvexDecreasing(SIGNED.knot, SIGNED.coefficient)

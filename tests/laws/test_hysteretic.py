@@ -31,7 +31,7 @@ def test_first_loading_is_the_loading_law(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_unloading_and_reloading_follow_one_curve_below_the_loading_one(law):
+def test_unloading_and_reloading_follow_one_curve_below_the_loading_curve(law):
     _, state = walk(law, [0.2])
     gaps = np.linspace(0.2, 0.8, 30)
     down, after = walk(law, gaps, state[0, 0])

@@ -1,4 +1,4 @@
-"""What every link law must satisfy, and the modes of a beam."""
+"""Properties of every link law, and the modes of a beam."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_tension_never_falls_when_a_link_is_stretched(law):
     assert np.all(np.diff(tension) >= 0.0)
 
 
-def test_a_cable_and_a_strut_share_what_a_bar_carries(strain):
+def test_a_cable_and_a_strut_share_the_force_of_a_bar(strain):
     both = Cable(3.0).respond(strain).tension + Strut(3.0).respond(strain).tension
     np.testing.assert_array_equal(both, Bar(3.0).respond(strain).tension)
 

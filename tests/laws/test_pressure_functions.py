@@ -15,7 +15,7 @@ LAWS = [
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_area_starts_at_zero_never_decreases_and_never_exceeds_one(law):
+def test_area_starts_at_zero_never_decreases_and_never_exceeds_unity(law):
     fraction = law.contact_fraction(np.append(0.0, np.geomspace(1.0, 1e12, 5000)))
     assert fraction[0] == 0.0
     assert np.all(np.diff(fraction) >= -1e-15)

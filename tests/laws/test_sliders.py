@@ -132,7 +132,7 @@ def test_reversals_follow_masing_and_the_branch_back_ends_where_it_began(slabs):
 
 
 @pytest.mark.parametrize(("amplitude", "largest"), [(0.5, 0.15), (1.0, 0.04), (2.0, 0.01)])
-def test_a_cycle_loses_what_masing_says_and_the_error_is_of_second_order(amplitude, largest):
+def test_a_cycle_has_the_loss_of_masing_and_the_error_is_of_second_order(amplitude, largest):
     r"""Loss of a cycle: 8 int_0^a f - 4 a f(a), f = mu p (1 - exp(-u/c)), c = mu u_0/kappa."""
     pressure, c = 2e7, MU * 0.2e-6 / KAPPA
     a = amplitude * c
@@ -178,7 +178,7 @@ def least_dissipation(law, paths, steps, seed, *, plane):
 @pytest.mark.parametrize("plane", [False, True])
 @pytest.mark.parametrize("slabs", [1, 24])
 @pytest.mark.parametrize("name", ["exponential", "convex decreasing", "linear", "flows"])
-def test_no_step_of_a_random_path_wins_energy(name, slabs, plane):
+def test_no_step_of_a_random_path_gains_energy(name, slabs, plane):
     least, closed = least_dissipation(bed(NORMALS[name], slabs), 300, 40, 1, plane=plane)
     assert least >= -1e-12
     assert closed >= -1e-12
@@ -186,13 +186,13 @@ def test_no_step_of_a_random_path_wins_energy(name, slabs, plane):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NORMALS)
-def test_no_step_of_ten_thousand_random_paths_wins_energy(name):
+def test_no_step_of_ten_thousand_random_paths_gains_energy(name):
     least, closed = least_dissipation(bed(NORMALS[name], 24), 10_000, 40, 2, plane=True)
     assert least >= -1e-12
     assert closed >= -1e-12
 
 
-def test_shear_at_a_high_pressure_and_back_at_a_low_one_loses_what_left_contact():
+def test_shear_at_a_high_pressure_and_back_at_a_low_pressure_dissipates_energy():
     """Of kappa K d^2 / 2 = .016 J/m2 stored at 100 MPa four fifths go with the springs that leave.
 
     One spring of stiffness kappa K(g) would give .0128 J/m2 more than it took.
@@ -212,7 +212,7 @@ def test_shear_at_a_high_pressure_and_back_at_a_low_one_loses_what_left_contact(
 
 
 @pytest.mark.parametrize("slabs", [1, 8, 24, 32])
-def test_shear_that_is_held_falls_once_when_the_pressure_swings_and_never_again(slabs):
+def test_constant_shear_falls_once_when_the_pressure_swings_and_never_again(slabs):
     """A tenth of the springs leaves contact at .9 p and comes back without force."""
     law, shear = bed(slabs=slabs), 0.5 * MU * 0.2e-6 / KAPPA
     pressure = np.array([1.9e7, 2e7, 2.5e7, 3e7])
@@ -244,7 +244,7 @@ def test_pressing_along_a_straight_path_in_one_direction_is_exact_in_one_step():
 
 
 def test_springs_pressed_while_they_are_sheared_keep_all_the_work_of_shear():
-    """Of new springs without force the old ones stay softer (d): no slip, no loss."""
+    """Of new springs without force the old springs stay softer (d): no slip, no loss."""
     law = bed(friction=1e3)
     low, high = (float(NORMAL.gap_at(np.array(p))) for p in (1e7, 3e7))
     path = np.array([[low, 1e-9], [high, 1e-9], [high, 4e-9], [high, 9e-9]])
@@ -280,7 +280,7 @@ def test_the_share_that_slips_is_the_load_of_the_springs_that_do():
 
 
 def test_in_one_direction_the_resolvent_is_the_root_between_sorted_corners():
-    """t(x) + k x is piecewise linear with 2 M corners |B + m x| = c: find the piece, solve it."""
+    """t(x) + k x is piecewise linear with 2 M corners |B + m x| = c: solve each linear part."""
     law, k = bed(slabs=8), 1e14
     jump, state = walked(law, seed=5)
     jump[2], state[-1], state[8:16] = 0.0, 0.0, 0.0

@@ -128,12 +128,12 @@ def test_a_body_rubs_on_the_ground_however_it_is_cut(method):
     np.testing.assert_allclose(load, pressures * 0.03 * 0.02, rtol=1e-7)
 
 
-def test_unknowns_and_displacements_of_nodes_tell_the_same():
+def test_unknowns_and_displacements_of_nodes_agree():
     problem = cut_assembly(tilting()[1], (2, 1))
     u = np.random.default_rng(0).normal(size=(2, problem.n))
     moved = np.array([problem.displacement(component) for component in u])
     np.testing.assert_allclose(problem.unknowns(moved), u, atol=1e-12)
-    # a plate that tilts moves as the body does: to turn both about the axis y takes no force
+    # a plate that tilts moves as the body does: to turn both about the axis y needs no force
     upper = problem.substructures[3]  # without the pins
     force = upper.stiffness @ upper.rigid_motions
     assert np.abs(force[upper.unknown >= problem.n - 3][:, [2, 4]]).max() < 1e-9 * abs(force).max()

@@ -122,7 +122,7 @@ def test_displacement_converges_at_the_expected_rate(mesh, element, rate, larges
     assert errors[1] < largest, "the rate alone does not show that the right problem was solved"
 
 
-def test_the_matrix_is_that_of_a_vector_element():
+def test_the_matrix_equals_a_vector_element():
     mesh = box_mesh((1.0, 2.0, 0.5), (2, 3, 2))
     basis = displacement_basis(mesh, ElementHex2())
     vector = Basis(mesh, ElementVector(ElementHex2()), intorder=4)
@@ -134,7 +134,7 @@ def test_the_matrix_is_that_of_a_vector_element():
 @pytest.mark.parametrize(
     "mesh", [box_mesh((1.0, 2.0, 0.5), (2, 3, 2)), MeshQuad.init_tensor([0, 1, 3], [0, 1])]
 )
-def test_the_matrix_of_an_isotropic_tensor_is_that_of_its_moduli(mesh):
+def test_the_matrix_of_an_isotropic_tensor_follows_from_its_moduli(mesh):
     C = np.diag([2.0 * SHEAR] * 3 + [SHEAR] * 3)
     C[:3, :3] += LAME
     basis = displacement_basis(mesh, mesh.elem())
@@ -195,7 +195,7 @@ def test_incompatible_modes_bend_one_layer_of_flat_elements_as_a_beam():
     x, _, z = basis.doflocs
     bent = np.stack([x * (z - 0.05), 0.0 * x, -0.5 * x**2], axis=1).ravel()
     K, less = elastic_matrix(basis, law), mode_stiffness(basis, law)
-    exact = E * 0.1**3 / 12.0 * 6.0  # E I, times the length, of a curvature of one
+    exact = E * 0.1**3 / 12.0 * 6.0  # E I, times the length, of a unit curvature
     assert bent @ ((K - less) @ bent) == pytest.approx(exact)
     assert bent @ (K @ bent) > 100.0 * exact
 

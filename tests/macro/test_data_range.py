@@ -1,4 +1,4 @@
-"""How much of a load lies outside the data of a law, and what is then unknown."""
+"""Share of a load outside the data of a law, and the answers that are then unknown."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def joint(eccentricity=None):
     return RoughJoint((0.05, 0.04), BLOCK, BLOCK, elements=(8, 1), eccentricity=eccentricity)
 
 
-def test_the_shares_of_a_linear_pressure_are_those_of_its_integral():
+def test_the_shares_of_a_linear_pressure_equal_its_integral():
     """With p = P x the load below a pressure a is (a/P)^2 of it."""
     x = (np.arange(20_000) + 0.5) / 20_000
     pressure = np.array([8e6, 1e6])[:, None] * x
@@ -52,7 +52,7 @@ def test_an_even_preload_is_known_up_to_a_factor_of_two_outside_the_data(law):
     assert "at 3 of 7 steps, first at step 0 with the preload 900 kPa" in result.attrs["cautions"]
     assert np.isfinite(result["solid_stiffness"]).all()  # no law enters it
     outcome = press_joint(joint(), law, PRELOADS, extrapolate=True)
-    assert float(outcome["mean_gap"][-1]) < 0.0  # what the law extrapolates at 5 GPa
+    assert float(outcome["mean_gap"][-1]) < 0.0  # extrapolation of the law at 5 GPa
     np.testing.assert_array_equal(outcome["known"], result["known"])
 
 
@@ -67,7 +67,7 @@ def test_an_eccentric_joint_counts_the_load_of_its_edge():
 
 
 @pytest.mark.parametrize("family", ["exponential", "power", None])
-def test_a_fitted_law_of_any_family_knows_its_data(family):
+def test_a_fitted_law_of_any_family_has_its_data_range(family):
     p = np.geomspace(1e6, 50e6, 8)
     law = PowerLaw(1e9, 2e-6, 2.0)
     fitted = fit_law(observe("gap", p, law.gap_at(p)), family=family, n_samples=0)
@@ -84,7 +84,7 @@ def own_family(law):
     )
 
 
-def test_a_fitted_law_of_a_family_of_ones_own_knows_its_data():
+def test_a_fitted_law_of_a_user_family_has_its_data_range():
     p = np.geomspace(1e6, 50e6, 8)
     seen, family = observe("gap", p, Exponential(2e9, 0.5e-6).gap_at(p)), own_family(Exponential)
     law = law_from_dataset(fit_law(seen, family=family, n_samples=0), family=family)

@@ -119,7 +119,7 @@ def test_elements_bend_a_strip_between_hinges(count, error):
 
 @pytest.fixture(scope="module")
 def grids():
-    """Plates beside their grids, taut and with slack cables, by modules across."""
+    """Plates and their grids, taut and with slack cables, by modules across."""
     found = {}
     for n in (4, 8, 16):
         options = {"prestress": 2550.0 * (n / 16.0) ** 2}
@@ -214,8 +214,8 @@ def tiled(n, law):
     return LinkSystem(position, ends, cell.laws, np.tile(cell.kind, n * n), fixed, load)
 
 
-def test_a_load_that_no_cable_can_carry_is_no_answer():
-    """A sheet of cables hangs like a net at large displacements, and not at small ones."""
+def test_a_load_that_no_cable_can_carry_is_refused():
+    """A sheet of cables hangs like a net at large displacements, and not at small displacements."""
     cell = plate_cell(truss(law=Cable), (A, A))
     result = solve_plate(EquivalentPlate(tiled(3, Cable), cell, (3, 3)), [0.0, 1.0])
     np.testing.assert_array_equal(result["converged"], [1, 0])

@@ -71,7 +71,7 @@ def test_without_a_limit_the_path_ends_where_statics_does():
     np.testing.assert_allclose(pulled.tension.values[-1], direct.tension.values, rtol=1e-9)
 
 
-def test_what_has_no_path_is_refused():
+def test_structures_without_a_path_are_refused():
     with pytest.raises(CaseError, match="finite and not zero, got 0"):
         solve_past_limit(dome(2, 0.1), 0.0)
     rigid = dome(2, 0.1)

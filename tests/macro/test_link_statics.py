@@ -46,7 +46,7 @@ def test_all_methods_find_the_tensions_of_the_dual_program(method):
 
 
 @pytest.mark.parametrize("load_factor", [0.5, 1.0, 4.0])
-def test_factors_without_slack_that_are_kept_lead_to_the_same_tensions(load_factor, monkeypatch):
+def test_factors_without_slack_that_are_stored_lead_to_the_same_tensions(load_factor, monkeypatch):
     grid = tensegrity_grid(16)
     reference = solve_static(grid, load_factor, method="newton")
     made, factorise = [], Tangent.factorise
@@ -80,7 +80,7 @@ def test_zones_solved_separately_save_factorisations_of_the_whole(monkeypatch):
     assert whole[1] <= 0.75 * whole[0], "8 and 12"
 
 
-def test_zones_out_of_balance_are_apart_and_balanced_by_their_own_equations():
+def test_zones_out_of_balance_are_apart_and_balanced_by_separate_equations():
     grid = tensegrity_grid(24)
     model = equations(grid)
     load = np.zeros(model.n)
@@ -169,7 +169,7 @@ def test_an_inextensible_cable_keeps_its_length():
     assert np.any(result.slack > 0.0)
 
 
-def test_inextensible_cables_are_the_limit_of_stiff_ones():
+def test_inextensible_cables_are_the_limit_of_stiff_cables():
     def bars(cable):
         grid = tensegrity_grid(4, cable=cable, prestress=500.0)
         return solve_static(grid, 2.0).tension.values[grid.kind == 1]
@@ -273,7 +273,7 @@ def portal(bending_column=2e6, bending_beam=5e6, height=4.0, span=6.0):
     )
 
 
-def test_a_portal_frame_sways_as_the_slope_deflection_method_says():
+def test_a_portal_frame_sways_by_the_slope_deflection_method():
     h, k = 4.0, (5e6 / 2e6) * (4.0 / 6.0)
     result = solve_static(portal())
     sway = 1e3 * h**3 / (12.0 * 2e6) * (3 * k + 2) / (6 * k + 1)
@@ -426,7 +426,7 @@ def test_a_shallow_truss_follows_its_closed_form_to_the_limit_and_beyond():
 
 @pytest.mark.parametrize("links", [2, 3, 10, 50])
 @pytest.mark.parametrize("strain", [1e-9, 1e-5, 1e-2], ids=["light", "heavy", "very-heavy"])
-def test_a_nearly_straight_cable_sags_as_its_links_say(links, strain):
+def test_a_nearly_straight_cable_sags_like_its_links(links, strain):
     """Sag 1 mm over 10 m, without prestress. Every link carries the same horizontal force H, and
     the vertical force of a link is the load beyond it.
     """

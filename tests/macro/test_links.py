@@ -86,7 +86,7 @@ def test_an_unsupported_part_is_named():
 # --- builders --------------------------------------------------------------------------------
 
 
-def test_grid_counts_are_those_of_the_source():
+def test_grid_counts_equal_the_source():
     grid = tensegrity_grid(16)
     assert (grid.n_nodes, np.sum(grid.kind == 0), np.sum(grid.kind == 1)) == (833, 3072, 1024)
     assert np.count_nonzero(grid.fixed.all(axis=1)) == 34
@@ -105,7 +105,7 @@ def test_the_net_is_balanced_and_its_edge_holds_it():
     assert np.all(net.prestress > 0.0)
 
 
-def test_the_truss_carries_what_the_method_of_sections_says():
+def test_the_truss_carries_the_forces_of_the_method_of_sections():
     # 8 panels of 1 m, 1 kN per inner node: reactions 3.5 kN, moment 8 kN m at mid-span
     result = solve_static(truss(8))
     lower, upper = result.tension.values[:8], result.tension.values[8:14]
@@ -183,7 +183,7 @@ def test_results_follow_the_schema_with_and_without_steps():
     np.testing.assert_allclose(result.tension, steps.tension.sel(step=1), rtol=1e-9)
 
 
-def test_a_strut_carries_what_a_cable_cannot():
+def test_a_strut_carries_compression_and_a_cable_does_not():
     prop = pendulum(laws=(Strut(1e6),), load=-pendulum().load)
     rope = solve_static(pendulum())
     np.testing.assert_allclose(solve_static(prop).tension, -rope.tension)
@@ -214,7 +214,7 @@ def test_factors_solve_and_serve_again(factors):
         np.testing.assert_allclose(solve(factor * matrix @ exact), exact, rtol=1e-8)
 
 
-def test_the_sign_of_a_pivot_shows_what_is_not_definite(factors):
+def test_the_sign_of_a_pivot_shows_an_indefinite_matrix(factors):
     tangent, entries, _ = factors
     tangent.factorise(entries, signs=True)
     for factor in (-1.0, 0.0):
@@ -222,7 +222,7 @@ def test_the_sign_of_a_pivot_shows_what_is_not_definite(factors):
             tangent.factorise(factor * entries, signs=True)
 
 
-def test_the_smallest_eigenvalue_is_that_of_the_dense_matrix_also_if_negative(factors):
+def test_the_smallest_eigenvalue_agrees_with_the_dense_matrix_also_if_negative(factors):
     tangent, entries, matrix = factors
     assert len(matrix) > 20
     shifted = entries.copy()

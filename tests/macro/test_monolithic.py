@@ -42,7 +42,7 @@ def test_any_start_leads_to_the_solution_of_one_spring(law, form, start):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("distance", [-1e-5, 0.0, 1e-5, 1e-2], ids="{:g} m".format)
 def test_a_floating_body_lands_on_the_interface_from_any_distance(law, distance):
-    K = csr_array([[1e12, -1e12], [-1e12, 1e12]])  # held by the interface alone
+    K = csr_array([[1e12, -1e12], [-1e12, 1e12]])  # supported only by the interface
     B = csr_array(([1.0], ([0], [1])), shape=(3, 2))
     load = np.array([-PRESSURE, 0.0])
     start = np.full(2, distance)
@@ -65,7 +65,7 @@ def small_joint():
 def test_the_solution_minimises_the_energy(law, small_joint):
     K, load, B, w = small_joint
     u = solve_interface(K, PRESSURE * load, B, w, law, tolerance=1e-12).unwrap()
-    unit = 1e-7  # m, so that the general minimiser sees numbers of order one
+    unit = 1e-7  # m, so that the general minimiser sees numbers of unit order
 
     def potential(gap):
         if law is EXPONENTIAL:
@@ -90,7 +90,7 @@ def test_the_solution_minimises_the_energy(law, small_joint):
     np.testing.assert_allclose(unit * optimum.x, u, atol=1e-5 * np.abs(u).max())
 
 
-def test_the_residual_that_is_returned_is_that_of_the_solution(small_joint):
+def test_the_residual_that_is_returned_belongs_to_the_solution(small_joint):
     K, load, B, w = small_joint
     solution = solve_interface(K, PRESSURE * load, B, w, EXPONENTIAL)
     u = solution.unwrap()

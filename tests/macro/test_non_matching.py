@@ -1,4 +1,4 @@
-"""Interfaces between faces whose meshes do not match: averages over the nodes of one side."""
+"""Interfaces between faces with meshes that do not match: averages over the nodes of one side."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ HELD = {"bottom": (0.0, 0.0, 0.0)}
 
 
 def blocks(below, above, *, top, sides=0.0, nu=0.3, size=EDGE, law=LAW):
-    """A clamped block and one on it with other elements, under tractions on top and sides."""
+    """A clamped block and a block on it with other elements, under tractions on top and sides."""
     lower = Body(box_mesh((EDGE,) * 3, below), Elastic(210e9, nu), supports=HELD)
     pulled = {name: (0.0, 0.0, way * sides) for name, way in (("left", -1.0), ("right", 1.0))}
     upper = Body(
@@ -62,7 +62,7 @@ def test_even_pressure_and_even_shear_pass_the_patch_test(elements):
 
 
 @pytest.mark.parametrize("sides", [(0, 1), (1, 0)])
-def test_a_small_block_on_one_large_facet_rests_on_its_own_corners(sides):
+def test_a_small_block_on_one_large_facet_rests_on_its_corners(sides):
     """The points have the area and the second moments of the block, whatever the order of sides."""
     ground = Body(box_mesh((EDGE, EDGE, EDGE), (2, 2, 1)), Elastic(210e9, 0.3), supports=HELD)
     edge, n, corner = 0.2 * EDGE, 4, 0.25 * EDGE
@@ -73,7 +73,7 @@ def test_a_small_block_on_one_large_facet_rests_on_its_own_corners(sides):
     result = solve_assembly(Assembly((ground, block), (joint,)))
     area, x = result.point_area.values, result.point_position.values[:, 0] - corner - 0.5 * edge
     np.testing.assert_allclose([area.sum(), area @ x], [edge**2, 0.0], atol=1e-9 * edge**2)
-    # the areas of corners stand for the trapezoidal rule, at their centroids
+    # the areas of corners approximate the trapezoidal rule, at their centroids
     assert area @ x**2 == pytest.approx(edge**4 / 12.0, rel=1.0 / n)
 
 
@@ -115,7 +115,7 @@ def test_every_method_finds_the_same_and_a_cut_changes_little(method):
 
 
 @pytest.mark.slow
-def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
+def test_a_lap_joint_of_plates_meshed_apart_equals_the_matching_joint():
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=3e-3)
     finer = replace(shape, element=2e-3)
     loading = JointLoading((40e6,))

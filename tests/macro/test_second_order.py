@@ -105,7 +105,7 @@ def test_a_bump_on_a_block_is_pressed_as_hertz_has_it(kind):
 
 @pytest.mark.parametrize(("kind", "order", "points"), [("h", 2, 25), ("t", 2, 9), ("h", 1, 9)])
 def test_nodes_with_an_area_are_points_of_matching_faces(kind, order, points):
-    """Slip begins in a part of a facet: fewer points lose a tenth of the damping of a beam."""
+    """Slip begins in a part of a facet: fewer points miss a tenth of the damping of a beam."""
     mesh = {"t": MeshTet, "h": MeshHex}[kind]
     assembly, *_ = sheared_blocks((mesh, mesh), (order, order), (FEW, FEW))
     assert len(cut_assembly(assembly).joints[0].position) == points

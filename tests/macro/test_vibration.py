@@ -104,7 +104,7 @@ def test_metal_vibrates_on_its_curve_of_unloading():
         assert not backbone.opens.any()
         np.testing.assert_allclose(backbone.frequency[0], modes.frequency[3], rtol=1e-4)
         fall = 1.0 - (backbone.frequency[1] / modes.frequency[3]) ** 2
-        assert abs(fall) > 0.01  # elastic curvature, which loses nothing
+        assert abs(fall) > 0.01  # elastic curvature, which dissipates nothing
         assert np.all(backbone.damping < 1e-5)
     np.testing.assert_allclose(squares["flows"][:2] / squares["elastic"][:2], 2.5, rtol=1e-6)
     expected = RATIO * PRESSURE / DECAY / (DENSITY * HEIGHT)

@@ -74,7 +74,7 @@ def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
     np.testing.assert_allclose(response, moved, rtol=1e-9)
 
 
-def test_pieces_of_one_law_are_evaluated_together_as_each_alone():
+def test_parts_of_one_law_are_evaluated_together_as_separately():
     laws, counts = [LAW, LAW, NORMAL, replace(LAW, friction=0.1), LAW], [2, 3, 1, 1, 1]
     joined = lay_side_by_side(laws, counts, 1e-7 * np.arange(8.0))
     alone = [slice(0, 2), slice(2, 5), slice(5, 6), slice(6, 7), slice(7, 8)]

@@ -24,7 +24,7 @@ DIE = Elastic(3e9, 0.2)
 
 
 def stack(kinds, *, law=LAW, width=1.0, **contact):
-    """One block on another, pressed from above; the upper one is held by contact alone."""
+    """One block on another, pressed from above; the upper block is supported only by contact."""
     d = kinds[0]().dim()
     lower = block(kinds[0], (3, 4, 2)[:d], (0.0,) * d, (1.0,) * d)
     low, high = (0.0,) * (d - 1) + (1.0,), (width,) * (d - 1) + (2.0,)
@@ -90,7 +90,7 @@ def test_large_deformation_keeps_the_patch_uniform():
 
 
 def punch(friction=0.3, *, size=1.0, law=DIE, **options):
-    """A small block pressed and pushed sideways on a larger one; both are held."""
+    """A small block pressed and pushed sideways on a larger block; both are fixed."""
     base = block(MeshHex, (5, 4, 3), (-1, -1, -1), (1, 1, 0))
     die = block(MeshTet, (3, 3, 2), (-0.45, -0.4, 0.0), (0.5, 0.45, 0.5))
     push = (
@@ -107,7 +107,7 @@ def punch(friction=0.3, *, size=1.0, law=DIE, **options):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_the_condensed_problem_has_the_solution_of_the_whole_one(friction):
+def test_the_condensed_problem_has_the_solution_of_the_whole_problem(friction):
     # two independent solvers: dense in the reactions, sparse in all unknowns
     for small, large in zip(
         punch(friction, condensed=True), punch(friction, condensed=False), strict=True
@@ -158,7 +158,7 @@ def test_contact_obeys_signorini_and_coulomb(condensed):
     assert np.any(stuck | (surface.pressure > 0.0))
 
 
-def test_supports_carry_what_the_contact_passes():
+def test_supports_carry_the_forces_of_the_contact():
     step = punch(0.3)[-1].unwrap()
     force = step.contact["joint"].force
     np.testing.assert_allclose(step.support_force["base"].sum(axis=1), -force, rtol=1e-8)
@@ -230,7 +230,7 @@ def test_a_moving_obstacle_drags_the_body_along():
     contact = Contact(("block", "top"), RigidPlane((0, 1), (0, -1), path), friction_coefficient=0.5)
     pressed, dragged = solve_contact(FiniteAssembly({"block": body}, {"p": contact}), (1.0, 1.1))
     assert pressed.unwrap().contact["p"].force[0] == pytest.approx(0.0, abs=1e-3)
-    assert dragged.unwrap().contact["p"].force[0] < 0.0  # on the obstacle: it is held back
+    assert dragged.unwrap().contact["p"].force[0] < 0.0  # on the obstacle: friction acts backwards
     top = body.mesh.p[1] == 1.0
     assert np.all(dragged.displacement["block"][0, top] > pressed.displacement["block"][0, top])
 

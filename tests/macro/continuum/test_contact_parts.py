@@ -25,7 +25,7 @@ def rotation(d, angle):
 
 
 def curved_pair(d, *, bend=0.1, law=RUBBER, supports=None, **contact):
-    """A short block on a longer one; their common surface is wavy, their meshes do not match."""
+    """A short block on a longer block; their common surface is wavy, their meshes do not match."""
     kind = MeshQuad if d == 2 else MeshHex
     lower = block(
         kind, (8, *(3,) * (d - 2), 2), (-0.5, *(0.0,) * (d - 1)), (1.5, *(1.0,) * (d - 1))
@@ -73,7 +73,7 @@ def slid(distance, turn=None, shift=0.0):
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("finite_sliding", [False, True])
-def test_the_slip_between_bodies_is_of_the_step_alone(d, finite_sliding):
+def test_the_slip_between_bodies_is_the_slip_of_the_step(d, finite_sliding):
     problem = curved_pair(d, bend=0.0, finite_sliding=finite_sliding)
     jump = step_jump(problem, slid(0.1), slid(0.25))
     np.testing.assert_allclose(jump[:, 1], -0.15, rtol=1e-12)
@@ -81,7 +81,7 @@ def test_the_slip_between_bodies_is_of_the_step_alone(d, finite_sliding):
 
 
 @pytest.mark.parametrize("finite_sliding", [False, True])
-def test_the_slip_on_an_obstacle_is_of_the_step_alone(finite_sliding):
+def test_the_slip_on_an_obstacle_is_the_slip_of_the_step(finite_sliding):
     body = Body(block(MeshQuad, (3, 2), (0, 0), (1, 1)), RUBBER, {"top": (0.0, 0.0)})
     floor = RigidPlane((0.0, 0.0), (0.0, 1.0))
     contact = Contact(("upper", "bottom"), floor, 0.8, finite_sliding)
@@ -106,7 +106,7 @@ def test_gap_and_slip_do_not_change_under_a_rigid_motion_of_both_bodies(d):
 
 
 @pytest.mark.parametrize("d", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_bodies_that_stick_and_turn_keep_their_tractions_and_lose_no_work(d):
+def test_bodies_that_stick_and_turn_keep_their_tractions_and_dissipate_no_work(d):
     def path(lift):
         def component(i):
             def move(x, time):

@@ -188,7 +188,7 @@ def test_energy_never_grows_without_work(restitution):
 
 @pytest.mark.parametrize("accuracy", [None, 0.1])
 @pytest.mark.parametrize(("compliance", "grows"), [(0.02, 1e-6), (0.05, 2e-4)])
-def test_overlaps_of_compliant_grains_give_back_what_they_took(compliance, grows, accuracy):
+def test_overlaps_of_compliant_grains_return_the_stored_energy(compliance, grows, accuracy):
     model = granulate.deposit(np.full(75, 0.01), (0.11, 0.11), ContactLaw(compliance=compliance))
     result = simulate_grains(model, 0.4, 2e-3, accuracy=accuracy)
     energy, work = gained(result)
@@ -286,7 +286,7 @@ def test_a_cradle_is_exact_in_a_single_step(gap):
     np.testing.assert_allclose(result["position"][-1, -1, 0], place[-1, 0] + way, atol=1e-14)
 
 
-def test_a_step_that_misses_its_tolerance_is_told():
+def test_a_step_that_misses_its_tolerance_is_reported():
     _, result = settled(solver=Solver(max_iterations=5, most_assembled=0), seconds=0.1)
     missed = int((result["converged"] == 0).sum())
     assert missed > 0
@@ -328,7 +328,7 @@ def test_impacts_that_a_step_leaves_are_counted():
     assert soon.cautions == ""
 
 
-def test_momentum_and_spin_are_kept_in_a_collision():
+def test_momentum_and_spin_are_conserved_in_a_collision():
     rng = np.random.default_rng(seed=3)
     position = np.array([[0.0, 0.0, 0.0], [0.021, 0.003, 0.002]])
     velocity = np.array([[1.0, 0.2, -0.1], [-0.5, 0.1, 0.3]])
@@ -354,7 +354,7 @@ def test_a_loaded_wall_presses_with_its_force():
 
 
 def test_a_grain_too_fast_for_its_period_ends_the_motion():
-    # two of its ways in a step leave the room beside it, .076 m, at 3.8 m/s, which it has in .39 s
+    # two of its ways in a step leave the gap next to it, .076 m, at 3.8 m/s, which it has in .39 s
     model = Model(Grains([[0.0, 0.0, 0.0]], 0.01), gravity=(9.81, 0.0, 0.0), period=(0.2, 1.0, 1.0))
     result = simulate_grains(model, 1.0, 1e-2)
     assert "period along x is 0.2 m" in result.attrs["failure"]

@@ -24,7 +24,7 @@ def test_forces_and_branches_of_contacts_give_the_stress_under_a_loaded_lid():
     np.testing.assert_allclose(stress[:2, :2], 0.0, atol=1e-6 * 20.0 / area)
 
 
-def test_loose_grains_are_taken_away_until_none_is_left():
+def test_unsupported_grains_are_taken_away_until_none_is_left():
     # a chain hangs off a tetrahedron: it unravels from its end
     ends = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3], [3, 4], [4, 5]])
     assert granulate.coordination(ends, 6, rattlers_below=2) == (3.0, 2)
@@ -36,7 +36,7 @@ def test_radii_share_the_volume_evenly():
     np.testing.assert_allclose(share / share.sum(), 0.25, atol=5e-3)
 
 
-def test_neighbours_are_found_in_a_cell_that_shrinks_with_grains_that_do_not_move_in_it():
+def test_neighbours_are_listed_in_a_cell_that_shrinks_with_grains_that_do_not_move_in_it():
     packing = granulate.compact(
         granulate.draw_radii(60, 0.01, 0.014), 1e3, ContactLaw(0.5), planar=True
     )
@@ -75,7 +75,7 @@ def test_layers_that_are_sheared_differ_by_seeds_from_the_first_on():
         pytest.param((0.45, 0.9, 0.7), id="few cells"),
     ],
 )
-def test_pairs_are_those_of_all_distances(ratio, period):
+def test_pairs_agree_with_all_distances(ratio, period):
     rng = np.random.default_rng(seed=4)
     radius = 0.1 * ratio ** -rng.uniform(size=300)
     position = rng.uniform(-0.7, 0.9, (300, 3))

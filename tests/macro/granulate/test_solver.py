@@ -119,7 +119,7 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
         results.append((3 if model.frictional else 1, state.velocity[:, :3]))
     (first, scalar), (three, full) = results
     assert (first, three) == (1, 3)
-    # what a spring holds turns with the normal, or loses the square of the angle
+    # the force of a spring turns with the normal, or decreases by the square of the angle
     np.testing.assert_allclose(scalar, full, atol=2e-5 if compliance else 1e-8)
 
 
@@ -146,8 +146,8 @@ def test_friction_and_steps_at_their_ends_stay_sound(friction, step):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_a_heavy_grain_rests_on_a_light_one(friction):
-    # mass ratio 1e6: Gauss-Seidel alone needs about as many sweeps
+def test_a_heavy_grain_rests_on_a_light_grain(friction):
+    # mass ratio 1e6: pure Gauss-Seidel needs about as many sweeps
     grains = Grains([[0.0, 0.0, 0.01], [0.0, 0.0, 0.03]], 0.01, [2.6, 2.6e6])
     model = Model(grains, (FLOOR,), ContactLaw(friction))
     result = simulate_grains(model, 0.02, 2e-3, solver=Solver(max_iterations=1000))
@@ -156,7 +156,7 @@ def test_a_heavy_grain_rests_on_a_light_one(friction):
     assert -force == pytest.approx(9.81 * float(grains.mass.sum()), rel=1e-3)
 
 
-def test_sizes_of_one_to_twenty_are_borne():
+def test_sizes_of_ratio_twenty_are_borne():
     rng = np.random.default_rng(seed=2)
     small = np.stack(np.meshgrid(*[np.arange(12)] * 2, [0], indexing="ij"), axis=-1).reshape(-1, 3)
     small = small * 0.0025 + [0.0015, 0.0015, 0.0011] + rng.uniform(0.0, 1e-4, (144, 3))
@@ -166,12 +166,12 @@ def test_sizes_of_one_to_twenty_are_borne():
     result = simulate_grains(Model(Grains(position, radius), walls), 0.05, 1e-3)
     assert float(result["penetration"].max()) < 0.01
     assert np.isfinite(result["kinetic_energy"].values).all()
-    # the small ones carry the large one as balls of a bearing, which goes on rolling
+    # the small grains carry the large grain as balls of a bearing, which goes on rolling
     assert float(result["kinetic_energy"][-1]) < 0.05 * float(result["work"].max())
     assert float(result["converged"].mean()) >= 0.99
 
 
-def test_a_wedge_that_jams_keeps_its_grain_and_says_what_it_missed():
+def test_a_wedge_that_jams_keeps_its_grain_and_reports_its_residual():
     # half-angle below atan(mu): the grain sticks whatever pushes it; impulses are not unique
     half = np.arctan(0.5) - 0.1
     planes = [
@@ -186,7 +186,7 @@ def test_a_wedge_that_jams_keeps_its_grain_and_says_what_it_missed():
 
 
 def test_a_hyperstatic_pile_stays_at_rest():
-    radius, n = 0.01, 6  # a pyramid of discs between its own feet: more contacts than equations
+    radius, n = 0.01, 6  # a pyramid of discs between its feet: more contacts than equations
     centre = [
         (2.0 * radius * (k + 0.5 * row), 0.0, radius * (1.0 + row * 3**0.5))
         for row in range(n)
@@ -207,7 +207,7 @@ def test_a_hyperstatic_pile_stays_at_rest():
     [(120, 0.1, 0.2), pytest.param(1000, 0.2, 1.0, marks=pytest.mark.long)],
 )
 def test_a_dense_deposit_with_rigid_normals_is_solved(friction, across, spheres, edge, seconds):
-    # sweeps alone meet 1e-4 of the rigid law in a third of the steps of 1000 spheres, or fewer
+    # pure sweeps meet 1e-4 of the rigid law in a third of the steps of 1000 spheres, or fewer
     law = ContactLaw(friction, tangential_compliance=across)
     model = deposit(np.full(spheres, 0.01), (edge, edge), law)
     result = simulate_grains(model, seconds, 2e-3, solver=Solver(most_assembled=100))

@@ -1,4 +1,4 @@
-"""Joints of blocks that have lost stiffness: springs in series, some of which are softer."""
+"""Joints of softened blocks: springs in series, some of which are softer."""
 
 import dataclasses
 
@@ -36,7 +36,7 @@ def test_the_joint_is_springs_in_series(damage):
 
 
 def random_stiffness(seed):
-    """A tensor of no symmetry, near that of the solid."""
+    """A tensor of no symmetry, near the tensor of the solid."""
     noise = np.random.default_rng(seed).normal(size=(6, 6))
     return 0.5 * isotropic_stiffness(E, 0.3) + 0.02 * E * noise @ noise.T
 

@@ -22,14 +22,14 @@ def test_without_lateral_contraction_and_friction_the_pressure_is_even():
     result = slide_tread(plain, SteadySliding(ROAD, Coulomb(0.0), (1.0, 0.0)), PRESSURE)
     np.testing.assert_allclose(-result.traction[0], PRESSURE, rtol=1e-7)
     np.testing.assert_allclose(result.traction[1:], 0.0)
-    # the carcass comes down by the compression of a bar, and the road closes as far as its law says
+    # the carcass comes down by the compression of a bar, and the road closes by its law
     approach = result.solution.unwrap()[-1]
     assert approach == pytest.approx(
         float(ROAD.gap_at(np.array(PRESSURE))) - PRESSURE * SIZE[2] / MODULUS, rel=1e-7
     )
 
 
-def test_even_friction_shears_a_block_as_its_shear_modulus_says():
+def test_even_friction_shears_a_block_by_its_shear_modulus():
     wide = condense_tread(TreadBlock((0.2, 0.2, 0.002), MODULUS, 0.0, (6, 6, 1)))
     result = slide_tread(wide, SteadySliding(ROAD, Coulomb(0.1), (2.0, 0.0)), PRESSURE)
     middle = np.argmin(np.hypot(*wide.position))
@@ -62,7 +62,7 @@ def test_friction_moves_the_pressure_to_the_edge_that_leads_and_turns_with_the_m
 
 @pytest.mark.parametrize("mu", [0.8, 1.0, 1.2, 1.4])
 def test_friction_that_moves_the_pressure_far_still_has_its_steady_state(tread, mu):
-    """The energy along a step is that of a law with potential, which friction has not."""
+    """The energy along a step needs a law with potential, which friction has not."""
     result = slide_tread(tread, SteadySliding(ROAD, Coulomb(mu), (1.0, 0.0)), PRESSURE)
     assert result.solution.converged
     assert result.load == pytest.approx(PRESSURE * tread.block.area, rel=1e-7)
@@ -70,7 +70,7 @@ def test_friction_that_moves_the_pressure_far_still_has_its_steady_state(tread, 
 
 
 @pytest.mark.filterwarnings("error")
-def test_friction_that_tips_the_block_says_how_far_it_would_shear_it(tread):
+def test_friction_that_tips_the_block_is_refused_with_the_shear_it_would_cause(tread):
     result = slide_tread(tread, SteadySliding(ROAD, Coulomb(3.0), (1.0, 0.0)), PRESSURE)
     strain = 3.0 * PRESSURE / (MODULUS / (2.0 * 1.49))
     sentence = rf"coefficient of 3 at 3e\+05 Pa would shear the block by {strain:.2g} of its height"

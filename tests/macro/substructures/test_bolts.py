@@ -1,4 +1,4 @@
-"""Bolts: tightened, then locked; their forces follow the load as those of springs do."""
+"""Bolts: tightened, then locked; their forces follow the load as forces of springs do."""
 
 import re
 from dataclasses import replace
@@ -43,9 +43,9 @@ GUIDED = {"front": (None, 0.0, None)}
 
 
 def clamped(bolt=BOLT, law=LAW):
-    """Two blocks, a bolt from the top of one to the bottom of the other, and 1 Pa that parts them.
+    """Two blocks, a bolt from the top face to the bottom face, and 1 Pa that parts them.
 
-    Pins hold what no force moves: the stress is even.
+    Pins fix unloaded motions: the stress is even.
     """
     pins = {(0.0, 0.0, 0.0): (None, None, 0.0), (0.0, EDGE, 0.0): (None, None, 0.0)}
     pins |= {(EDGE, 0.0, 0.0): (None, None, 0.0)}
@@ -69,8 +69,8 @@ def clamped(bolt=BOLT, law=LAW):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_one_bolt_and_what_it_clamps_are_springs(method):
-    """The blocks and the joint are in series, and the shank is beside them."""
+def test_one_bolt_and_its_clamped_blocks_are_springs(method):
+    """The blocks and the joint are in series, and the shank is parallel to them."""
 
     def apart(clamp):  # distance of the washers under a force on the joint
         return NORMAL.gap_at(np.array(clamp / AREA)) - clamp * 2.0 * EDGE / (E * AREA)
@@ -102,7 +102,7 @@ def column(ends, height=EDGE, origin=0.0):
     return Body(mesh, Elastic(E, 0.0), **ends)
 
 
-def test_a_cut_through_a_bolt_bends_as_if_it_were_whole_and_stretches_by_its_force_alone():
+def test_a_cut_through_a_bolt_bends_as_if_it_were_whole_and_stretches_only_by_its_force():
     clamp = {"supports": {"bottom": (0.0, 0.0, 0.0)}}
     push = {"tractions": {"top": (1e6, 0.0, 0.0)}}
     whole = solve_assembly(Assembly((column(clamp | push, 2.0 * EDGE),)), 1.0)
@@ -164,7 +164,7 @@ def with_clamp(mesh):
 
 
 def sheared(bolt=BOLT):
-    """A block clamped at a side, one that is bolted on it and pulled along."""
+    """A block clamped at a side, a block that is bolted on it and pulled along."""
     lower = Body(
         with_clamp(box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, -EDGE))),
         Elastic(E, 0.3),
@@ -180,7 +180,7 @@ def sheared(bolt=BOLT):
     return Assembly((lower, upper), (interface,), areas=(AREA, AREA), bolts=(bolt,))
 
 
-def test_a_cycle_of_shear_loses_energy_and_locked_bolts_follow_it():
+def test_a_cycle_of_shear_dissipates_energy_and_locked_bolts_follow_it():
     assembly = sheared(replace(BOLT, preload=AREA))  # 1 Pa under the washers
     loading = JointLoading((5e6, 10e6), shear=1.5e6, cycles=1, steps=4)
     first, other = (
@@ -198,7 +198,7 @@ def test_a_cycle_of_shear_loses_energy_and_locked_bolts_follow_it():
 
 
 @pytest.mark.slow
-def test_a_bolted_lap_joint_is_as_stiff_as_one_under_even_pressure():
+def test_a_bolted_lap_joint_is_as_stiff_as_a_joint_under_even_pressure():
     """The shank is soft and the plates are flat: locking changes little, washers a little more."""
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=4e-3, layers=1)
     loading = JointLoading((40e6,), shear=3e6, cycles=1, steps=3)
@@ -216,7 +216,7 @@ def test_a_bolted_lap_joint_is_as_stiff_as_one_under_even_pressure():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_bolted_bodies_that_slide_away_say_so(method):
+def test_bolted_bodies_that_slide_away_are_reported(method):
     steps = np.array([[1.0, 0.0], [1.0, 1e6], [1.0, 4.5e6], [1.0, 0.0]])
     result = solve_assembly(sheared(), steps, method=method)
     np.testing.assert_array_equal(result.converged, [1, 1, 0, 0])
@@ -230,7 +230,7 @@ def test_bolted_bodies_that_slide_away_say_so(method):
     assert np.isnan(result.bolt_force[2:]).all()
 
 
-def test_a_bolt_that_comes_loose_ends_the_path():
+def test_a_bolt_without_tension_ends_the_path():
     steps = np.array([[1.0, 0.0], [1.0, -10e6], [1.0, -1e9], [1.0, 0.0]])
     result = solve_assembly(clamped(), steps)
     np.testing.assert_array_equal(result.converged, [1, 1, 0, 0])
@@ -311,7 +311,7 @@ def test_three_bolts_share_a_load_as_springs():
         np.testing.assert_allclose(result.bolt_force[step] - 2e3, change, rtol=0.01)
 
 
-def test_a_bolt_that_nothing_tightens_or_whose_washer_is_held_is_refused():
+def test_a_bolt_that_nothing_tightens_or_with_a_fixed_washer_is_refused():
     with pytest.raises(CaseError, match="its factor must be positive at every step, got 0"):
         solve_assembly(clamped(), np.array([[1.0, 0.0], [0.0, 0.0]]))
     assembly = clamped()

@@ -79,7 +79,7 @@ def test_a_floating_tensegrity_moves_freely_as_a_rigid_body_and_in_its_mechanism
     assert np.count_nonzero(values < 1e-9 * values[-1]) == free
 
 
-def test_no_motion_takes_less_energy_than_the_condensed_one(problem, dataset):
+def test_no_motion_takes_less_energy_than_the_condensed_motion(problem, dataset):
     taut, _, _ = blocks(dataset, 4)
     part = problem.substructures[4]
     K = (part.links.operator.T * part.links.stiffness) @ part.links.operator
@@ -88,7 +88,7 @@ def test_no_motion_takes_less_energy_than_the_condensed_one(problem, dataset):
     for u in rng.standard_normal((20, part.n)):
         w = coarse @ u
         assert w @ taut @ w <= u @ K @ u
-    # and it is reached: stationary energy with w held, by the saddle-point system
+    # and it is reached: stationary energy with fixed w, by the saddle-point system
     w = rng.standard_normal(len(coarse))
     regular = K.toarray() + 1e-9 * K.diagonal().max() * np.eye(part.n)
     saddle = np.block([[regular, coarse.T], [coarse, np.zeros((len(coarse), len(coarse)))]])
@@ -137,7 +137,7 @@ def springs(count, stiffness):
     return CutProblem(tuple(parts), position, expand_numbers(number))
 
 
-def test_springs_in_series_are_one_and_none_when_one_is_slack():
+def test_springs_in_series_are_combined_and_vanish_when_a_spring_is_slack():
     import xarray as xr
 
     slack = np.zeros(12)

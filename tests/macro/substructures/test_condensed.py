@@ -1,4 +1,4 @@
-"""Bodies condensed once onto their joints answer as whole ones do, and near paths are short."""
+"""Bodies condensed once onto their joints answer as whole bodies do, and near paths are short."""
 
 from dataclasses import replace
 
@@ -28,14 +28,14 @@ PINS = ((0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0))
 
 
 def load_whole(monkeypatch, *arguments):
-    """Load a joint with all unknowns of the bodies kept."""
+    """Load a joint with all unknowns of the bodies."""
     with monkeypatch.context() as patch:
         patch.setattr(whole, "DENSE", 0)
         return load_joint(*arguments, method=AssembledNewton(), extrapolate=True)
 
 
 def bolted():
-    """Two blocks and a bolt through both; the upper one is sheared on its top."""
+    """Two blocks and a bolt through both; the upper block is sheared on its top."""
     guided = {"front": (None, 0.0, None)}
     lower = Body(
         box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, -EDGE)),
@@ -59,8 +59,8 @@ def stacked(law=LAW):
 
 
 @pytest.mark.parametrize("assembly", [bolted(), stacked()], ids=["bolted", "stacked"])
-def test_condensed_bodies_answer_as_whole_ones(assembly, monkeypatch):
-    """Constraint modes and modes of the loads tell every displacement under these loads."""
+def test_condensed_bodies_answer_as_whole_bodies(assembly, monkeypatch):
+    """Constraint modes and modes of the loads represent every displacement under these loads."""
     loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
     result = load_joint(assembly, loading, method=AssembledNewton(), extrapolate=True)
     whole = load_whole(monkeypatch, assembly, loading)
@@ -75,7 +75,7 @@ def test_condensed_bodies_answer_as_whole_ones(assembly, monkeypatch):
     assert small.n < result.attrs["unknowns"]
 
 
-def test_a_joint_that_slides_away_says_so_on_condensed_bodies(monkeypatch):
+def test_a_joint_that_slides_away_is_reported_on_condensed_bodies(monkeypatch):
     loading = JointLoading((10e6,), 5e6, cycles=1, steps=2)
     result = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)
     whole = load_whole(monkeypatch, bolted(), loading)
@@ -87,7 +87,7 @@ def test_a_joint_that_slides_away_says_so_on_condensed_bodies(monkeypatch):
     )
 
 
-def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
+def test_a_changed_law_near_a_path_has_its_answer_in_fewer_steps():
     loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
     method, areas = AssembledNewton(), stacked().areas
     joint = condense_assembly(stacked(), method).small

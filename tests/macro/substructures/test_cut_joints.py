@@ -57,7 +57,7 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
 
 
 @pytest.mark.parametrize("solve", [solve_latin, solve_schur])
-def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(solve):
+def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_joint(solve):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
     problem = stacked_blocks(law, 2, times)
@@ -84,7 +84,7 @@ def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(s
 
 
 def pushed(law, parts, share, tilt=0.0):
-    """The blocks pressed by 8 kN, of which friction carries 1600 N, pushed by a share, let go."""
+    """The blocks pressed by 8 kN, of which friction carries 1600 N, pushed by a share, unloaded."""
     return stacked_blocks(law, parts, (1.0, 1.0 + share * 1600.0 / (1.4e6 * 4e-4), 1.0), tilt=tilt)
 
 
@@ -97,7 +97,7 @@ def say_slide(result):
 
 
 @pytest.mark.parametrize(("solve", "parts"), [(solve_latin, 2), (solve_schur, 1)])
-def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(solve, parts):
+def test_a_push_just_below_friction_is_balanced_and_a_push_just_above_it_is_refused(solve, parts):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     outcome = solve(pushed(law, parts, 0.99), np.eye(3))
     assert np.all(outcome.converged == 1)
@@ -111,7 +111,7 @@ def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(sol
 
 
 @pytest.mark.parametrize("method", [AssembledNewton, LatinMethod, NewtonSchur])
-def test_every_method_tells_of_every_step_that_converged(method):
+def test_every_method_reports_every_step_that_converged(method):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     problem, text = stacked_blocks(law, 1, (1.0, 2.0)), []
     result = method(after_step=lambda: text.append(1)).solve(problem, np.eye(2))
@@ -129,7 +129,7 @@ def test_a_push_at_any_share_above_friction_names_load_and_capacity(law, share):
     np.testing.assert_allclose(say_slide(result), [share * 1600.0, 1600.0], rtol=1e-3)
 
 
-def test_the_residual_alone_knows_a_block_that_runs_away_from_one_in_balance(monkeypatch):
+def test_the_residual_separates_a_block_that_runs_away_from_a_block_in_balance(monkeypatch):
     monkeypatch.setattr("multiscale.macro.substructures.latin.find_slide", lambda *_: None)
     law = Sliders(Exponential(1e9, 1e-8), 0.2, pressures=(1e6, 1e8))
     result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6)
@@ -197,13 +197,13 @@ def test_what_friction_carries_is_the_least_over_all_joints_that_a_motion_slides
 
 
 def law_of_stiffness(ratio):
-    """Law whose stiffness at 20 MPa is a ratio of that of a block."""
+    """Law with a stiffness at 20 MPa that is a ratio of the stiffness of a block."""
     normal = Exponential(20e6, 20e6 * 0.02 / (ratio * 210e9))
     return Sliders(normal, 0.2, pressures=(1e6, 1e8))
 
 
 def whole_blocks(problem, law, steps=1):
-    """Displacement of the nodes in every step, in one piece."""
+    """Displacement of the nodes in every step, in one array."""
     whole, state, u, computed = assemble(problem), None, None, []
     for step in range(steps):
         u = solve_interface(
@@ -221,8 +221,8 @@ def whole_blocks(problem, law, steps=1):
     return np.array(computed)
 
 
-def test_a_piece_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart():
-    """One corner, a piece of its own, opens and closes again under friction of 1.5."""
+def test_a_corner_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart():
+    """One corner, a separate substructure, opens and closes again under friction of 1.5."""
     size, materials = (0.02, 0.02, 0.02), [Elastic(210e9, 0.3)] * 2
     law = Sliders(law_of_stiffness(1e6).normal, 1.5, pressures=(2e6, 2e8))
     blocks = bodies.stacked_blocks(size, (2, 2, 2), materials, [law])
@@ -268,7 +268,7 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
         (solve_latin, RigidContact(0.2)),
     ],
 )
-def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law):
+def test_a_joint_that_is_open_everywhere_separates_both_bodies(solve, law):
     size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
     fixed, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
     lower = Body(
@@ -309,7 +309,7 @@ def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio)
 
 
 @pytest.mark.parametrize("ratio", [1e-2, 1.0, 1e2])
-def test_a_joint_that_opens_on_one_side_is_the_monolithic_one(ratio):
+def test_a_joint_that_opens_on_one_side_is_the_monolithic_joint(ratio):
     law = law_of_stiffness(ratio)
     problem = stacked_blocks(law, 2, tilt=1.5)  # the edge would pull by half the pressure
     result = solve_latin(problem)

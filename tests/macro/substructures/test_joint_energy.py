@@ -1,4 +1,4 @@
-"""No step of a joint wins energy, and a law with which one does is told."""
+"""No step of a joint gains energy, and a law with a gaining step is reported."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ class OneSpring(InterfaceLaw):
 
 
 class Winning(Sliders):
-    """A bed of sliders whose steps win a little of what they store."""
+    """A bed of sliders with steps that gain a little of their stored energy."""
 
     def sliding(self, jump, state):
         account = super().sliding(jump, state)
@@ -52,7 +52,7 @@ def shear_at_a_high_pressure_and_back_at_a_low_one():
     return np.stack([gap, shear, 0.0 * shear]).T[:, :, None]
 
 
-def test_one_spring_wins_energy_where_the_pressure_falls_and_that_is_told():
+def test_one_spring_gains_energy_where_the_pressure_falls_and_is_reported():
     """Of t = kappa K d = 3.2 MPa: E = t^2 / (2 kappa K) grows from .016 to .08 J/m2."""
     law, jumps = OneSpring(), shear_at_a_high_pressure_and_back_at_a_low_one()
     state, _ = advance_state(law, jumps[0], np.zeros((5, 1)))
@@ -61,7 +61,7 @@ def test_one_spring_wins_energy_where_the_pressure_falls_and_that_is_told():
         advance_state(law, jumps[2], state)
 
 
-def test_a_bed_of_sliders_loses_energy_there():
+def test_a_bed_of_sliders_dissipates_energy_there():
     law, lost = Sliders(NORMAL, 0.3, KAPPA, pressures=(1e6, 1e8)), []
     jumps = shear_at_a_high_pressure_and_back_at_a_low_one()
     state = law.at_rest(jumps[0])
@@ -72,7 +72,7 @@ def test_a_bed_of_sliders_loses_energy_there():
 
 
 @pytest.mark.parametrize("solve", [solve_latin, solve_schur])
-def test_solvers_refuse_a_step_that_wins_energy(solve):
+def test_solvers_refuse_a_step_that_gains_energy(solve):
     law = Winning(NORMAL, 0.3, KAPPA, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law])
     with pytest.raises(ConvergenceError, match="J/m2 at most: Winning is wrong, as is every"):
@@ -104,7 +104,7 @@ def loss_of_steps(problem, result):
 
 
 @pytest.mark.slow
-def test_a_lap_joint_under_cycles_whose_preload_changes_too_loses_energy_in_every_step():
+def test_a_lap_joint_under_cycles_with_changing_preload_dissipates_energy_in_every_step():
     pytest.importorskip("gmsh", exc_type=Exception)
     shape = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01, layers=1)
     law = Sliders(Exponential(1e9, 0.18e-6), 0.2, pressures=(1e6, 1e8))

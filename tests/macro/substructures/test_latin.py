@@ -93,14 +93,14 @@ def bisect(system, count):
 
 
 @pytest.mark.parametrize("solve", SOLVERS)
-def test_any_cut_into_connected_pieces_gives_the_same_tensions(grid, tensions, solve):
+def test_any_cut_into_connected_parts_gives_the_same_tensions(grid, tensions, solve):
     result = solve(cut_links(grid, bisect(grid, 5)), 1.0, max_iterations=1000)
     assert result.converged == 1
     assert tension_error(grid, result.tension.values[0], tensions[1.0]) < 1e-8
 
 
 def count_iterations(grid, problem, reference, load_factor, **options):
-    """Iterations until the tensions are within 1e-6 of the monolithic ones."""
+    """Iterations until the tensions are within 1e-6 of the monolithic tensions."""
     order = np.concatenate([part.links.number for part in problem.substructures])
     errors = []
 
@@ -165,7 +165,7 @@ def test_all_cables_of_a_floating_substructure_may_go_slack(solve):
     owner = split_grid(grid, (4, 4))
     mine = np.flatnonzero(np.isfinite(grid.bounds[0]) & (owner == 5))
     bar = next(i for i, law in enumerate(grid.laws) if isinstance(law, Bar))
-    # bars beside its cables, which were built too short and pull its nodes together
+    # bars next to its cables, which were built too short and pull its nodes together
     framed = replace(
         grid,
         ends=np.concatenate([grid.ends, grid.ends[mine]]),

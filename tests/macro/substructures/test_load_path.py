@@ -13,7 +13,7 @@ SIDE = 0.02  # m
 
 
 def masing(amplitude, steps, stiffness=1e12, slip=2e-21):
-    """Displacement of a closed cycle whose first loading is tau / k + c tau^2."""
+    """Displacement of a closed cycle with the first loading tau / k + c tau^2."""
 
     def first(shear):
         return shear / stiffness + slip * shear**2
@@ -26,17 +26,17 @@ def masing(amplitude, steps, stiffness=1e12, slip=2e-21):
 
 @pytest.mark.parametrize("steps", [1, 2, 5])
 def test_the_work_is_exact_where_slip_grows_as_the_square_of_the_shear(steps):
-    """Masing's loop loses 4/3 c tau^3, the third power of Mindlin at small amplitude."""
+    """Masing's loop dissipates 4/3 c tau^3, the third power of Mindlin at small amplitude."""
     amplitude = np.array([1e6, 3e6])
     loop = np.stack([masing(level, steps) for level in amplitude])
     np.testing.assert_allclose(cycle_work(amplitude, loop), 4.0 / 3.0 * 2e-21 * amplitude**3)
 
 
-def test_the_work_of_an_elastic_cycle_is_no_rounding():
+def test_the_work_of_an_elastic_cycle_exceeds_rounding():
     shear = 1e6 * np.append(1.0, closed_cycle(4))
     noise = 1.0 + 1e-13 * np.random.default_rng(seed=3).standard_normal(shear.size)
     assert cycle_work(1e6, shear / 1e13 * noise) == 0.0
-    slip = 1e-6 * masing(1e6, 4) + shear / 1e13  # loses 1e-8 of the work and more
+    slip = 1e-6 * masing(1e6, 4) + shear / 1e13  # dissipates 1e-8 of the work and more
     assert cycle_work(1e6, slip) == pytest.approx(1e-6 * 4.0 / 3.0 * 2e-21 * 1e18, rel=1e-6)
 
 
@@ -46,7 +46,7 @@ def blocks():
     return stacked_blocks((SIDE, SIDE, SIDE), (4, 2, 1), [Elastic(210e9, 0.3)] * 2, [law])
 
 
-def test_cycles_of_the_last_preload_are_those_of_the_path(blocks):
+def test_cycles_of_the_last_preload_equal_cycles_of_the_path(blocks):
     loading = JointLoading((10e6, 20e6), 2e6, 1, 4, amplitudes=(0.5e6, 2e6))
     result = load_joint(blocks, loading, method=AssembledNewton())
     loss, secant = result["cycle_loss"].values, result["secant_stiffness"].values
@@ -59,7 +59,7 @@ def test_cycles_of_the_last_preload_are_those_of_the_path(blocks):
         float(result["slipping_load"][-1]), rel=5e-3
     )
     assert np.all(np.diff(loss, axis=1) > 0.0)
-    assert np.all(loss[0] > loss[1])  # a lighter preload slips and loses more
+    assert np.all(loss[0] > loss[1])  # a lighter preload slips and dissipates more
     assert np.all(np.diff(secant, axis=1) < 0.0)
     assert np.all(secant < result["tangential_stiffness"].values[:2, None])
     density = result["loss_density"].values @ result["point_area"].values

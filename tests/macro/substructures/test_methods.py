@@ -1,4 +1,4 @@
-"""The method that solves bodies with joints is the one that pays."""
+"""The method that solves bodies with joints is the cheapest method."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_the_whole_is_taken_where_it_fits_and_no_other_method_is_twice_as_fast()
     assert method(LONG) == LatinMethod()  # the whole would be factorised in every Newton step
 
 
-def test_what_is_asked_for_is_taken():
+def test_a_requested_method_is_taken():
     asked = LatinMethod((2, 1))
     choice = choose_method(LAP, asked, memory=GIGABYTE)
     assert choice.taken.method == asked
@@ -46,7 +46,7 @@ def test_factors_that_do_not_fit_are_cut_until_they_do():
 
 
 @pytest.mark.parametrize("size", [LAP, LONG])
-def test_the_choice_says_what_the_others_would_take(size):
+def test_the_choice_states_the_cost_of_the_others(size):
     lines = choose_method(size, memory=10.0 * GIGABYTE).explain()
     assert "Newton's method on the whole needs" in lines
     assert "LATIN needs" in lines

@@ -1,4 +1,4 @@
-"""Time steps of cut structures against those of the whole."""
+"""Time steps of cut structures against steps of the whole."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from multiscale.macro import cut_links, simulate, solve_static, tensegrity_grid
 from multiscale.macro.substructures import simulate_latin, split_grid
 
 
-def test_a_cut_grid_that_loses_its_load_moves_like_the_whole():
+def test_a_cut_grid_that_is_unloaded_moves_like_the_whole():
     grid = tensegrity_grid(4, prestress=2550.0 / 16.0)
     begin = solve_static(grid, 1.0)
     assert (begin.slack > 0.0).any()

@@ -1,4 +1,4 @@
-"""Unilateral contact with Coulomb friction between substructures, against a solver of its own."""
+"""Unilateral contact with Coulomb friction between substructures, against a separate solver."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ E = 210e9
 
 
 def console(law, parts, pushes=(1.5e6,), pressure=8e6):
-    """A block held at its end rests on another; pressed at one end and pushed along."""
+    """A block fixed at its end rests on another; pressed at one end and pushed along."""
     lower = Body(
         box_mesh((0.04, 0.02, 0.01), (4, 2, 1), origin=(0.0, 0.0, -0.01)),
         Elastic(E, 0.3),
@@ -75,7 +75,7 @@ def condensed_steps(problem, law, factors):
     ],
 )
 @pytest.mark.parametrize("gap", [0.0, 2e-8])
-def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(gap, friction, push):
+def test_blocks_that_press_slide_and_gape_follow_the_condensed_problem(gap, friction, push):
     law = RigidContact(friction, gap)
     problem = console(law, 2, (push,))
     ((expected, force),) = condensed_steps(problem, law, np.eye(1))
@@ -99,7 +99,7 @@ def test_blocks_that_press_slide_and_gape_are_those_of_the_condensed_problem(gap
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.6])
-def test_shear_to_and_fro_and_loads_taken_away_leave_what_the_condensed_problem_leaves(friction):
+def test_shear_to_and_fro_and_loads_taken_away_leave_the_state_of_the_condensed_problem(friction):
     law = RigidContact(friction)
     problem = console(law, 2, (0.0, 1e6))  # the load of a push has the pressure in it
     press, push = np.array([1.0, 0.0]), np.array([-1.0, 1.0])
@@ -119,7 +119,7 @@ def test_shear_to_and_fro_and_loads_taken_away_leave_what_the_condensed_problem_
     assert np.all(np.abs(result.traction[6]) < 1e-6 * np.abs(result.traction[0]).max())
 
 
-def test_search_directions_of_rigid_contact_do_not_tell_open_points_from_closed_ones():
+def test_search_directions_of_rigid_contact_are_equal_at_open_and_closed_points():
     stiffness = law_stiffness(RigidContact(0.3), np.array([[0.0, 1e-6]] * 3), np.zeros((2, 2)))
     assert np.all(np.isinf(stiffness))
 

@@ -91,7 +91,7 @@ def sheared_bar(elements):
 
 
 @pytest.mark.slow
-def test_a_bar_on_a_rough_base_loses_the_energy_of_shear_lag():
+def test_a_bar_on_a_rough_base_dissipates_the_energy_of_shear_lag():
     r"""A bar of rigidity EA with friction q per length, pulled at its end by a force F < q L.
 
     Slip reaches F/q deep, where the axial force has fallen to zero, and moves the end by
@@ -146,12 +146,12 @@ def test_the_tractions_of_a_lap_joint_carry_bolt_and_pull(lap):
     )
 
 
-def test_a_cut_through_the_bolt_hole_names_the_substructure_in_pieces(gmsh):
+def test_a_cut_through_the_bolt_hole_names_the_divided_substructure(gmsh):
     with pytest.raises(CaseError, match=r"substructure \d of body 0 is in 2 pieces"):
         cut_assembly(lap_joint(SHAPE, (STEEL, STEEL), LAW), (1, 5))
 
 
-def test_a_cut_lap_joint_is_the_whole_one(gmsh, lap):
+def test_a_cut_lap_joint_equals_the_whole_joint(gmsh, lap):
     loading = JointLoading((10e6, 50e6))
     cut = load_joint(
         lap_joint(SHAPE, (STEEL, STEEL), LAW), loading, method=LatinMethod(parts=(3, 1))
@@ -175,7 +175,7 @@ def test_no_point_of_a_joint_pulls_or_exceeds_friction_and_states_fill_the_area(
     assert 0.0 < float(lap.slip_fraction[5]) < 1.0
 
 
-def test_a_lap_joint_loses_energy_and_its_bolted_stiffness_grows_with_the_preload(lap):
+def test_a_lap_joint_dissipates_energy_and_its_bolted_stiffness_grows_with_the_preload(lap):
     assert float(lap.cycle_energy[0]) > 0.0
     assert lap.joint_stiffness[1] > lap.joint_stiffness[0]
     assert np.isnan(lap.joint_stiffness[2:]).all()
@@ -210,7 +210,7 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
     assert np.isnan(result.cycle_energy).all()
 
     cut = load_joint(blocks, JointLoading((9e6,)), method=LatinMethod(parts=(2, 1)))
-    np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not pieces
+    np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not parts
 
     text = load_joint(blocks, loading, extrapolate=True)
     np.testing.assert_array_equal(text.known, result.known)

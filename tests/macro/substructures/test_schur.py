@@ -151,7 +151,7 @@ def slack_tangent(n, parts, slack):
 
 
 @pytest.mark.parametrize("parts", [2, 4])
-def test_preconditioned_eigenvalues_of_a_plate_lie_between_one_and_a_small_number(parts):
+def test_preconditioned_eigenvalues_of_a_plate_lie_between_unity_and_a_small_number(parts):
     tangent = CutTangent(thin_plate(parts), Alone())
     tangent.renew(np.zeros(0), np.zeros((3, 3, 0)))
     values = preconditioned_eigenvalues(tangent)
@@ -177,7 +177,7 @@ def test_ritz_values_are_the_condition_number_of_the_preconditioned_tangent():
     assert condition == pytest.approx(values[-1] / values[0], rel=0.05)
 
 
-def test_a_renewed_preconditioner_is_the_one_that_is_built_anew():
+def test_a_renewed_preconditioner_equals_a_new_preconditioner():
     tangent = slack_tangent(8, 4, 0.1)
     share = tangent.share.copy()
     some = (tangent.of_link == 5) & tangent.stack.one_sided

@@ -60,7 +60,7 @@ def follow(laws, steps, parts=HALVES, gap=None, elements=2):
 
 
 def test_first_order_changes_are_the_differences():
-    """A block that tilts under an uneven pressure; both changes act on one of its halves."""
+    """A block that tilts under an uneven pressure; both changes act on a half of it."""
     mesh = box_mesh((EDGE, EDGE, EDGE), (4, 2, 1)).with_boundaries(HALVES)
     tractions = {
         "top": (0.0, 0.0, lambda x, time: -(0.7 + 0.6 * x[0] / EDGE) * (time == 1.0)),
@@ -95,7 +95,7 @@ def test_first_order_changes_are_the_differences():
 
 
 STATES = {
-    # friction of both halves, push over pressure, stiffness over that of the stuck springs
+    # friction of both halves, push over pressure, stiffness over the stiffness of the stuck springs
     "stuck": (0.5, 0.5, 0.0, 1.0),
     "sliding": (0.1, 0.9, 0.2, 0.5),  # the left half slides, its springs hold no more
     "frictionless": (0.0, 0.9, 0.01, 0.5),
@@ -129,8 +129,8 @@ def test_slip_is_a_share_of_the_force_and_of_the_area():
     np.testing.assert_allclose(result["slipping_load"][0], 0.0, atol=1e-12)
 
 
-def test_what_carries_next_to_nothing_is_open_and_does_not_slip():
-    """The middle has a gap of ten decay lengths, and carries e^-10 of the pressure beside it."""
+def test_a_nearly_unloaded_point_is_open_and_does_not_slip():
+    """The middle has a gap of ten decay lengths, and carries e^-10 of the pressure around it."""
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0.0, EDGE, 7), [0.0, EDGE]))
     middle = np.abs(x - 0.5 * EDGE) < 0.4 * EDGE
     gap = GapMap(np.column_stack([x, y]), 10.0 * DECAY * middle)
@@ -158,7 +158,7 @@ def test_a_small_rise_meets_half_a_bed_where_the_other_half_slips():
     np.testing.assert_allclose(result["stuck_stiffness"].values[1, 1], SPRINGS, rtol=1e-6)
 
 
-def test_what_has_slipped_sticks_again_under_a_load_that_turns_back():
+def test_a_slipped_point_sticks_again_under_a_load_that_turns_back():
     result = follow(
         [bed(0.1, 1), bed(0.9, 1)],
         [(PRESSURE, 0.0), (PRESSURE, 0.2 * PRESSURE), (PRESSURE, 0.1 * PRESSURE)],
