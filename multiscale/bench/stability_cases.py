@@ -50,7 +50,10 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
 
 
 def equivalent_plate(bar_over_cable: float, prestress: float, load_factor: float) -> float:
-    """Solve the plate equivalent to a grid: distance of its resultants from equilibrium."""
+    """Solve the plate equivalent to a grid: distance of its motion by one load step and by two.
+
+    Its energy is convex, so that the path does not matter.
+    """
     from multiscale.laws.link import Bar
     from multiscale.macro import tensegrity_grid
     from multiscale.macro.links import EquivalentPlate, plate_cell, solve_plate
@@ -58,9 +61,13 @@ def equivalent_plate(bar_over_cable: float, prestress: float, load_factor: float
     bar, tension = Bar(CABLE_RIGIDITY * bar_over_cable), REFERENCE_PRESTRESS * prestress
     cell = plate_cell(tensegrity_grid(1, bar=bar, prestress=tension), (1.0, 1.0))
     plate = EquivalentPlate(_grid(bar_over_cable, prestress), cell, (MODULES // 2,) * 2)
-    result = solve_plate(plate, [load_factor])
-    _refuse_failure(result)
-    return float(result["residual"][0])
+    ends = []
+    for path in ([load_factor], [0.5 * load_factor, load_factor]):
+        result = solve_plate(plate, path)
+        _refuse_failure(result)
+        ends.append(result["displacement"].to_numpy()[-1])
+    direct, stepped = ends
+    return float(np.linalg.norm(direct - stepped) / np.linalg.norm(stepped))
 
 
 def limit_load(rise: float, bars: int) -> float:
@@ -486,16 +493,19 @@ def bounce(friction: float, restitution: float, step: float) -> float:
 
 
 def third_body(speed: float, pressure: float) -> float:
-    """Shear grains between two plates: distance of the pressure that they bear from the stated."""
+    """Shear grains between two plates at two speeds: change of traction over pressure.
+
+    The second has twice the speed and four times the pressure, and the same inertial number.
+    """
     from multiscale.macro.granulate import ContactLaw, Solver, shear_cells
 
     radii, size = np.full(30, 0.005), (0.04, 0.04)
     law, solver = ContactLaw(0.5, compliance=0.05), Solver(1e-2, 300, 0)
-    p, v = np.array([pressure]), np.array([speed])
+    p, v = pressure * np.array([1.0, 4.0]), speed * np.array([1.0, 2.0])
     cell = shear_cells(radii, size, p, v, law, distance=6.0, solver=solver)
     if not cell.values["converged"].all():
         raise ConvergenceError(cell.attributes["ended"])
-    return abs(float(cell.values["traction"][0, 0, 0]) / pressure + 1.0)
+    return float(np.abs(np.diff(cell.values["traction"][0] / p[:, None], axis=0)).max())
 
 
 def voids(modulus: float, porosity: float) -> float:

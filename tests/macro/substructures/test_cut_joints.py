@@ -113,9 +113,9 @@ def test_a_push_just_below_friction_is_balanced_and_a_push_just_above_it_is_refu
 @pytest.mark.parametrize("method", [AssembledNewton, LatinMethod, NewtonSchur])
 def test_every_method_reports_every_step_that_converged(method):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
-    problem, text = stacked_blocks(law, 1, (1.0, 2.0)), []
-    result = method(after_step=lambda: text.append(1)).solve(problem, np.eye(2))
-    assert len(text) == int(result.converged.sum()) == 2
+    problem, steps = stacked_blocks(law, 1, (1.0, 2.0)), []
+    result = method(after_step=lambda: steps.append(1)).solve(problem, np.eye(2))
+    assert len(steps) == int(result.converged.sum()) == 2
 
 
 @pytest.mark.slow

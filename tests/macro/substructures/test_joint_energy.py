@@ -84,12 +84,12 @@ def test_metal_that_flows_and_slips_is_solved_alike_by_both_solvers():
     law = Sliders(metal, 0.3, KAPPA, pressures=(1e6, 1e8), slabs=16)
     problem = cut_assembly(stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [law]))
     path = np.array([[1e7, 0.0], [2e7, 2e6], [8e6, 1e6], [3e7, -2e6]])
-    first, two = solve_latin(problem, path), solve_schur(problem, path)
+    first, second = solve_latin(problem, path), solve_schur(problem, path)
     assert first.converged.values.all()
-    assert two.converged.values.all()
-    assert two.iterations.values.max() <= 15
-    size = np.abs(two.displacement.values).max()
-    np.testing.assert_allclose(first.displacement, two.displacement, atol=1e-6 * size)
+    assert second.converged.values.all()
+    assert second.iterations.values.max() <= 15
+    size = np.abs(second.displacement.values).max()
+    np.testing.assert_allclose(first.displacement, second.displacement, atol=1e-6 * size)
 
 
 def loss_of_steps(problem, result):

@@ -212,12 +212,12 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
     cut = load_joint(blocks, JointLoading((9e6,)), method=LatinMethod(parts=(2, 1)))
     np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not parts
 
-    text = load_joint(blocks, loading, extrapolate=True)
-    np.testing.assert_array_equal(text.known, result.known)
-    np.testing.assert_array_equal(text.joint_stiffness[:2], result.joint_stiffness[:2])
-    assert np.isfinite(text.joint_stiffness[2])
-    assert np.isfinite(text.cycle_energy).all()
-    assert "extrapolated, and its error is unknown" in text.attrs["cautions"]
+    extended = load_joint(blocks, loading, extrapolate=True)
+    np.testing.assert_array_equal(extended.known, result.known)
+    np.testing.assert_array_equal(extended.joint_stiffness[:2], result.joint_stiffness[:2])
+    assert np.isfinite(extended.joint_stiffness[2])
+    assert np.isfinite(extended.cycle_energy).all()
+    assert "extrapolated, and its error is unknown" in extended.attrs["cautions"]
 
 
 def test_joint_and_bodies_in_series_are_the_whole(lap):
