@@ -3,7 +3,7 @@
     python tests/mutations.py [MODULE ...] [--each N] [--seed N]
 
 from the root of a checkout changes operators, comparisons, signs and constants of the modules below
-in a copy of the checkout, one at a time, runs the tests of the module, and prints every mutation
+in a copy of the checkout, each separately, runs the tests of the module, and prints every mutation
 that no test finds. ``EQUIVALENT`` lists those that change no answer, with the reason. The tests
 take minutes for each module, so that the checks of a change leave them out.
 """
@@ -88,7 +88,7 @@ OPERATORS = {
 NAMES = {"minimum": "maximum", "maximum": "minimum", "min": "max", "max": "min"}
 SKIPPED = (ast.Raise, ast.JoinedStr, ast.arguments, ast.AnnAssign)
 FACTOR = 1.5  # of a mutated constant
-SMALLEST = 1e-6  # constant that is mutated; smaller ones guard against rounding
+SMALLEST = 1e-6  # constant that is mutated; smaller values guard against rounding
 
 
 def main() -> int:
@@ -177,7 +177,7 @@ def can_change(node: ast.expr) -> bool:
 
 
 def is_text(node: ast.expr) -> bool:
-    """Whether an operand is text or a sequence, of which + makes a longer one."""
+    """Whether an operand is text or a sequence, of which + makes a longer sequence."""
     texts = (ast.JoinedStr, ast.List, ast.Tuple)
     return isinstance(node, texts) or (
         isinstance(node, ast.Constant) and isinstance(node.value, str)

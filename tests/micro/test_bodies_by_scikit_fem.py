@@ -1,4 +1,4 @@
-"""Rough cells, coated or of two bodies, against their dense compliance by scikit-fem alone."""
+"""Rough cells, coated or of two bodies, against their dense compliance only by scikit-fem."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def compliance(body, between):
 
 
 def pressed_gap(bodies, between, load):
-    """Mean gap of bodies in their own frames that touch on a surface between them."""
+    """Mean gap of bodies in separate frames that touch on a surface between them."""
     results = [
         compliance(body, sign * between) for body, sign in zip(bodies, (1, -1), strict=False)
     ]
@@ -65,7 +65,7 @@ def pressed_gap(bodies, between, load):
     return np.mean(gap.ravel() - contact.approach + up @ contact.unwrap().ravel())
 
 
-def test_a_rough_coated_cell_has_the_gap_of_a_mesh_whose_planes_are_its_faces():
+def test_a_rough_coated_cell_has_the_gap_of_a_mesh_with_planes_at_its_faces():
     surface, film = rough_square(8, 1.0, 0.5, 0.3, seed=2), (Coating(0.1, 5.0, 0.2),)
     cell = Cell(surface, 1.0, 8, 1.0, 0.3, coating=film)
     mesh, bare = (
@@ -78,7 +78,7 @@ def test_a_rough_coated_cell_has_the_gap_of_a_mesh_whose_planes_are_its_faces():
 
 
 @pytest.mark.slow
-def test_two_rough_bodies_are_flat_ones_to_second_order_in_the_slope():
+def test_two_rough_bodies_are_flat_bodies_to_second_order_in_the_slope():
     # alike: of others the motions in the plane need finer meshes than fit a dense compliance
     n, law, slopes = 12, Elastic(1.0, 0.3), np.array([1e-4, 0.05, 0.1])
     rows = []

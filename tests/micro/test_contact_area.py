@@ -14,7 +14,7 @@ SINE = np.append(1.0, 0.5 * THETA[1:] / np.sin(0.5 * THETA[1:]))  # C = 1 / (2 s
 
 
 def compliance_ratio(a):
-    """Compliance of the nodes whose inverse factor is sqrt(1 - z) exp(-a z)."""
+    """Compliance of the nodes with the inverse factor sqrt(1 - z) exp(-a z)."""
     return SINE * np.exp(2.0 * a * (np.cos(THETA) - 1.0))
 
 
@@ -29,7 +29,7 @@ def forces_at_an_edge(a, alpha, beta, n):
 
 
 @pytest.mark.parametrize("a", [-0.2, 0.0, 0.1])
-def test_the_layer_at_an_edge_is_that_of_wiener_and_hopf(a):
+def test_the_layer_at_an_edge_follows_wiener_and_hopf(a):
     layer = edge_layer(compliance_ratio(a))
     assert layer.reach == pytest.approx(0.25 - a, abs=1e-5)
     assert layer.ratio == pytest.approx(0.5 - a, abs=1e-5)
@@ -84,7 +84,7 @@ def test_spots_of_few_nodes_have_the_area_of_a_fine_grid(turn):
     np.testing.assert_allclose(area(32, turn), fine, rtol=0.012)  # counted: 10, 4, 1.3 % more
 
 
-def test_an_area_knows_neither_place_nor_turn_nor_unit():
+def test_an_area_depends_on_neither_place_nor_turn_nor_unit():
     force = np.maximum(np.random.default_rng(seed=2).normal(size=(24, 18)), 0.0)
     weight = np.random.default_rng(seed=3).uniform(0.5, 1.5, force.shape)
     plain = contact_fraction(force, weight)

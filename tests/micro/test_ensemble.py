@@ -48,7 +48,7 @@ def test_realisations_are_joined_with_labels_units_and_statistics(cells):
     assert np.ptp(response["mean_gap"].values[:, 0]) > 0.0
 
 
-def test_what_a_realisation_lacks_is_nan_and_what_all_share_stands_once():
+def test_missing_values_are_nan_and_common_values_are_stored_once():
     first = PlainDataset({"mean_gap": np.ones((2, 3)), "branch": np.zeros(3, int)})
     second = PlainDataset({"mean_gap": np.ones((1, 3)), "slip_fraction": np.full((1, 3), 0.5)})
     joined = MICRO_RESPONSE.join([first, second], "realisation").values
@@ -95,7 +95,7 @@ def test_finished_realisations_are_not_computed_again(cells, tmp_path, monkeypat
     same(first, second)
 
 
-def test_realisations_of_another_case_are_refused_and_kept(cells, tmp_path):
+def test_realisations_of_another_case_are_refused_and_not_removed(cells, tmp_path):
     run_ensemble(cells, PATH, folder=tmp_path, identity="a")
     before = {file: file.read_bytes() for file in tmp_path.iterdir()}
     with pytest.raises(CaseError, match="was computed for another case; choose another folder"):
@@ -103,7 +103,7 @@ def test_realisations_of_another_case_are_refused_and_kept(cells, tmp_path):
     assert before == {file: file.read_bytes() for file in tmp_path.iterdir()}
 
 
-def test_local_fields_are_kept_for_the_first_realisation_only(cells, tmp_path):
+def test_local_fields_are_stored_for_the_first_realisation_only(cells, tmp_path):
     response = run_ensemble(cells, PATH, folder=tmp_path, keep_fields=True)
     assert "pressure" not in response
     with xr.open_dataset(tmp_path / "realisation-0000.nc", engine="h5netcdf") as first:
@@ -226,7 +226,7 @@ def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path
     assert computed is rest
 
 
-def test_a_realisation_says_why_it_lacks_steps(cells, tmp_path, monkeypatch):
+def test_a_realisation_reports_why_it_lacks_steps(cells, tmp_path, monkeypatch):
     monkeypatch.setattr(active_set, "_LINEAR_LIMIT", 1)
     response = run_ensemble(cells[:2], PATH)
     assert not response["converged"].values.any()

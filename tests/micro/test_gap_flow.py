@@ -10,7 +10,7 @@ SPACING = (0.5e-6, 0.8e-6)  # m
 
 
 def waves(n, m, along):
-    """A gap that varies along one axis alone, m."""
+    """A gap that varies along a single axis, m."""
     shape, at = (n, m), np.arange(n if along == 0 else m) / (n if along == 0 else m)
     wave = 1e-6 * (1.0 + 0.6 * np.cos(2.0 * np.pi * at))
     return np.broadcast_to(wave[:, None] if along == 0 else wave, shape)
@@ -37,7 +37,7 @@ def test_waves_across_the_flow_are_in_series_and_along_it_in_parallel(axis):
 
 
 def test_the_error_of_a_plane_flow_falls_with_the_square_of_the_spacing():
-    """k and 1/k are alike but for a shift of half a period: the effective one is 1 (Keller)."""
+    """k and 1/k are alike but for a shift of half a period: the effective value is 1 (Keller)."""
     errors = []
     for n in (16, 32, 64):
         at = 2.0 * np.pi * (np.arange(n) + 0.5) / n  # ends are planes of symmetry
@@ -57,10 +57,10 @@ def test_a_random_gap_lies_between_its_series_and_parallel_bounds():
         assert lower < gap_flow(gap, (1e-6, 1e-6), axis).aperture ** 3 < upper
 
 
-def test_only_paths_to_both_ends_let_something_through():
+def test_only_paths_to_both_ends_conduct():
     gap = np.zeros((9, 8))
     gap[:, 2] = 1e-6  # a channel along x, one of eight points wide
-    gap[0:6, 5] = 1e-6  # a blind one
+    gap[0:6, 5] = 1e-6  # a blind path
     along = gap_flow(gap, SPACING, 0)
     assert along.share == pytest.approx(1.0 / 8.0)
     assert along.aperture == pytest.approx(1e-6 * 8.0 ** (-1.0 / 3.0))
@@ -79,7 +79,7 @@ def test_what_presses_is_closed_whatever_its_gap():
 
 
 @pytest.mark.parametrize("geometry", ["flat", "conforming"])
-def test_a_cell_tells_what_its_gap_lets_through(geometry):
+def test_a_cell_reports_the_flow_of_its_gap(geometry):
     waves = {"hurst_exponent": 0.8, "long_cutoff": 0.5, "short_cutoff": 0.25, "rms_slope": 0.05}
     surface = self_affine((16, 24), (1.0, 1.5), 3, **waves)
     cell = Cell(surface, 1.5, 4, 1.0, 0.3, geometry=geometry)

@@ -1,4 +1,4 @@
-"""A cell allocates and computes what it needs, and nothing else."""
+"""A cell allocates and computes only the required quantities."""
 
 import tracemalloc
 
@@ -56,7 +56,7 @@ def test_each_feature_is_built_only_where_it_is_used(changes, built, state):
 @pytest.mark.parametrize(
     ("geometry", "order"), [("conforming", 1), ("flat", 1), ("flat", 2)], ids=str
 )
-def test_the_memory_said_is_the_memory_taken(geometry, order):
+def test_the_stated_memory_is_the_memory_taken(geometry, order):
     cell = plain_cell(96, geometry=geometry, slope_order=order)
     path = Path(pressure=(0.01,))
     solve_cell(cell, path)  # compiles
@@ -68,7 +68,7 @@ def test_the_memory_said_is_the_memory_taken(geometry, order):
 
 
 @pytest.mark.slow
-def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_one():
+def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_run():
     peaks = []
     for mu in (0.0, 0.3):
         cell = plain_cell(96, friction_coefficient=mu)
@@ -82,7 +82,7 @@ def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_one(
     assert peaks[0] <= 0.5 * peaks[1], peaks
 
 
-def test_what_a_plain_run_costs(monkeypatch):
+def test_the_cost_of_a_plain_run(monkeypatch):
     # the counts of the first version of this test: a later feature must not raise them
     counts = {"apply": 0, "solve": 0}
     make, solve = stiffness.stiffness_operator, LateralInverse.solve

@@ -1,4 +1,4 @@
-"""What --explain states of each kind of cell, held to a process that solves one."""
+"""Statements of --explain on each kind of cell, against a process that solves a cell."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The number of threads is no part of the answer."""
+"""The number of threads does not change the answer."""
 
 import numpy as np
 import pytest

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.bench.nonsmooth_scenes import GRAVITY, TIME_STEP, RigidBodies, box_stack
 
 PUSHES = ("each", "top", "sideways", "one", "squeeze")
-"""Ways to push a stack: each box by its own weight, the top box alone, all in one direction, one
+"""Ways to push a stack: each box by its weight, only the top box, all in one direction, one
 box by the weight of the stack, or some by all the weight that rests on them, which squeezes light
 boxes out like pips."""
 
@@ -34,7 +34,7 @@ def push_stack(way, push, masses, rng):
 
 
 def random_stack(seed):
-    """Make a stack of 5 to 20 boxes, mass ratio 1 to 1e6, pushed in any of the five ways."""
+    """Return a stack of 5 to 20 boxes, mass ratio 1 to 1e6, pushed in any of the five ways."""
     rng = np.random.default_rng(seed=seed)
     return box_stack(
         int(rng.integers(5, 21)),
@@ -46,7 +46,7 @@ def random_stack(seed):
 
 
 def plane_stack(boxes, rng, *, mass_ratio=1.0, friction=0.5, push=0.3):
-    """Make a stack in the plane: two contacts a face, two components a contact."""
+    """Return a stack in the plane: two contacts a face, two components a contact."""
     n = boxes
     masses = mass_ratio ** rng.uniform(0.0, 1.0, n)
     H = np.zeros((3 * n, 4 * n))
@@ -66,7 +66,7 @@ def plane_stack(boxes, rng, *, mass_ratio=1.0, friction=0.5, push=0.3):
 
 
 def random_problem(contacts, rng, *, rank=None, friction=0.5, dim=3):
-    """Make a random W = G G^T, of a rank if given, with a q that impulses can balance."""
+    """Return a random W = G G^T, of a rank if given, with a q that impulses can balance."""
     n = dim * contacts
     G = rng.normal(size=(n, rank or n))
     q = G @ rng.normal(size=G.shape[1]) - 0.5 * np.tile(np.eye(dim)[0], contacts)

@@ -1,4 +1,4 @@
-"""All methods find the same motion; the hybrid solves what they solve and more."""
+"""All methods find the same motion; the hybrid solves all their problems and more."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_a_verified_answer_of_one_method_starts_the_others_at_the_end(method):
     np.testing.assert_allclose(again.value, r, rtol=1e-8, atol=1e-10)
 
 
-def test_without_friction_the_answer_is_that_of_the_complementarity_problem():
+def test_without_friction_the_answer_solves_the_complementarity_problem():
     rng = np.random.default_rng(seed=5)
     W, q, _ = random_problem(30, rng)
     r = solve_friction(W, q, np.zeros(30), tolerance=1e-11).unwrap().reshape(-1, 3)
@@ -82,7 +82,7 @@ def test_a_plane_problem_equals_the_same_problem_in_space():
         pytest.param(random_stack(7), id="stack"),
     ],
 )
-def test_bodies_in_contact_lose_energy_and_keep_their_balance(problem):
+def test_bodies_in_contact_dissipate_energy_and_keep_their_balance(problem):
     W, q, mu = problem.condensed()
     r = solve_friction(W, q, mu).unwrap()
     assert verify_friction(W, q, mu, r).accepted

@@ -241,8 +241,8 @@ def test_no_constraints_no_load_and_no_contact():
     assert not solve_lcp(np.eye(3), np.array([1.0, 2.0, 3.0])).unwrap().any()
 
 
-def test_a_zero_on_the_diagonal_is_no_obstacle():
-    # min x^2/2 - x with x <= 1/4: a multiplier without stiffness of its own
+def test_a_zero_on_the_diagonal_is_not_an_obstacle():
+    # min x^2/2 - x with x <= 1/4: a multiplier without stiffness
     matrix = np.array([[1.0, 1.0], [-1.0, 0.0]])
     value = solve_lcp(matrix, np.array([-1.0, 0.25])).unwrap()
     np.testing.assert_allclose(value, [0.25, 0.75])
@@ -267,13 +267,13 @@ def test_an_infeasible_problem_is_named_with_its_certificate(method):
         solution.unwrap()
 
 
-def test_a_large_infeasible_problem_is_found_without_a_linear_program():
+def test_a_large_infeasible_problem_is_detected_without_a_linear_program():
     matrix, vector = infeasible(2500)
     solution = solve_lcp(csr_array(matrix), vector, tolerance=1e-8)
     assert solution.status.name == "INFEASIBLE"
 
 
-def test_the_limit_of_iterations_is_kept_and_said():
+def test_the_limit_of_iterations_is_respected_and_reported():
     matrix, vector = membrane(20)
     solution = solve_lcp(matrix, vector, max_iterations=1)
     assert solution.status.name == "MAX_ITERATIONS"
@@ -309,7 +309,7 @@ def test_a_known_error_is_measured():
 
 
 @pytest.mark.parametrize("huge", [-1e10, 1e10])
-def test_a_huge_entry_does_not_hide_a_wrong_one(huge):
+def test_a_huge_entry_does_not_hide_a_wrong_entry(huge):
     value = np.array([max(0.0, -huge), 0.0])  # right in the first row, wrong in the second
     assert verify_lcp(np.eye(2), np.array([huge, -1.0]), value) >= 5e-5
     value[1] = 1.0
@@ -338,9 +338,9 @@ def test_the_error_is_the_same_in_all_units_and_scales():
     assert verify_lcp(1e-9 * matrix, vector, 1e9 * value) == pytest.approx(error)
 
 
-def test_rounding_alone_is_no_error():
+def test_pure_rounding_is_not_an_error():
     mass, directions, vector = loaded_column(100, mass_ratio=1e8)
-    weight = 9.81e-3 * np.cumsum(mass.diagonal()[::-1])[::-1]  # each contact carries what is above
+    weight = 9.81e-3 * np.cumsum(mass.diagonal()[::-1])[::-1]  # weight above each contact
     matrix = condensed(mass, directions)
     assert verify_lcp(matrix, vector, weight) <= 1e-10
     assert verify_lcp(matrix, vector, weight * (1.0 + 1e-4)) >= 5e-5

@@ -13,7 +13,7 @@ from multiscale.numerics.krylov import minimal_residual
 
 
 def chain(n, contrast=1.0):
-    """Stiffness of n masses in a row on springs, the first one held."""
+    """Stiffness of n masses in a row on springs, the first mass fixed."""
     k = np.where(np.arange(n) % 2, contrast, 1.0)
     matrix = np.diag(k + np.append(k[1:], 0.0))
     return matrix - np.diag(k[1:], 1) - np.diag(k[1:], -1)
@@ -38,7 +38,7 @@ def test_a_floating_part_is_refused_in_any_unit(form, unit):
     matrix = np.zeros((9, 9))
     matrix[:5, :5] = chain(5)
     matrix[5:, 5:] = chain(4)
-    matrix[5, 5] -= 1.0  # the second chain loses its support
+    matrix[5, 5] -= 1.0  # the second chain is unsupported
     with pytest.raises(MultiscaleError, match=r"the chain is singular: unknown [5-8] can move"):
         factorise(form(unit * matrix), name="the chain")
 
@@ -57,13 +57,13 @@ def test_a_matrix_without_entries_is_refused(form):
 
 
 @pytest.mark.parametrize("form", FORM)
-def test_contrast_alone_is_not_taken_for_singularity(form):
+def test_pure_contrast_is_not_taken_for_singularity(form):
     matrix = np.diag([1e-20, 1.0, 1e20])
     np.testing.assert_allclose(factorise(form(matrix))(np.ones(3)), [1e20, 1.0, 1e-20])
 
 
 def plane(n):
-    """Laplacian of n times n masses, the outer ones tied to the ground."""
+    """Laplacian of n times n masses, the outer masses tied to the ground."""
     line = csr_array(chain(n) + np.diag([0.0] * (n - 1) + [1.0]))
     return csr_array(kron(line, eye_array(n)) + kron(eye_array(n), line))
 
@@ -94,7 +94,7 @@ def test_a_pattern_that_is_not_symmetric_is_solved():
     np.testing.assert_allclose(factorise(matrix)(matrix @ exact), exact, rtol=1e-9)
 
 
-def test_pivots_that_lose_digits_are_not_kept(monkeypatch):
+def test_pivots_with_cancelled_digits_are_not_reused(monkeypatch):
     monkeypatch.setattr(factorisation, "SMALL_PIVOT", 0.0)  # takes any pivot of the diagonal
     n = 60
     matrix = csr_array(1e-14 * np.eye(n) + np.diag(np.ones(n - 1), 1) + np.diag(np.ones(n - 1), -1))
@@ -129,7 +129,7 @@ def test_minimal_residuals_solve_a_nonsymmetric_system():
     np.testing.assert_allclose(matrix @ x, b, atol=1e-9)
 
 
-def test_bodies_side_by_side_have_the_compliance_that_each_has_alone():
+def test_bodies_side_by_side_have_the_compliance_of_each_body():
     rng = np.random.default_rng(seed=3)
     springs = [csr_array(a @ a.T) for a in (rng.normal(size=(n, n)) for n in (4, 90))]
     faces = [rng.normal(size=(m, n)) for m, n in ((2, 4), (70, 90))]  # more than one block
@@ -143,7 +143,7 @@ def test_bodies_side_by_side_have_the_compliance_that_each_has_alone():
         np.testing.assert_array_equal(soft, soft.T)
 
 
-def test_a_condensed_body_answers_to_kept_displacements_and_loads_like_the_whole():
+def test_a_condensed_body_answers_to_retained_displacements_and_loads_like_the_whole():
     rng = np.random.default_rng(seed=4)
     a = rng.normal(size=(7, 7))
     K, force = a @ a.T, rng.normal(size=7)

@@ -63,7 +63,7 @@ def steel(pressures, way):
 
 @pytest.fixture(scope="module")
 def ways(tmp_path_factory):
-    """Adaptive blocks whose cells begin at few pressures, and sequential ones at all of them."""
+    """Adaptive blocks with cells at few pressures, and sequential blocks with all of them."""
     out = tmp_path_factory.mktemp("ways")
     few, every = (20.0, 40.0, 80.0), (5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0)
     results = {
@@ -73,7 +73,7 @@ def ways(tmp_path_factory):
     return results, out
 
 
-def test_adaptive_blocks_are_those_of_cells_at_all_pressures(ways):
+def test_adaptive_blocks_equal_blocks_of_cells_at_all_pressures(ways):
     results, _ = ways
     adaptive, whole = (results[way].macro_result for way in ("adaptive", "sequential"))
     for name in ("joint_stiffness", "mean_gap", "joint_stiffness_one_part"):

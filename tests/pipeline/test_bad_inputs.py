@@ -20,7 +20,7 @@ LAP = case_text("lap_of_law")
 
 
 def measured(more=""):
-    """Text of a case whose first surface is the file ``map.txt``."""
+    """Text of a case with the file ``map.txt`` as first surface."""
     start, end = STEEL.index("rms_height"), STEEL.index("\n\n[body_2]")
     text = STEEL[:start] + f'file = "map.txt"\n{more}' + STEEL[end:]
     second = text.index("[body_2.surface]")

@@ -1,4 +1,4 @@
-"""Cases of bodies with meshes of the user: what they solve, and what they refuse."""
+"""Cases of bodies with meshes of the user: answers and refusals."""
 
 import re
 
@@ -108,7 +108,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(meshes, base, patches, messa
 
 
 def test_a_patch_of_faces_that_do_not_match_is_even(meshes):
-    """Springs in series: housing, interface, cover; see Exponential (1) for the middle one."""
+    """Springs in series: housing, interface, cover; see Exponential (1) for the interface."""
     even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
     result = solve(meshes, *even)
     assert result.converged.values.all()
@@ -158,7 +158,7 @@ def test_bodies_that_are_cut_answer_the_same(meshes):
 
 
 def test_bodies_that_are_turned_answer_the_same(meshes):
-    """An oblique interface, whose faces do not match."""
+    """An oblique interface with faces that do not match."""
     turn = Rotation.from_euler("xyz", [0.4, -0.3, 0.9]).as_matrix()
     result = solve(meshes, *turned(meshes, turn, [(3, 2, 1), (2, 3, 1)]))
     same_answers(solve(meshes), result)
@@ -214,7 +214,7 @@ def test_three_hexahedra_bend_as_a_beam(meshes, order, error):
     assert float(result["load_displacement"].values[-1, 0]) == pytest.approx(bent, rel=error)
 
 
-def test_tetrahedra_are_of_second_order_and_a_quick_case_says_that_they_are_not(meshes):
+def test_tetrahedra_are_of_second_order_and_a_quick_case_reports_that_they_are_not(meshes):
     text = BEAM.replace("order = 2\n", "").replace("housing.msh", "tets.msh")
     case = load_case(write_scene(meshes, text))
     (body,) = case.structure.bodies
@@ -235,7 +235,7 @@ def test_nodes_of_faces_of_any_order_are_counted_before_a_body_is_built(meshes, 
     assert body.count_face_nodes(loaded, "bottom") == built.nodes("bottom").size
 
 
-def test_a_coarser_mesh_tells_the_error_of_the_mesh_whatever_else_is_known(meshes):
+def test_a_coarser_mesh_gives_the_error_of_the_mesh_whatever_else_is_computed(meshes):
     write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (1, 1, 1)))
     given = ('"housing.msh"', '"housing.msh"\ncoarser = "coarse.msh"')
     result = run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
@@ -246,7 +246,7 @@ def test_a_coarser_mesh_tells_the_error_of_the_mesh_whatever_else_is_known(meshe
     assert "unknown" not in result.attrs.get("cautions", "")
 
 
-def test_cycles_without_slip_lose_nothing_whatever_their_rounding(meshes):
+def test_cycles_without_slip_dissipate_nothing_whatever_their_rounding(meshes):
     write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (1, 1, 1)))
     given = ('"housing.msh"', '"housing.msh"\ncoarser = "coarse.msh"')
     cycles = '[cycles]\nload = "lift"\ncycles = 2\nsteps = 3\n'
@@ -263,7 +263,7 @@ def test_cycles_without_slip_lose_nothing_whatever_their_rounding(meshes):
     assert np.isfinite(result["load_stiffness_mean_law"].sel(load="pull")).any()
 
 
-def test_a_coarser_mesh_that_is_none_is_refused_with_both_numbers_of_elements(meshes):
+def test_a_coarser_mesh_that_is_not_coarser_is_refused_with_both_numbers_of_elements(meshes):
     given = ('"housing.msh"', '"housing.msh"\ncoarser = "housing.msh"')
     with pytest.raises(CaseError, match="of housing has 6 elements and its mesh 6, and the error"):
         run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
@@ -296,7 +296,7 @@ yield_stress = "400 MPa"
 
 
 @pytest.mark.slow
-def test_asperities_are_pressed_between_bodies_as_their_statistics_say(meshes):
+def test_asperities_are_pressed_between_bodies_by_their_statistics(meshes):
     result = solve(meshes, (STATED, ASPERITIES))
     single_law = Asperities(*gaussian_asperities(1e-6, 1e9), 1e-4, 210e9, 0.3, 400e6)
     law = AsperityLaw(single_law, friction=0.2, stiffness_ratio=0.8)
@@ -307,7 +307,7 @@ def test_asperities_are_pressed_between_bodies_as_their_statistics_say(meshes):
 
 
 @pytest.mark.slow
-def test_a_table_tells_the_initial_gap_of_an_interface(meshes):
+def test_a_table_gives_the_initial_gap_of_an_interface(meshes):
     rows = [f"{x},{y},{1e-4 * x}" for x in range(-2, 64, 2) for y in range(-2, 44, 2)]
     (meshes / "gap.csv").write_text("\n".join(["x,y,gap", *rows]), encoding="utf-8")
     stated = 'gap = { form = "map", file = "gap.csv", unit = "mm" }\n'
@@ -381,7 +381,7 @@ def write_scattered_law(file, samples=0):
 
 
 def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
-    """Two alike interfaces in series: errors of one law add up, those of two by their squares."""
+    """Two alike interfaces in series: errors of one law add up, of two laws their squares."""
     for name in ("law.nc", "other.nc"):
         write_scattered_law(meshes / name)
     text = TEXT.replace(STATED, 'law = "law.nc"\n').replace(
@@ -407,7 +407,7 @@ def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
     half = real["error_half_width"].sel(error_term="fit", step=0)
     assert real["interface_real_pressure"][0].to_numpy() == pytest.approx(5e9, rel=0.1)
     changed, two = (float(half.sel(quantity=f"real pressure of interface {k}")) for k in (0, 1))
-    assert changed == pytest.approx(two, rel=1e-6)  # each has the error of its own law alone
+    assert changed == pytest.approx(two, rel=1e-6)  # each has only the error of its law
     low, high = real["interface_real_pressure_one_part"][:, 0, 1].to_numpy()
     assert low < float(real["interface_real_pressure"][0, 1]) < high
     compared = LOADED_BODIES.compared(real)
@@ -481,7 +481,7 @@ def test_the_time_of_all_load_steps_follows_from_the_first(meshes):
     ]
 
 
-def test_the_figure_and_the_answer_are_those_of_the_last_step_that_is_known(meshes, tmp_path):
+def test_the_figure_and_the_answer_are_of_the_last_step_that_is_known(meshes, tmp_path):
     """The last step is far below the pressures of the law; in a linear law it has no load."""
     low = "{ press = 1 }, { pull = 1 }", "{ press = 1 }, { press = 0.001 }"
     result = solve(meshes, low)

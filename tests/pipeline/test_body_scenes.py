@@ -1,4 +1,4 @@
-"""Scenes of substructures and rough joints: what they say, solve, and refuse."""
+"""Scenes of substructures and rough joints: reports, solutions and refusals."""
 
 import re
 
@@ -43,7 +43,7 @@ def expected_stiffness(path, pressure, damage=(0.0, 0.0, 0.0)):
     return series(lower * block, joint * law.stiffness(gap), upper * block)
 
 
-def test_a_cut_grid_has_the_tensions_of_the_whole_one(tmp_path):
+def test_a_cut_grid_has_the_tensions_of_the_whole_grid(tmp_path):
     scene = load_case(write_scene(tmp_path, GRID, ("[4, 4]", "[2, 3]"), ("n = 16", "n = 6")))
     run_macro(scene, tmp_path / "grid.nc")
     result = open_dataset(tmp_path / "grid.nc", MACRO_RESULT)
@@ -55,7 +55,7 @@ def test_a_cut_grid_has_the_tensions_of_the_whole_one(tmp_path):
     assert (tmp_path / "fields" / "grid.pvd").is_file()
 
 
-def test_a_cut_grid_moves_like_the_whole_one(tmp_path):
+def test_a_cut_grid_moves_like_the_whole_grid(tmp_path):
     pairs = [
         ("n = 16", 'n = 4\nprestress = "160 N"'),
         ('"0.5 s"', '"0.05 s"'),
@@ -132,7 +132,7 @@ def test_homogenised_plates_are_refused(tmp_path):
         load_case(scene)
 
 
-def test_condensed_substructures_are_written_beside_the_result(tmp_path, blocks):
+def test_condensed_substructures_are_written_next_to_the_result(tmp_path, blocks):
     grid = ("n = 16", 'n = 4\nprestress = "160 N"')
     scene = write_scene(tmp_path, GRID, grid, ("[4, 4]", "[2, 2]\nhomogenise = true"))
     out = tmp_path / "grid.nc"
@@ -172,7 +172,7 @@ def test_a_law_from_a_file_gives_springs_in_series_and_stays_as_it_is(blocks, tm
     assert (tmp_path / "law.nc").read_bytes() == before
 
 
-def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path):
+def test_the_law_of_the_command_comes_before_the_law_of_the_scene(blocks, tmp_path):
     scene = write_scene(tmp_path, BLOCKS, ('law = "law.nc"\n', ""))
     out = tmp_path / "blocks.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
@@ -225,7 +225,9 @@ def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
         (2e6, "", 1, "preloads in [statics] press the joints by about 5 MPa to 20 MPa, more"),
     ],
 )
-def test_load_beyond_the_law_is_told_on_the_command_line(tmp_path, highest, more, status, sentence):
+def test_load_beyond_the_law_is_reported_on_the_command_line(
+    tmp_path, highest, more, status, sentence
+):
     law = write_law(tmp_path / "law.nc", (1e5, highest))
     scene = write_scene(tmp_path, BLOCKS, ("friction = 0.2\n", f"friction = 0.2\n{more}"))
     arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc"), "--law", str(law)]
@@ -260,16 +262,16 @@ def test_a_bolt_of_a_lap_joint_has_the_stiffness_of_its_shank(tmp_path):
         load_case(write_scene(tmp_path, text, wide))
 
 
-def test_a_lap_joint_whose_hole_keeps_its_elements_small_tells_no_error_of_the_mesh():
+def test_a_lap_joint_with_small_elements_at_its_hole_reports_no_error_of_the_mesh():
     pytest.importorskip("gmsh", exc_type=Exception)
     joint = load_case(SCENES / "lap_joint.toml").structure
     ((ratio, larger),) = joint.model_copy(update={"element": 4e-3}).coarser().items()
     assert 1.2 < ratio < 1.6
     assert larger.element == 8e-3
-    assert larger.coarser() == {}  # the same mesh, whose answers would err by nothing
+    assert larger.coarser() == {}  # the same mesh: its answers would err by nothing
 
 
-def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):
+def test_a_scene_reports_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):
     law = open_law(tmp_path / "law.nc")
     law = law.assign_attrs(cell_size=1e-3, behaviour="The answer is elastic.")
     save_law(law, tmp_path / "law.nc")
@@ -300,7 +302,7 @@ def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load
 
 
 @pytest.mark.slow
-def test_steps_before_one_that_slides_away_keep_their_errors_in_the_print(tmp_path):
+def test_steps_before_a_step_that_slides_away_keep_their_errors_in_the_print(tmp_path):
     p = np.geomspace(1e6, 2e8, 9)
     response = response_of(
         np.array([[0.98], [1.0], [1.03]]) * 0.2e-6 * np.log(2e9 / p), p, contact_modulus=115e9

@@ -40,7 +40,7 @@ def test_a_quick_run_softens_and_damps_as_the_reference(shipped_run):
 
 
 @pytest.mark.long
-def test_preloaded_frequencies_and_the_backbone_are_those_of_the_reference():
+def test_preloaded_frequencies_and_the_backbone_agree_with_the_reference():
     """J. H. Porter and M. R. W. Brake, data of tmdsimpy: flat interface, bending modes, Hz.
 
     The last tolerances are of the fall below and above the modal amplitude 1e-5.
@@ -62,7 +62,7 @@ def test_preloaded_frequencies_and_the_backbone_are_those_of_the_reference():
 
 
 @pytest.mark.slow
-def test_the_frequencies_without_contact_are_those_of_the_reference():
+def test_the_frequencies_without_contact_agree_with_the_reference():
     """Only the bolts join both halves, which may part along them; six modes do not move rigidly."""
     case = load_case("brake_reuss")
     parts = case.structure.build(case, _laws(case.structure, case, [None], Change()))

@@ -1,4 +1,4 @@
-"""Case files: what is read, and what a refused one says."""
+"""Case files: reading, and the messages of refused files."""
 
 from functools import partial
 from typing import Annotated
@@ -58,7 +58,7 @@ def test_cautions_name_coarse_grids_shallow_cells_and_few_realisations(changed):
     assert "there are no bands below 3" in caution
 
 
-def test_identity_depends_on_the_micro_scale_alone():
+def test_identity_depends_only_on_the_micro_scale():
     case = load_case("ground_steel")
     other_joint = case.model_copy(update={"structure": load_case("road_texture").structure})
     other_seed = case.model_copy(update={"micro": case.micro.model_copy(update={"seed": 99})})
@@ -74,7 +74,7 @@ def test_a_case_written_by_a_run_is_the_same_case(tmp_path):
             assert load_case(tmp_path / "case.toml") == case
 
 
-def test_a_folder_beside_does_not_hide_a_shipped_case(tmp_path, monkeypatch):
+def test_a_folder_of_the_same_name_does_not_hide_a_shipped_case(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ground_steel").mkdir()
     (tmp_path / "elsewhere").mkdir()
@@ -83,7 +83,7 @@ def test_a_folder_beside_does_not_hide_a_shipped_case(tmp_path, monkeypatch):
         load_case("elsewhere")
 
 
-def test_an_instrument_file_is_looked_for_beside_its_case(changed):
+def test_an_instrument_file_is_looked_for_next_to_its_case(changed):
     start = TEXT.index("rms_height")
     end = TEXT.index("\n\n[body_2]")
     path = changed((TEXT[start:end], 'file = "map.al3d"\nperiodic = "window"'))
@@ -101,7 +101,7 @@ def test_a_fault_is_shown_in_its_line_with_a_caret(tmp_path):
         begin = f"  line {number}: "
         at = len(begin) + lines[number - 1].index(name)
         assert f"\n{begin}{lines[number - 1]}\n{' ' * at}{'^' * len(name)}" in text
-    assert text.count("^\n") + text.endswith("^") == 2  # what is missing has no line
+    assert text.count("^\n") + text.endswith("^") == 2  # a missing entry has no line
 
 
 def test_a_fault_of_a_list_of_tables_or_of_a_sweep_is_shown_where_it_stands(tmp_path):

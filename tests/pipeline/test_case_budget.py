@@ -1,4 +1,4 @@
-"""What a budget does not know is said in the keys of a case or scene file."""
+"""Unknown terms of a budget are named by keys of a case or scene file."""
 
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import load_case, run_macro
@@ -18,7 +18,7 @@ def test_every_term_that_is_not_known_names_a_key(run_folder):
     assert not text["how_scale_separation"].startswith("not known")
 
 
-def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):
+def test_a_scene_with_elements_that_cannot_be_doubled_is_reported(run_folder, tmp_path):
     scene = write_scene(tmp_path, TWO_BLOCKS, ("[2, 2, 1]", "[3, 3, 1]"), ("20 MPa", "80 MPa"))
     assert "error_half_width" in open_law(run_folder / "interface_law.nc")
     result = run_macro(

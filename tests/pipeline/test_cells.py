@@ -25,7 +25,7 @@ def case():
 
 
 def measured(case, path, **settings):
-    """Let body 1 have a measured surface and body 2 none."""
+    """A case with a measured surface of body 1 and without a surface of body 2."""
     body_1 = case.model_dump()["body_1"] | {"surface": {"file": str(path)} | settings}
     modulus = body_1.pop("youngs_modulus")
     return type(case).model_validate(
@@ -56,7 +56,7 @@ def test_both_rough_bodies_are_in_the_composite_surface(case):
     changed = case.model_copy(update={"body_2": case.body_2.model_copy(update={"surface": None})})
     single = make_cells(changed)[0].surface
     assert rms_height(single) == pytest.approx(0.4e-6)
-    # independent sides: ignoring the second would lose a factor sqrt 2
+    # independent sides: ignoring the second would omit a factor sqrt 2
     assert rms_height(both) == pytest.approx(np.sqrt(2.0) * 0.4e-6, rel=0.1)
 
 
@@ -90,7 +90,7 @@ def test_a_measured_map_gives_one_separate_window_for_each_realisation(case, tmp
         assert cell.surface.heights.shape == case.cell.points
 
 
-def test_a_map_with_too_few_windows_says_how_many_it_holds(case, tmp_path):
+def test_a_map_with_too_few_windows_reports_how_many_it_holds(case, tmp_path):
     rng = np.random.default_rng(seed=1)
     path = write_map(tmp_path / "map.txt", rng.standard_normal((125, 213)))
     with pytest.raises(
@@ -117,7 +117,7 @@ def test_a_measured_cutoff_finer_than_the_grid_is_refused(case, tmp_path):
 
 
 def both_measured(case, path):
-    """Let both bodies have the same measured map."""
+    """A case with the same measured map on both bodies."""
     quantity = measured(case, path)
     return quantity.model_copy(update={"body_2": quantity.body_1})
 
@@ -192,7 +192,7 @@ def test_identity_follows_the_content_of_an_instrument_file_not_its_place(case, 
     assert measured(case, write_map(tmp_path / "a.txt", 2.0 * heights)).identity() != first
 
 
-def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path, capsys):
+def test_a_run_with_a_measured_map_reports_its_share_in_the_cells(case, tmp_path, capsys):
     heights = np.random.default_rng(seed=1).standard_normal((200, 100))
     heights[150:180, 20:70] = np.nan
     write_map(tmp_path / "map.txt", heights, spacing=1)
@@ -224,7 +224,7 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
 MEASURED = case_text("measured")
 
 
-def test_a_case_of_second_order_expands_both_bodies_under_their_own_surfaces(case):
+def test_a_case_of_second_order_expands_both_bodies_under_their_surfaces(case):
     cell = case.cell.model_copy(update={"geometry": "flat", "slope_order": 2})
     first = make_cells(case.model_copy(update={"cell": cell}))[0]
     lower, upper = case_cells.two_surfaces(case)[0]
@@ -235,7 +235,7 @@ def test_a_case_of_second_order_expands_both_bodies_under_their_own_surfaces(cas
     np.testing.assert_allclose(both, lower.heights + upper.heights)
 
 
-def test_flat_cells_say_what_their_slopes_leave(tmp_path):
+def test_flat_cells_report_the_error_of_their_slopes(tmp_path):
     surface = rough_square(32, 1.0, 0.25, 0.1)
     path = LoadPath(pressure=(0.01, 0.03))
 
@@ -262,7 +262,7 @@ def test_flat_cells_say_what_their_slopes_leave(tmp_path):
 def test_one_body_for_two_errs_by_half_its_slope_correction_where_both_are_alike(
     tmp_path, stiff, share
 ):
-    """Of alike bodies half of the first order is left (3), of a rigid one the whole."""
+    """Of alike bodies half of the first order is left (3), of a rigid body the whole."""
     surface = rough_square(32, 1.0, 0.25, 0.05)
     path = LoadPath(pressure=(0.003, 0.01))
     smooth = Surface(np.zeros((32, 32)), (1.0, 1.0))

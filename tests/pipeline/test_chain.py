@@ -94,7 +94,7 @@ def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
     assert np.all(np.array(fitted[1:]) > loaded[1:])
 
 
-def test_cells_alone_are_a_case_and_tell_the_interface(command, tmp_path):
+def test_cells_without_a_structure_are_a_case_and_describe_the_interface(command, tmp_path):
     path = write_scene(tmp_path, CELLS + "[law]\nsamples = 0\n")
     status, output, _ = command("run", path, "-o", "out", "--jobs", "1")
     assert status == 0
@@ -109,7 +109,7 @@ def test_cells_alone_are_a_case_and_tell_the_interface(command, tmp_path):
 
 
 def test_blocks_take_a_law_from_a_file(run_folder, tmp_path, command):
-    """The last arrow of a case alone, with the law of the whole one, gives the same joint."""
+    """Only the last stage of a case, with the law of the whole case, gives the same joint."""
     law = run_folder / "interface_law.nc"
     whole = open_dataset(run_folder / "macro_result.nc", MACRO_RESULT)
     bodies = "".join(

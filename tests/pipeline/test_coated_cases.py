@@ -1,4 +1,4 @@
-"""Cases whose bodies have coatings: their cells, what they refuse, and what they say."""
+"""Cases of coated bodies: their cells, refusals and reports."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def symbol(case):
     return flat_compliance(cell_of(case, flat_surface(case))).flat[1:]
 
 
-def test_waves_longer_than_an_oxide_see_the_steel_and_shorter_ones_the_oxide(tmp_path):
+def test_waves_longer_than_an_oxide_see_the_steel_and_shorter_waves_the_oxide(tmp_path):
     case = case_of(tmp_path, TEXT)
     bare, coated = symbol(case.without_coatings()), symbol(case)
     assert np.all(coated < bare)
@@ -73,7 +73,7 @@ def test_the_hardness_of_the_coating_caps_local_pressures(tmp_path):
     assert not [caution for caution in below.cautions() if "spots wider" in caution]
 
 
-def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
+def test_one_conforming_body_replaces_both_within_the_limits_of_a_caution(tmp_path):
     conforming = ('geometry = "flat"', 'geometry = "conforming"')
     assert coating_caution(case_of(tmp_path, TEXT)) == []
     caution = coating_caution(case_of(tmp_path, TEXT, conforming))

@@ -1,4 +1,4 @@
-"""Cases whose bodies conduct: answers with their bands, and what is refused."""
+"""Cases of conducting bodies: answers with their bands, and refusals."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from tests.support import case_of, case_text
 TEXT = case_text("conducting")
 
 
-def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
+def test_a_joint_of_bodies_that_conduct_reports_its_conductance(tmp_path):
     result = run(case_of(tmp_path, TEXT), tmp_path / "out")["macro_result"]
     h = result["thermal_conductance"]
     modulus = contact_modulus((70e9, 0.33), (210e9, 0.3))

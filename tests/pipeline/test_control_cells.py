@@ -1,4 +1,4 @@
-"""Flat cells beside conforming ones: same surfaces, their number, what the law gains, refusals."""
+"""Flat cells next to conforming cells: same surfaces, their number, gain of the law, refusals."""
 
 from shutil import copytree
 
@@ -64,12 +64,12 @@ def test_the_law_is_surer_by_them_and_single_cells_are_not(found, folder, tmp_pa
     ratio = law["cell_scatter"] / alone["interface_law"]["cell_scatter"]
     assert 0.4 < float(ratio.sel(quantity="mean_gap").mean()) < 2.5
     assert "40 control cells" in law.attrs["how_sampling"]
-    # the means differ by what five surfaces are off, and bands tell it
+    # the means differ by the scatter of five surfaces, which the bands contain
     apart = law["fit_mean_gap"] / alone["interface_law"]["fit_mean_gap"] - 1.0
     assert np.all(np.abs(apart) < 1.5 * unsure[0])
 
 
-def test_cells_that_are_there_are_kept_and_more_are_added(written, found):
+def test_existing_cells_are_reused_and_more_are_added(written, found):
     assert len(written) == 2  # of 16 cells each
     assert {file: file.stat().st_mtime_ns for file in written} == written
     (made,) = {file.parent for file in written}
@@ -90,7 +90,7 @@ def test_dearer_cells_have_a_control_unless_it_is_turned_off(tmp_path):
     assert needs.built["control cells"].startswith("40 flat cells on the surfaces of the 5 cells")
 
 
-def test_cells_that_are_followed_by_chance_alone_count_alone_and_a_caution_says_it(
+def test_cells_that_are_followed_only_by_chance_count_without_control_and_a_caution_reports_it(
     found, folder, tmp_path
 ):
     case, response = load_case(write_scene(tmp_path, TEXT)), found["micro_response"]

@@ -1,4 +1,4 @@
-"""What every stage must do, on one small case each: schema, needs, tables, page, print, answers."""
+"""Duties of every stage, on one small case each: schema, needs, tables, page, print, answers."""
 
 import base64
 import csv
@@ -98,13 +98,13 @@ def test_datasets_follow_their_schemas_and_carry_labels(finished):
             assert dataset[name].attrs.get("long_name", SHOWN[name].label) == SHOWN[name].label
 
 
-def test_needs_of_all_stages_are_told(finished):
+def test_needs_of_all_stages_are_reported(finished):
     needs = requirements(finished.case)
     assert needs.memory > 0
     assert [cost.stage for cost in needs.costs] == [stage.name for stage, _ in finished.stages]
 
 
-def test_a_stage_is_out_of_date_by_its_own_tables_and_those_that_it_takes_from(finished):
+def test_a_stage_is_out_of_date_by_its_tables_and_tables_that_it_takes_from(finished):
     def closure(stage):
         read = {"structure"} if stage.reads is None else set(stage.reads)
         taken = (
@@ -174,7 +174,7 @@ def test_answers_are_shown_in_units_of_their_variables(finished):
             assert (chosen.name, chosen.scale) == (unit, scale)
 
 
-def test_printed_numbers_are_those_of_the_dataset_in_the_unit_of_the_head():
+def test_printed_numbers_equal_the_dataset_in_the_unit_of_the_head():
     table = Table(("preload", "joint_stiffness", "contact_fraction"), answer="joint_stiffness")
     values = {"preload": [1e6, 2e6], "joint_stiffness": [1.5e13, 2e13]}
     values |= {"contact_fraction": [0.0125, 0.5], "converged": [1, 1]}

@@ -1,4 +1,4 @@
-"""Cases with [fatigue]: life and place of cracks in bodies, and what they refuse."""
+"""Cases with [fatigue]: life and place of cracks in bodies, and refusals."""
 
 import meshio
 import numpy as np
@@ -69,7 +69,7 @@ PAD = case_text("porous_pad")
 
 
 def test_structures_that_are_solved_again_keep_the_volumes_of_their_other_bodies(cube, monkeypatch):
-    """A porous pad bears its share of the load beside the body that tires, before and after."""
+    """A porous pad bears its share of the load next to the body that tires, before and after."""
     write_body(cube / "pad.msh", box_mesh((0.01, 0.01, 0.01), (1, 1, 1), origin=(0.01, 0.0, 0.0)))
     asked = {}
 
@@ -101,8 +101,8 @@ def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     assert inner[0] == pytest.approx(closed_life(210e6, low), rel=2e-3)
 
 
-def test_a_plate_cracks_beside_its_hole(tmp_path):
-    """Place and life follow from Kirsch's stress in the element beside the hole.
+def test_a_plate_cracks_at_its_hole(tmp_path):
+    """Place and life follow from Kirsch's stress in the element at the hole.
 
     The plate is finite: Heywood's factor of a strip with a hole, 2 + (1 - d/w)^3 over the net
     section, raises the stress by 1.7 % (R. B. Heywood, Designing by Photoelasticity, 1952).
@@ -144,13 +144,13 @@ def test_the_interval_of_a_plate_counts_its_mesh(tmp_path):
     assert np.all(np.diff(changes) < 0.0)
 
 
-def test_a_damaged_body_bears_its_stress_on_what_is_left(cube):
+def test_a_damaged_body_bears_its_stress_on_the_remaining_area(cube):
     pairs = ('"210 MPa"', '"105 MPa"'), ('bottom = "z" }', 'bottom = "z" }\ndamage = 0.5')
     life = float(solve(cube, *pairs)["cycles_to_crack"])
     assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
 
 
-def test_what_is_left_of_an_element_bears_the_whole_load(cube):
+def test_the_rest_of_an_element_bears_the_whole_load(cube):
     """The structure is solved again with cracked elements; here that has a closed form."""
     pairs = (
         ("feedback = false", "feedback = false\nscatter = 0.04\ntolerance = 0.2"),
@@ -200,7 +200,7 @@ pressure = "20 MPa"
 
 
 @pytest.mark.parametrize(("base", "pairs", "sentence"), refused_rows("fatigue"))
-def test_what_is_no_fatigue_is_refused(cube, base, pairs, sentence):
+def test_loads_without_fatigue_are_refused(cube, base, pairs, sentence):
     with pytest.raises(CaseError, match=sentence):
         solve(cube, *pairs)
 

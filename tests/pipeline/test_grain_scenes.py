@@ -1,4 +1,4 @@
-"""Scenes of grains: what they say, leave and refuse."""
+"""Scenes of grains: reports, files and refusals."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_the_series_holds_grains_and_forces(tmp_path):
     )
 
 
-def test_the_number_of_frames_is_that_of_the_file(tmp_path):
+def test_the_number_of_frames_is_taken_from_the_file(tmp_path):
     path = write_scene(tmp_path, DEPOSIT, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3'))
     scene = load_case(path).quick()
     result = run_macro(scene, tmp_path / "result.nc")
@@ -89,7 +89,7 @@ def test_steps_in_which_pressed_grains_would_pass_each_other_are_refused(tmp_pat
         run_macro(scene, tmp_path / "result.nc")
 
 
-def test_grains_take_no_interface_law(tmp_path):
+def test_grains_refuse_an_interface_law(tmp_path):
     scene = load_case(SCENES / "deposit.toml").quick()
     with pytest.raises(CaseError, match="has no joint for the law"):
         run_macro(scene, tmp_path / "result.nc", law=tmp_path / "law.nc")

@@ -1,4 +1,4 @@
-"""Cases with [growth]: strength and energy of volumes whose cracks grow, and of a body."""
+"""Cases with [growth]: strength and energy of volumes with growing cracks, and of a body."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,7 @@ def test_the_shipped_beam_is_of_hexahedra_of_its_size_with_a_notch():
 
 
 @pytest.mark.parametrize(("base", "patches", "sentence"), refused_rows("cracked_bar"))
-def test_what_cannot_crack_is_refused_with_a_sentence(base, patches, sentence, tmp_path):
+def test_a_case_that_cannot_crack_is_refused_with_a_sentence(base, patches, sentence, tmp_path):
     write_bars(tmp_path)
     text = (VOLUME + BAR).replace("realisations = 3", "realisations = 1")
     with pytest.raises(CaseError, match=sentence):

@@ -69,7 +69,7 @@ def mutate_bytes(data, rng):
 
 
 class HangError(BaseException):
-    """What no reader catches."""
+    """Errors that no reader catches."""
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def boxed():
 
 
 def read_all(read, files, mutate, count, folder, seed):
-    """Read mutants of files; say which were neither read nor refused in a sentence."""
+    """Read mutants of files; return which were neither read nor refused in a sentence."""
     rng, faults = np.random.default_rng(seed), []
     sources = [(file, file.read_bytes()) for file in files]
     read(files[0])  # imports take their time once
@@ -151,7 +151,7 @@ def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path,
 
 
 def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path):
-    """HDF5 itself reads about one of a thousand without end."""
+    """HDF5 itself reads about one in a thousand without end."""
 
     def read(file):
         close(open_dataset(file, WORK_PRECISION))
@@ -165,7 +165,7 @@ def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_p
     assert read_all(read_surface, scans, mutate_bytes, count, tmp_path, seed) == []
 
 
-def test_a_reader_that_hangs_is_found(tmp_path):
+def test_a_reader_that_hangs_is_detected(tmp_path):
     original = CASES[0].read_bytes()
 
     def read(file):
@@ -184,7 +184,7 @@ NASTY = '<script>alert(1)</script> & "x" $\\\\frac{ {{ 7*7 }} </title>'
 SMALL = small_steel(2)
 
 
-def test_a_report_shows_what_a_user_wrote_and_runs_none_of_it(tmp_path, monkeypatch):
+def test_a_report_shows_text_of_a_user_without_running_it(tmp_path, monkeypatch):
     from multiscale.report import draw_figures, write_report
 
     title = SMALL.index("title = ")

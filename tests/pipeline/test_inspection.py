@@ -1,4 +1,4 @@
-"""What a measured surface is found to hold, and cases from measured files of every kind."""
+"""Content of a measured surface, and cases from measured files of every kind."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def store(tmp_path):
 
 @pytest.fixture(scope="module")
 def rough():
-    """An anisotropic map of 384 x 320 pixels, piece of a larger periodic surface."""
+    """An anisotropic map of 384 x 320 pixels, part of a larger periodic surface."""
     whole = self_affine(
         (512, 512),
         (512 * PIXEL, 512 * PIXEL),
@@ -51,7 +51,7 @@ def rough():
 
 
 def case_of(surfaces, *, size="60 um", points=48, count=2):
-    """A case whose bodies have these surface tables."""
+    """A case of bodies with these surface tables."""
     bodies = {
         f"body_{k}": BODY | ({"surface": surface} if surface else {})
         for k, surface in enumerate(surfaces, 1)
@@ -198,7 +198,7 @@ def test_inspect_counts_spikes_and_removes_them(store, rough, spiked):
     assert "fill_undefined" not in table
 
 
-def test_cells_leave_out_spikes_and_say_how_many(store, rough, spiked):
+def test_cells_leave_out_spikes_and_report_how_many(store, rough, spiked):
     heights, spikes = spiked
     table = {"size": ["384 um", "320 um"], "unit": "1 m"}
     sides = [
@@ -357,7 +357,7 @@ def test_arrays_that_are_no_rough_map_are_refused(store, command, heights, sente
         inspect_surface(file, size=(1e-6, 1e-6), unit=1e-6)
 
 
-# Every file of the reference data: what it holds beside SurfaceTopography's own, or the refusal
+# Every file of the reference data: the content next to SurfaceTopography's, or the refusal
 
 FILES = {
     "al3d-1.al3d": {},
@@ -437,7 +437,7 @@ def test_every_file_has_the_rms_height_of_the_library_or_a_sentence(reference_da
 
 
 def test_cells_of_a_line_scan_have_the_spectrum_that_is_shown(reference_data):
-    # whose reliable waves begin where the uneven points of the file are far apart
+    # the reliable waves begin where the uneven points of the file are far apart
     inspection = inspect_surface(reference_data / "topography" / "dektak-1.csv")
     shown = f"fitted with a Hurst exponent of {float(inspection['hurst_exponent']):.2g} and"
     assert shown in inspection.attrs["cautions"]

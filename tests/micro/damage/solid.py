@@ -1,4 +1,4 @@
-"""The solid around cavities and cracks, and what they leave of its modulus."""
+"""The solid around cavities and cracks, and its reduced modulus."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ AXES = np.eye(3)
 
 
 def ratio(solution, normals=AXES):
-    """Young's modulus along directions over that of the solid."""
+    """Young's modulus along directions over the modulus of the solid."""
     return youngs_modulus_along(solution.unwrap(), normals) / E
 
 

@@ -34,7 +34,7 @@ def collinear(damage, n, height):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", COLLINEAR)
-def test_collinear_cracks_are_softer_than_their_damage_says(damage):
+def test_collinear_cracks_are_softer_than_by_their_damage(damage):
     height = 3
     extra = 1.0 / COLLINEAR[damage] - 1.0  # x = (4/pi) (-ln cos(pi a / W)) for the height W
     expected = 1.0 / (1.0 + extra / height)
@@ -57,7 +57,7 @@ REFERENCES = {
     "crossing cracks": ([CRACK, penny_cracks(MIDDLE, (1, 0, 0), 0.3)], [0.8714, 0.9999, 0.8714]),
     "crack and sphere": ([CRACK, spheres(MIDDLE, 0.2)], [0.9373, 0.9373, 0.8678]),
 }
-"""Bodies, and Young's moduli along the edges over that of the solid.
+"""Bodies, and Young's moduli along the edges over the solid modulus.
 
 They come from tetrahedra of second order that follow both faces of the cracks, with quarter points
 at their fronts, by a direct solver; elements of .5, .35 and .25 of the edge agree to 2e-4.

@@ -51,7 +51,7 @@ def test_one_crack_grows_at_its_toughness_and_takes_its_energy():
     assert stress[0] == pytest.approx(peak)
     assert np.all(np.diff(stress) < 0.0)
     assert np.all(np.diff(w) > 0.0)
-    # what the mean stress does, less what stays stored, is the energy of the new faces
+    # the work of the mean stress, less the stored energy, is the energy of the new faces
     S0 = float(ONE.compliance(ONE.radius, PULL)[2, 2])
     strain = S0 * stress + w / EDGE
     work = EDGE**3 * float(np.sum(0.5 * (stress[1:] + stress[:-1]) * np.diff(strain)))
@@ -73,7 +73,7 @@ def test_the_softening_law_has_the_energy_of_the_section():
     assert law.fracture_energy == pytest.approx(K**2 * (1 - NU**2) / E * sound, rel=0.01)
 
 
-def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weaker():
+def test_cracks_with_rising_toughness_grow_together_and_larger_volumes_are_weaker():
     strengths = []
     for edge in (0.05, 0.1, 0.2):
         results = [

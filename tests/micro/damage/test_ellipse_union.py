@@ -39,7 +39,7 @@ def test_closed_forms_in_any_unit(sets, area, unit):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_random_unions_cover_what_counting_says(seed):
+def test_random_unions_cover_the_counted_area(seed):
     rng, n, k = np.random.default_rng(seed), 1500, 12
     centre, root = rng.uniform(size=(k, 2)), 0.12 * rng.normal(size=(k, 2, 2))
     turned = np.linalg.det(root) < 0.0

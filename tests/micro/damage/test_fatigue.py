@@ -1,4 +1,4 @@
-"""Two-scale fatigue against closed forms, an independent integration, and its own cycles."""
+"""Two-scale fatigue against closed forms, an independent integration, and single cycles."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -109,7 +109,7 @@ def localised(stress, damage, plastic, poissons_ratio):
 
 @pytest.mark.parametrize("damage", [0.0, 0.4, 0.95])
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.3, 0.45])
-def test_the_stress_of_the_inclusion_is_that_of_the_equivalent_one(damage, poissons_ratio):
+def test_the_stress_of_the_inclusion_equals_the_equivalent_inclusion(damage, poissons_ratio):
     rng = np.random.default_rng(seed=2)
     stress, plastic = rng.normal(size=(2, 3, 3))
     stress, plastic = 1e8 * (stress + stress.T), 1e-3 * (plastic + plastic.T)
@@ -182,7 +182,7 @@ def test_a_path_that_turns_follows_the_rate_equations_exactly():
 
 
 def test_a_straight_pull_is_integrated_exactly_from_the_threshold_on():
-    """The energy is quadratic along it, and the damage is that of the strain beyond."""
+    """The energy is quadratic along it, and the damage follows from the strain beyond."""
     results = []
     for threshold, substeps in ((0.0, 1), (0.0, 64), (4e-4, 1)):
         material = dataclasses.replace(PLAIN, hardening=20e9, threshold=threshold)
@@ -368,7 +368,7 @@ def test_a_woehler_curve_falls_to_the_limit():
 # --- refusals --------------------------------------------------------------------------------
 
 
-def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
+def test_a_jump_that_would_end_broken_is_shortened_until_it_is_not():
     """Damage that grows faster and faster, where a trial ends sound and the jump would not."""
     passes = 0
 

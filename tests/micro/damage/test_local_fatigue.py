@@ -1,4 +1,4 @@
-"""Fatigue of elements whose stiffness falls: closed form, redistribution, jumps, bounds."""
+"""Fatigue of elements with falling stiffness: closed form, redistribution, jumps, bounds."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ E, NU, LIMIT, STRENGTH = 200e9, 0.3, 200e6, 0.5e6
 PLAIN = FatigueMaterial(E, NU, LIMIT, STRENGTH, threshold=0.05, feedback=False)
 FULL = FatigueMaterial(E, NU, LIMIT, 0.2e6, 1.5, hardening=10e9, threshold=0.02, closure=0.2)
 AREA, SHAPE, AROUND = np.array([1.0, 1.1, 1.2]), np.array([1.0, 1.02, 0.97]), 6.0
-"""Areas of bars whose ends move together, how much more of the strain each bears, and the area of
-what is sound around them."""
+"""Areas of bars with ends that move together, how much more of the strain each bears, and the sound
+area around them."""
 
 
 def reversed_pull(amplitude):
@@ -29,7 +29,7 @@ def reversed_pull(amplitude):
 
 
 def bars(mean):
-    """Bars in parallel, beside sound ones, under a given force."""
+    """Bars in parallel, next to sound bars, under a given force."""
 
     def stress_of(cracked):
         left = AROUND + (AREA * (1.0 - cracked)).sum()
@@ -91,7 +91,7 @@ def test_jumps_between_solves_keep_the_life_of_every_cycle():
         assert float(jumps["cycles_to_crack"]) == pytest.approx(life, rel=error, abs=1.0)
 
 
-def test_what_stays_elastic_runs_out_and_what_is_cut_off_is_unknown():
+def test_elastic_paths_run_out_and_paths_that_are_cut_off_are_unknown():
     out = local_fatigue(bars(0.9 * LIMIT), 3, FULL)
     assert float(out["cycles_to_crack"]) == np.inf
     assert int(out["run_out"]) == 1

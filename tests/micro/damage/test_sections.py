@@ -1,4 +1,4 @@
-r"""Eq (1) on geometries whose sections have closed forms, by bodies and by voxels."""
+r"""Eq (1) on geometries with closed forms of their sections, by bodies and by voxels."""
 
 import numpy as np
 import pytest
@@ -80,7 +80,7 @@ def test_the_worst_plane_cuts_no_corner_smaller_than_asked_for(smallest):
     assert corners["maximum_damage"] > 1.1 * damage["maximum_damage"]
 
 
-def test_the_worst_plane_of_a_lattice_is_the_densest_one():
+def test_the_worst_plane_of_a_lattice_is_the_densest_plane():
     damage = max_damage(lattice("simple cubic", 0.3, edge=1.0), closed=True, level=0)
     assert float(damage["maximum_damage"]) == pytest.approx(np.pi * 0.09, rel=1e-9)
     assert np.sort(np.abs(damage["worst_normal"].values)) == pytest.approx([0, 0, 1])
@@ -142,7 +142,7 @@ def test_sections_add_up_to_the_volume(normal):
 
 
 def test_a_voxel_image_is_cut_exactly():
-    """One void voxel is a box of its own: its section is that of a box."""
+    """One void voxel is a separate box and has the section of a box."""
     void = np.zeros((3, 3, 3), dtype=bool)
     void[1, 1, 1] = True
     image = VoxelImage(void, (3.0, 6.0, 1.5))
@@ -235,7 +235,7 @@ def test_voxels_converge_to_the_closed_form(normal):
     assert observed_rate(1.0 / np.array(shapes), np.array(errors)) > 0.8
 
 
-def test_half_the_resolution_tells_the_error():
+def test_half_the_resolution_gives_the_error():
     rve = lattice("simple cubic", 0.3, edge=1.0)
     damage = max_damage(voxelise(rve, 48), level=1, sections=48)
     error = abs(float(damage["maximum_damage"]) - np.pi * 0.09)
@@ -251,7 +251,7 @@ def test_voxels_need_not_be_cubes():
         assert plane_damage(image, normal) == pytest.approx(plane_damage(rve, normal), rel=0.04)
 
 
-# --- what is reported ------------------------------------------------------------------------
+# --- reported values ------------------------------------------------------------------------
 
 
 def test_the_dataset_follows_its_schema_and_counts_its_planes():
@@ -293,7 +293,7 @@ def test_turning_the_volume_turns_the_damage():
 # --- random media ----------------------------------------------------------------------------
 
 
-def test_no_porosity_is_no_damage():
+def test_zero_porosity_gives_zero_damage():
     for rve in (
         boolean_spheres(CUBE, 0.1, porosity=0.0, seed=0),
         VoxelImage(np.zeros((8, 8, 8)), CUBE),
@@ -304,7 +304,7 @@ def test_no_porosity_is_no_damage():
 
 
 @pytest.mark.parametrize("as_image", [False, True])
-def test_percolating_voids_leave_the_damage_between_zero_and_one(as_image):
+def test_percolating_voids_leave_the_damage_between_0_and_1(as_image):
     rve = boolean_spheres(CUBE, 0.15, porosity=0.6, seed=1)
     entry = max_damage(voxelise(rve, 32) if as_image else rve, level=0, sections=17)
     damage = entry["damage"].values

@@ -47,7 +47,7 @@ def rotate_stiffness(stiffness, Q):
 
 
 # validation: through channels along n are the only case of E (1 - D) exactly
-def test_channels_through_the_volume_lose_their_damage_as_stiffness():
+def test_channels_through_the_volume_reduce_the_stiffness_by_their_damage():
     image = voxelise(channels(MIDDLE, [0.3]), (64, 64, 1))
     stiffness = effective_stiffness(image, E, NU, tolerance=1e-9)
     # against the damage of the image to round-off: the stress along the channels is uniaxial
@@ -185,7 +185,7 @@ def test_voxels_need_not_be_cubes():
     np.testing.assert_allclose(other, first, rtol=1e-6, atol=1e-9 * E)
 
 
-def test_a_body_that_touches_nothing_is_no_stiffness():
+def test_a_body_that_touches_nothing_has_zero_stiffness():
     ball = np.logical_not(voxelise(Cavities(CUBE, [spheres(MIDDLE, 0.3)]), 16).void)
     stiffness = effective_stiffness(VoxelImage(ball, CUBE), E, NU)
     assert stiffness.status is Status.CONVERGED
@@ -194,8 +194,8 @@ def test_a_body_that_touches_nothing_is_no_stiffness():
     np.testing.assert_array_equal(ratio(stiffness), 0.0)
 
 
-def test_a_soft_filling_is_not_lost():
-    """A contrast of 1e8 across a crack through the section: the stiffness is that of a layer."""
+def test_a_soft_filling_is_not_ignored():
+    """A contrast of 1e8 across a crack through the section: the stiffness equals a layer."""
     rve = Cavities(CUBE, [penny_cracks(MIDDLE, (0, 0, 1), 5.0)])
     stiffness = effective_stiffness(voxelise(rve, 8), E, NU, void_modulus=1e-8 * E)
     assert stiffness.detail == ""
@@ -204,7 +204,7 @@ def test_a_soft_filling_is_not_lost():
     )
 
 
-def test_a_loose_island_carries_nothing():
+def test_an_unconnected_island_carries_nothing():
     void = np.zeros((12, 12, 12), dtype=bool)
     void[2:10, 2:10, 2:10] = True
     hollow = VoxelImage(void.copy(), CUBE)
@@ -225,7 +225,7 @@ def test_a_crack_through_the_whole_section_leaves_no_stiffness():
     assert ratio(stiffness)[0] == pytest.approx(7.0 / 8.0, rel=1e-6)
 
 
-def test_what_does_not_converge_says_so():
+def test_a_solve_that_does_not_converge_is_reported():
     image = voxelise(boolean_spheres(CUBE, 0.15, porosity=0.5, seed=1), 16)
     stiffness = effective_stiffness(image, E, NU, max_iterations=3)
     assert stiffness.status is Status.MAX_ITERATIONS

@@ -36,7 +36,7 @@ def brick_stiffness(edges, lame, shear):
 
 
 def assembled(lame, shear, u):
-    """Add up bricks whose stiffness comes from one-dimensional integrals."""
+    """Add up bricks with a stiffness that comes from one-dimensional integrals."""
     n = lame.shape
     by_lame, by_shear = brick_stiffness(EDGES, 1.0, 0.0), brick_stiffness(EDGES, 0.0, 1.0)
     force = np.zeros_like(u)
@@ -61,7 +61,7 @@ def rng():
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_forces_are_those_of_assembled_bricks(shape, rng):
+def test_forces_equal_assembled_bricks(shape, rng):
     lame, shear = rng.uniform(0.0, 2.0, (2, *shape))
     lame.flat[0] = shear.flat[0] = 0.0  # a void
     u = rng.normal(size=(3, *shape))

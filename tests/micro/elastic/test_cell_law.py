@@ -53,7 +53,7 @@ def test_tangent_is_the_derivative_of_the_traction():
 
 
 @pytest.mark.parametrize(("ratio", "tolerance"), [(1.2, 4e-3), (1.4, 1e-2)])
-def test_cells_answer_what_they_answer_under_pressure(ratio, tolerance):
+def test_cells_answer_as_under_pressure(ratio, tolerance):
     cell, pressure = rough_cell(), np.geomspace(*RANGE, 30)
     response = solve_cell(cell, Path(pressure=tuple(pressure)))
     gap = response["mean_gap"].values[0]
@@ -62,7 +62,7 @@ def test_cells_answer_what_they_answer_under_pressure(ratio, tolerance):
     np.testing.assert_allclose(law.gap_at(pressure), gap, rtol=tolerance)
 
 
-def test_the_answer_does_not_depend_on_what_was_asked_before():
+def test_the_answer_does_not_depend_on_earlier_calls():
     gap = RMS * np.linspace(0.2, 3.0, 9)
     fresh = [CellLaw(rough_cell(), RANGE).pressure(np.array([g]))[0] for g in gap]
     used = CellLaw(rough_cell(), RANGE)
@@ -152,7 +152,7 @@ def test_substructures_take_cells_with_friction(fitted):
     )
 
 
-def test_a_cell_that_fails_says_so(monkeypatch):
+def test_a_cell_that_fails_is_reported(monkeypatch):
     law = CellLaw(rough_cell(), RANGE)
     solve = law._memory.problem.solve
 

@@ -47,7 +47,7 @@ def test_the_compliance_is_the_closed_form_of_the_coated_half_space(thickness, c
     np.testing.assert_allclose(kernel, expected, rtol=1e-9)
 
 
-def test_a_coating_of_the_same_material_is_none_and_a_thick_or_thin_one_is_a_half_space():
+def test_a_coating_of_the_same_material_changes_nothing_and_thick_or_thin_it_is_a_half_space():
     plain = symbol()
     np.testing.assert_allclose(symbol([Coating(0.02, 1.0, 0.3)] * 3), plain, rtol=1e-10)
     np.testing.assert_allclose(symbol([Coating(1e-9, 10.0, 0.2)]), plain, rtol=1e-6)
@@ -71,7 +71,7 @@ def test_the_compliances_of_two_bodies_add_up():
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.0], ids=["thin", "even", "thick"])
-def test_a_flat_punch_on_a_nearly_alike_coating_moves_as_gao_chiu_and_lee_say(share):
+def test_a_flat_punch_on_a_nearly_alike_coating_moves_as_by_gao_chiu_and_lee(share):
     """First order in the difference of the moduli: Int. J. Solids Struct. 29 (1992) 2471, eq 24."""
     n, radius, nu, more = 96, 1.0 / 12.0, 0.3, 1e-2
     x = (np.arange(n) - n // 2) / n
@@ -98,7 +98,7 @@ def test_a_flat_punch_on_a_nearly_alike_coating_moves_as_gao_chiu_and_lee_say(sh
     assert softer / more == pytest.approx(expected, rel=0.01)
 
 
-def test_planes_of_a_mesh_follow_coatings_which_the_conforming_cell_answers_as_the_flat_one():
+def test_planes_of_a_mesh_follow_coatings_which_the_conforming_cell_answers_as_the_flat_cell():
     surface = wave((48, 2), 1e-5)
     film = (Coating(0.1, 4.0, 0.2), Coating(0.15, 0.5, 0.3))
     gaps = []
@@ -122,7 +122,7 @@ def test_a_cell_that_slides_keeps_its_coating():
     assert moving["mean_gap"].item() == pytest.approx(still["mean_gap"].item(), rel=1e-6)
 
 
-def test_two_deformable_bodies_have_coatings_of_their_own():
+def test_two_deformable_bodies_have_separate_coatings():
     surface, film = rough_square(16, 1.0, 0.5, 0.01), (Coating(0.2, 5.0, 0.3),)
     under = Surface(np.zeros((16, 16)), (1.0, 1.0))
     path = Path(pressure=(1e-3,))

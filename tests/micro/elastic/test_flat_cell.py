@@ -87,7 +87,7 @@ def test_approach_control_gives_the_pressure_back():
 
 
 @pytest.mark.parametrize("first", [1e-6, 4e-6])
-def test_a_pressure_far_above_the_first_one_is_reached(first):
+def test_a_pressure_far_above_the_first_pressure_is_reached(first):
     cell = Cell(rough(32, 0.02), 1.0, 8, 1.0, 0.3, geometry="flat")
     both = solve_cell(cell, Path(pressure=(first, 4e-3)))
     alone = solve_cell(cell, Path(pressure=(4e-3,)))

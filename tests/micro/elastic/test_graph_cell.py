@@ -1,4 +1,4 @@
-"""The contact loop: complementarity, control, extremes, and what it says when it fails."""
+"""The contact loop: complementarity, control, extremes, and its report when it fails."""
 
 from dataclasses import replace
 
@@ -70,7 +70,7 @@ def test_iterations_in_single_and_in_double_precision_end_at_one_answer():
     assert distance <= 1e-8 * np.linalg.norm(double.force)
 
 
-def test_prescribing_the_approach_found_for_a_pressure_gives_the_pressure_back():
+def test_prescribing_the_approach_at_a_pressure_gives_the_pressure_back():
     cell = cell_of(rough())
     problem = assemble_graph_cell(cell)
     state = problem.solve(load=0.02)
@@ -145,7 +145,7 @@ def test_zero_pressure_is_the_first_touch():
     assert np.all(apart["traction"].values == 0.0)
 
 
-def test_an_unconverged_step_is_not_a_number_and_says_so():
+def test_an_unconverged_step_is_not_a_number_and_is_reported():
     problem = assemble_graph_cell(cell_of(rough()))
     state = problem.solve(load=0.02, max_iterations=1)
     assert state.status is Status.MAX_ITERATIONS
@@ -166,7 +166,7 @@ def test_all_active_sets_share_one_budget_of_linear_iterations(monkeypatch):
 
 
 def dense_body(stiffness, rng):
-    """A body of contact nodes alone, with a reference that is only spectrally close to it."""
+    """A body that has only contact nodes, with a reference that is only spectrally close to it."""
     n = len(stiffness)
     root = np.linalg.cholesky(stiffness)
     turn, _ = np.linalg.qr(rng.standard_normal((n, n)))

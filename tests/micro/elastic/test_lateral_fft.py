@@ -50,7 +50,7 @@ def test_inverse_of_a_nearly_incompressible_cell(nu, tolerance):
 
 
 @pytest.mark.slow
-def test_single_precision_loses_seven_digits_and_half_the_memory():
+def test_single_precision_drops_seven_digits_and_half_the_memory():
     arguments = ((16, 12), (0.1, 0.1), np.linspace(0.0, 0.5, 6), *lame_parameters(np.ones(5), 0.3))
     double = factorise_flat_cell(*arguments)
     single = factorise_flat_cell(*arguments, dtype=np.float32)
@@ -87,7 +87,7 @@ def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
 
 @pytest.mark.parametrize("nu", [0.0, 0.3])
 @pytest.mark.parametrize("depth", [0.25, 0.5, 1.0])
-def test_surface_compliance_is_that_of_a_bonded_layer(nu, depth):
+def test_surface_compliance_equals_a_bonded_layer(nu, depth):
     errors = []
     for n in (16, 32, 64):
         planes = np.linspace(0.0, depth, round(n * depth) + 1)

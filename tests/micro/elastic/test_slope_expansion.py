@@ -17,12 +17,12 @@ def bumps(slope):
 
 
 def correction(surface, poissons_ratio):
-    """C_1 alone, of an elastic body with the shear modulus 1/2."""
+    """Only C_1, of an elastic body with the shear modulus 1/2."""
     return of_pair((surface, flat(len(surface.heights))), (0.5, np.inf), (poissons_ratio, 0.0))
 
 
 def of_pair(surfaces, shear, poissons_ratio):
-    """C_1 alone, of two bodies."""
+    """Only C_1, of two bodies."""
     nx, ny = surfaces[0].heights.shape
     return expanded_compliance(surfaces, np.zeros((nx, ny // 2 + 1)), shear, poissons_ratio)
 
@@ -133,7 +133,7 @@ def test_the_energy_of_the_correction_is_stress_and_strain_of_the_flat_top_times
     assert np.vdot(force, correction(surface, nu)(force)) == pytest.approx(expected, rel=1e-10)
 
 
-def test_slopes_change_nothing_where_volume_stays_and_the_mean_alone_in_plane_strain():
+def test_slopes_change_nothing_where_volume_stays_and_only_the_mean_in_plane_strain():
     force = np.random.default_rng(2).random((24, 24))
     still = correction(rough_square(24, 0.5, 0.25, 0.3), 0.5)(force)
     np.testing.assert_allclose(still, 0.0, atol=1e-12)

@@ -64,7 +64,7 @@ def test_on_an_odd_grid_the_shortest_wave_dissipates_in_full(n):
 
 
 @pytest.mark.parametrize("number", [0.01, 0.1, 1.0])
-def test_odd_grids_have_the_friction_of_even_ones(number):
+def test_odd_grids_have_the_friction_of_even_grids(number):
     results = [
         solve_sliding(random_waves(n, 2, 4, 0.1), RUBBER, 0.2e6, velocity(number)).friction
         for n in (63, 64, 65)
@@ -82,7 +82,7 @@ def test_the_pressure_lies_on_the_slopes_that_the_half_space_climbs():
     result = solve_sliding(surface, RUBBER, 0.5e6, velocity(1.0))
     pressure = result.pressure[:, 0]
     assert np.sum(x * pressure) < -0.02 * np.sum(pressure)
-    # full contact, for a point of the half-space in its own time
+    # full contact, for a point of the half-space in its time
     full = solve_sliding(surface, RUBBER, 12e6, velocity(1.0)).pressure[:, 0] - 12e6
     time = 2.0 * np.pi * x  # x / v over the relaxation time: the point passes x from left to right
     stiffness = 2.0 * np.pi / LENGTH / (2.0 * 0.75) * amplitude
@@ -131,7 +131,7 @@ def test_very_slow_and_very_fast_sliding_are_elastic(number, modulus):
     surface = Surface(2e-6 * np.tile(profile[:, None], (1, n)), (LENGTH, LENGTH))
     pressure = 0.1 * modulus * 0.02
     result = solve_sliding(surface, RUBBER, pressure, velocity(number))
-    assert abs(result.friction) < 2e-3 * 0.02  # what the edges of the contact leave
+    assert abs(result.friction) < 2e-3 * 0.02  # contribution of the edges of the contact
     body = Cell(surface, 4.0 * LENGTH, 30, modulus, 0.4999, geometry="flat")
     elastic = solve_cell(body, Path(pressure=(pressure,)))
     gap = float(elastic["mean_gap"].values[0, 0])

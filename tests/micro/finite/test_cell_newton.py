@@ -1,4 +1,4 @@
-"""The Newton loop against the elastic solver, against its own equations, and at its limits."""
+"""The Newton loop against the elastic solver, against its equations, and at its limits."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
     assert state.slipping.any()
     assert state.dissipation > 0.0
     np.testing.assert_allclose(size[state.slipping], mu * pressure[state.slipping], atol=1e-6)
-    # what slips is pulled along by the obstacle, the way it moves
+    # slipping points are pulled along by the obstacle, the way it moves
     forward = np.sum(tangential[:, :2] * slide[None, :, None], axis=1)[state.slipping]
     assert np.mean(forward > 0.0) > 0.9
     internal = scene.begin(first.material, 0.0)(state.displacement).force
@@ -114,7 +114,7 @@ def test_a_rotated_cell_gives_a_rotated_answer():
 
 
 @pytest.mark.slow
-def test_an_elastic_cell_comes_back_and_a_plastic_one_does_not():
+def test_an_elastic_cell_comes_back_and_a_plastic_cell_does_not():
     path = Path(pressure=(0.005, 0.02, 0.005, 0.0))
     elastic, plastic = (
         solve_cell(cell(bulk=bulk), path)
@@ -148,7 +148,7 @@ def test_inverted_elements_are_caught_by_shorter_increments():
 
 
 @pytest.mark.slow
-def test_a_path_that_cannot_go_on_keeps_what_it_has_and_says_so():
+def test_a_path_that_cannot_go_on_keeps_its_steps_and_is_reported():
     body = cell(bulk=NeoHookean(1.0, 0.3))
     response = solve_cell(body, Path(approach=(0.01, 0.6, 0.02)))
     assert response["converged"].values.tolist() == [[1, 0, 0]]
@@ -173,7 +173,7 @@ def test_a_viscous_cell_relaxes_to_its_soft_state():
     assert pressure[0] > pressure[1] > pressure[2] > 0.4 * pressure[0]
 
 
-def test_the_projected_area_of_a_deformed_surface_is_the_nominal_one():
+def test_the_projected_area_of_a_deformed_surface_is_the_nominal_area():
     moved = 0.01 * np.random.default_rng(3).standard_normal((N, 3, N))
     assert current_weight(cell(), moved).sum() == pytest.approx(1.0, rel=1e-12)
     assert current_weight(cell(), 0.0 * moved) == pytest.approx(1.0 / N**2)

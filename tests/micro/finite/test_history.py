@@ -1,4 +1,4 @@
-"""Paths in increments: what a body that flows without hardening carries, and where a path ends."""
+"""Paths in increments: the limit load of a body without hardening, and where a path ends."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def load_of_the_first(cell, approach):
 
 def test_a_load_that_one_asperity_cannot_carry_is_carried_when_the_next_one_touches():
     cell = peaks(second=0.01)
-    before = load_of_the_first(cell, 0.0095)  # the lower one does not touch yet
+    before = load_of_the_first(cell, 0.0095)  # the lower peak does not touch yet
     walk = press(cell, 1.5 * before)
     assert walk.reached == 1.0
     assert walk.state.status is Status.CONVERGED

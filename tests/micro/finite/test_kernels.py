@@ -122,7 +122,7 @@ def stresses(law, F, state, weight, mixed):
 
 @MIXED
 @LAW
-def test_forces_are_those_of_the_pointwise_law(law, mixed):
+def test_forces_equal_the_pointwise_law(law, mixed):
     mesh, shape = graph_mesh((4, 38)), (4, LAYERS, 3, 38)
     first, u = noise(shape, 1), noise(shape, 2)
     respond = loaded(mesh, law, mixed, first)
@@ -194,7 +194,7 @@ def test_the_flat_cell_with_pressures_is_inverted(nu):
 
 @pytest.mark.slow
 def test_pressures_do_not_lock():
-    """A coarse, nearly incompressible block answers a wave of pressure like a fine one."""
+    """A coarse, nearly incompressible block answers a wave of pressure like a fine block."""
     answers = {}
     for layers, mixed in ((6, True), (6, False), (14, True)):
         n = 2 * layers

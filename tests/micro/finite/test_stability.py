@@ -65,7 +65,7 @@ def test_a_nearly_incompressible_body_does_not_lock():
     assert np.all(results[1] < 1.3 * results[0])
 
 
-def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):
+def test_a_step_that_creeps_is_given_up_with_the_state_it_reached(monkeypatch):
     monkeypatch.setattr(cell_newton, "MOST", 2)
     path = Path(pressure=(1e-4, 0.02))
     response = press(J2(1.0, 0.3, 0.01, 0.01), path, n=8)
@@ -89,7 +89,7 @@ def test_a_steep_nearly_incompressible_body_is_pressed():
     assert np.all(linear <= 12 * newton)
 
 
-def test_the_mean_surface_sinks_by_the_change_of_the_volume_alone():
+def test_the_mean_surface_sinks_only_by_the_change_of_the_volume():
     """Pressures of any shape on a flat layer make it thinner like their mean."""
     nu, depth = 0.4999, 0.5
     flat = Surface(np.zeros((16, 16)), (1.0, 1.0))

@@ -70,7 +70,7 @@ def test_a_period_changes_nothing_but_the_place(bumpy, rng):
     np.testing.assert_allclose(there.place[0] - here.place[0], 3.0 * N, atol=1e-9)
 
 
-def test_derivatives_of_a_surface_are_those_of_its_position(bumpy, rng):
+def test_derivatives_of_a_surface_equal_derivatives_of_its_position(bumpy, rng):
     place, step = rng.uniform(0.0, 9.0, (2, 10, 8)), 1e-5
     here = bumpy.at(place)
     for axis, first, second in ((0, 1, (3, 4)), (1, 2, (4, 5))):
@@ -153,7 +153,7 @@ def test_a_common_motion_opens_no_gap_and_makes_no_slip(rng):
 @pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "friction"])
 @pytest.mark.parametrize("load", [None, 0.01], ids=["approach", "load"])
 def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
-    """With the set of contacts, and of those that slip, held."""
+    """With fixed sets of contacts and of slipping contacts."""
     scene = make_scene(pair(rough(1), rough(2), other=NeoHookean(1.0, 0.3), mu=mu))
     slide = np.array([0.03, 0.01])
     press = Target(0.01, None, np.zeros(2))
@@ -197,7 +197,7 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
         if load is None:
             left, right = np.vdot(other, computed), np.vdot(x, now.apply(other, 0.0)[0])
             assert left == pytest.approx(right, rel=1e-3, abs=1e-6 * np.linalg.norm(computed))
-    else:  # what the bound follows to first order: turns of the slip are left to the iteration
+    else:  # the bound to first order: turns of the slip are left to the iteration
         assert np.linalg.norm(difference - computed) < 0.2 * np.linalg.norm(computed)
 
 

@@ -147,7 +147,7 @@ def test_elements_agree_on_the_response_of_an_egg_box(element, n, tolerance):
     )
 
 
-def test_sliding_sides_equal_periodic_ones_by_symmetry():
+def test_sliding_sides_equal_periodic_sides_by_symmetry():
     mesh = named(wavy_box(6, 0.02))
     periodic, sliding = (
         solve_cell(MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3), kind), PATH)
@@ -199,7 +199,7 @@ def test_a_gmsh_cell_with_a_buried_void_is_softer_than_one_without(box_with_void
 
 
 def test_a_small_pore_takes_the_share_of_a_dilute_sphere_from_the_stiffness_of_a_layer():
-    """Eshelby: K loses (3 K + 4 G)/4 G of itself and G loses 5 (3 K + 4 G)/(9 K + 8 G), times v."""
+    """Eshelby: K falls by (3 K + 4 G)/4 G of itself and G by 5 (3 K + 4 G)/(9 K + 8 G), times v."""
     nu, radius = 0.3, 0.2
     K, G = 1.0 / (3.0 * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu)
     lost = K * (3 * K + 4 * G) / (4 * G) + 4 / 3 * G * 5 * (3 * K + 4 * G) / (9 * K + 8 * G)
@@ -229,7 +229,7 @@ def test_a_stiff_inclusion_takes_part_through_its_elements():
     assert stiff < 1.02 * soft < 0.0
 
 
-def test_a_mesh_whose_sides_do_not_match_is_refused():
+def test_a_mesh_with_sides_that_do_not_match_is_refused():
     mesh = MeshTet.init_tensor(*(np.linspace(0.0, 1.0, 4),) * 3)
     points = mesh.p.copy()
     edge = np.isclose(points[0], 1.0) & (points[1] > 0.1) & (points[1] < 0.9)

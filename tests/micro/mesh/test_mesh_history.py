@@ -54,7 +54,7 @@ def test_a_flat_metal_is_pressed_in_uniaxial_strain(kind):
             flowing + (bulk + 4.0 / 3.0 * shear) * (strain[2] - strain[1]),
         ]
     )
-    # the lateral stretch is one, so that the nominal stress is that of Kirchhoff over the stretch
+    # the lateral stretch is 1, so that the nominal stress is the Kirchhoff stress over the stretch
     expected = kirchhoff / (1.0 - approach)
     np.testing.assert_allclose(response["traction"].values[0, :, 0], expected, rtol=1e-8)
 
