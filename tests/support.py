@@ -121,7 +121,7 @@ pore_radius = "0.2 mm"
 
 
 def run_python(program, *arguments, check=True, **options):
-    """Run a program in a process of its own, and return what it printed and its status."""
+    """Run a program in a separate process, and return its output and its status."""
     command = [sys.executable, "-c", dedent(program), *map(str, arguments)]
     options = {"timeout": 600} | options
     return subprocess.run(command, capture_output=True, text=True, check=check, **options)
@@ -179,12 +179,12 @@ def write_law(path, pressure=(1e6, 200e6)):
 
 
 def keep_ignoring_broken_pipes():
-    """Undo what gmsh.initialize does: afterwards a pool whose worker dies would end all tests."""
+    """Undo what gmsh.initialize does: afterwards the death of a worker would end all tests."""
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
-    """Write a mesh with its named faces as a text file of gmsh; mm if not told."""
+    """Write a mesh with its named faces as a text file of gmsh; mm if not given."""
     kind, facet, corners = "tetra", "triangle", mesh.t
     if mesh.t.shape[0] == 8:
         kind, facet, corners = "hexahedron", "quad", np.empty_like(mesh.t)

@@ -1,4 +1,4 @@
-"""What the command line tells while it works."""
+"""Messages of the command line while it works."""
 
 import re
 import sys
@@ -16,12 +16,12 @@ from multiscale.needs import readable_time
 from tests.support import PORES, run_python, write_scene
 
 
-def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeypatch, capsys):
+def test_progress_gives_the_time_left_from_the_work_since_the_start(monkeypatch, capsys):
     clock = [0.0]
     monkeypatch.setattr(printing, "perf_counter", lambda: clock[0])
     with printing.shown_progress(
         verbose=False, quiet=False
-    ) as tell:  # two were kept from another run
+    ) as tell:  # two were stored by another run
         for clock[0], finished in ((100.0, 2), (110.0, 3), (130.0, 5), (140.0, 6)):
             tell(finished, 6, "points")
         tell(0, 3, "steps")
@@ -35,7 +35,7 @@ def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeyp
 
 
 @pytest.mark.parametrize("command", [["run"], ["damage"]])
-def test_a_run_that_lacks_answers_shows_what_it_has_and_ends_with_one(
+def test_a_run_that_lacks_answers_shows_the_others_and_ends_with_status_1(
     command, monkeypatch, tmp_path, capsys
 ):
     finished = SimpleNamespace(
@@ -52,7 +52,7 @@ def test_a_run_that_lacks_answers_shows_what_it_has_and_ends_with_one(
     assert output.err.splitlines()[-2:] == ["caution: few", "multiscale: Pores: no other step"]
 
 
-def test_long_times_are_told_in_minutes_hours_and_days():
+def test_long_times_are_printed_in_minutes_hours_and_days():
     times = [readable_time(t) for t in (89.0, 600.0, 9000.0, 1.8e6)]
     assert times == ["89 s", "10 min", "2.5 h", "20.8 d"]
 
@@ -65,17 +65,17 @@ def interrupt(begun):
         raise KeyboardInterrupt
 
 
-def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
+def test_interrupted_workers_end_and_the_command_prints_how_to_go_on(capsys):
     begun = []
     with pytest.raises(typer.Exit) as ended:
         interrupt(begun)
     assert ended.value.exit_code == 130
-    assert isinstance(begun[0].exception(), BrokenProcessPool)  # nobody waits for the job
+    assert isinstance(begun[0].exception(), BrokenProcessPool)  # the job is not awaited
     assert "interrupted; finished jobs remain in results" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["-h"], ["run", "-h"], ["cases"]])
-def test_what_is_asked_first_is_answered(arguments):
+def test_the_first_request_is_answered(arguments):
     done = run_python("from multiscale.__main__ import main; main()", *arguments)
     text = {"--version": multiscale.__version__, "cases": "bolted_lap"}.get(arguments[0], "Usage")
     assert text in done.stdout
@@ -100,7 +100,7 @@ def test_a_table_of_measurements_is_fitted_and_predicts(monkeypatch, tmp_path, c
     assert law.exists()
 
 
-def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
+def test_a_table_refuses_responses(monkeypatch, tmp_path, capsys):
     file = tmp_path / "runs.csv"
     file.write_text("pressure (MPa),stiffness (MPa/um)\n1,2\n")
     out = ["-o", str(tmp_path / "law.nc")]

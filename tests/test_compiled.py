@@ -165,7 +165,7 @@ def _call(send):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks of a process")
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_a_forked_process_makes_threads_of_its_own():
+def test_a_forked_process_makes_new_threads():
     with threads(2):
         assert _doubled()
     receive, send = get_context("fork").Pipe(duplex=False)

@@ -1,4 +1,4 @@
-"""What iterations leave behind, when they stop, and paths whose steps are halved."""
+"""Records of iterations, when they stop, and paths with halved steps."""
 
 from inspect import signature
 
@@ -39,7 +39,7 @@ SOLVERS = [
 
 @pytest.mark.parametrize("solve", SOLVERS)
 @pytest.mark.parametrize("tolerance", [-1.0, 0.0, 1.0, np.nan])
-def test_a_solver_refuses_a_tolerance_that_is_no_share(solve, tolerance):
+def test_a_solver_refuses_a_tolerance_that_is_not_a_share(solve, tolerance):
     arguments = signature(solve).parameters.values()
     missing = [
         argument

@@ -1,4 +1,4 @@
-"""What a worker that fails reports."""
+"""Reports of a worker that fails."""
 
 from importlib import import_module
 

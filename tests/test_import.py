@@ -33,7 +33,7 @@ def test_importing_brings_no_heavy_library(statement):
 
 
 def test_importing_the_package_is_a_matter_of_milliseconds():
-    # a count instead of a time: what takes long is what is imported
+    # a count instead of a time: imports take the time
     extra = modules_after("import multiscale") - modules_after("pass")
     assert all(
         name.split(".")[0] in {"multiscale", "lazy_loader", "importlib", "types", "warnings"}
@@ -112,7 +112,7 @@ def test_every_module_can_be_imported_first():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks of a process")
-def test_a_module_whose_import_fails_only_at_the_start_is_named(tmp_path, monkeypatch):
+def test_a_module_with_an_import_that_fails_only_at_the_start_is_named(tmp_path, monkeypatch):
     texts = {
         "__init__": "",
         "early": "answer = 1; from ring.late import scale",
@@ -135,7 +135,7 @@ def test_the_package_offers_what_scripts_use_without_importing_it_first():
 
 
 @pytest.mark.parametrize("name", ["laws", "io", "micro", "pipeline", "surfaces"])
-def test_public_modules_list_what_they_offer_and_nothing_else(name):
+def test_public_modules_list_their_exports_and_nothing_else(name):
     module = import_module(f"multiscale.{name}")
     assert dir(module) == sorted(module.__all__)
 

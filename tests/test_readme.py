@@ -1,4 +1,4 @@
-"""Every block of the manual runs as it stands, and what it quotes is so."""
+"""Every block of the manual runs as it stands, and its quotations are right."""
 
 import re
 import runpy
@@ -146,7 +146,7 @@ def test_a_command_runs_quickly(command, folder, monkeypatch):
     for name, make in MADE.items():
         if name in command and not ("inspect" in command and make is joint):
             make(folder / name.split()[0])
-    for option in ("fit", "export", "--law"):  # what the commands before it have made
+    for option in ("fit", "export", "--law"):  # files of the commands before it
         command = command.replace(f"{option} parts/", f"{option} results/")
     arguments = shlex.split(command + quick)
     app(arguments[1:], standalone_mode=False)
@@ -161,7 +161,7 @@ def test_the_lamp_hangs_from_ropes_of_the_tension_of_its_polygon_of_forces(folde
 
 
 @pytest.mark.parametrize("name", [k for k, t in blocks("toml").items() if "title" not in t])
-def test_a_piece_of_a_case_fits_into_the_whole_one(name, folder):
+def test_a_part_of_a_case_fits_into_the_whole_case(name, folder):
     whole = tomllib.loads(Path("my_joint.toml").read_text())
     piece = tomllib.loads(blocks("toml")[name])
     if "sweep" in piece:
@@ -197,7 +197,7 @@ def test_whole_files_are_read(folder):
     assert load_case("pores.toml").rve.recipe.realisations == 6
 
 
-def test_the_tables_of_keys_are_those_of_the_models():
+def test_the_tables_of_keys_agree_with_the_models():
     written = {path.name: PAGES[f"microcases/manual/{path.name}"] for path in TOPICS}
     pages = KEYS["key_pages"]()
     assert {name: written[name] for name in written if "keys_" in name} == pages, "run keys.py"
@@ -224,7 +224,7 @@ def test_pages_of_case_files_are_short_and_listed():
     assert [path.name for path in shipped if f"({path.name})" not in CASES] == []
 
 
-def test_sources_are_those_of_the_docstrings():
+def test_sources_agree_with_the_docstrings():
     sources = PAGES["workflows/site/theory.md"].split("\n## Sources")[1]
     code = "".join(path.read_text() for path in (ROOT / "multiscale").rglob("*.py"))
     named = re.findall(r"doi:([^\s;|]+)", sources)

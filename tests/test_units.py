@@ -51,6 +51,6 @@ def test_sizes_are_read_as_people_write_them(text):
 
 
 @pytest.mark.parametrize("text", ["1,5 mm", "1 mm x 1 mm x 1 mm", "x", "1,5 mm x 2 mm", "1 x 2"])
-def test_what_is_no_size_is_refused(text):
+def test_a_text_without_a_size_is_refused(text):
     with pytest.raises(CaseError, match=r"not a size|comma|no unit"):
         to_lengths(text)

@@ -33,11 +33,11 @@ CYCLED = {
     "shear_cycle_amplitude": [0.6],
     "shear_cycle_loss_ratio": [[1.0, 1.0]],
 }
-"""Cells that lose in cycles what the bed of sliders loses."""
+"""Cells with the loss of the bed of sliders in cycles."""
 
 
 def cells(n, seed, scatter=0.06):
-    """Exponential laws whose decay lengths scatter: K = p / u."""
+    """Exponential laws with scattered decay lengths: K = p / u."""
     factor = 1.0 + scatter * np.random.default_rng(seed).standard_normal((n, 1))
     gap = factor * 0.2e-6 * np.log(2e9 / PRESSURE)
     area = np.tile(PRESSURE / 5e9, (n, 1)) / factor
@@ -133,7 +133,7 @@ def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
     assert float(re.search(r"of which (\S+) or more", text)[1]) == pytest.approx(100.0, rel=0.02)
 
 
-def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp_path):
+def test_the_loss_of_the_loop_is_the_dissipation_of_the_points_as_the_steps_fall(tmp_path):
     """The dissipation of a step is first order in the step, and never negative."""
     case = load_case(write_scene(tmp_path, SCENE))
     write_cells(tmp_path / "law.nc")
@@ -151,7 +151,7 @@ def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp
     assert apart[0] / apart[1] == pytest.approx(2.0, rel=0.2)
 
 
-def test_what_slips_is_what_the_slabs_tell_and_continuous():
+def test_the_share_of_slip_follows_the_slabs_and_is_continuous():
     law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8), slabs=400)
     gap = law.normal.gap_at(np.full(4, 1e7))
     jump = np.stack([gap, [0.0, 3e-8, 1e-7, 1e-5], 0.0 * gap])
@@ -213,7 +213,7 @@ def test_a_value_has_the_digits_of_its_error(value, half, sentence):
 
 
 def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
-    """Of the law with a tangential branch, whose parameters the case does not give."""
+    """Of the law with a tangential branch and parameters that the case does not give."""
     from multiscale.pipeline.body_budget import Change, change_friction
     from multiscale.upscaling.shear_budget import shear_errors
 
@@ -242,7 +242,7 @@ def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
 
 
 def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
-    """Cells lose a tenth more than the bed, .02 of it apart at equal slip and traction."""
+    """Cells dissipate a tenth more than the bed, .02 of it apart at equal slip and traction."""
     spread = 0.01 * np.linspace(-1.0, 1.0, 401)[:, None]
     ratio = np.array([1.09, 1.11])
     law = write_cells(tmp_path / "law.nc").drop_vars(CYCLED)
@@ -256,7 +256,7 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     )
     assert float(bias.sel(quantity="cycle_energy")[-1]) == pytest.approx(-0.1)
     at = {"quantity": "cycle_energy", "error_term": "friction bed"}
-    beds = float(joint["error_half_width"].sel(at)[-1])  # cells there lose as much as the bed
+    beds = float(joint["error_half_width"].sel(at)[-1])  # cells there dissipate as much as the bed
     assert 0.01 < beds < 0.1
     parts = np.linalg.norm([0.0095, 0.01, 0.02, beds])  # samples, two controls, two pressures
     assert float(half.sel(quantity="cycle_energy")[-1]) == pytest.approx(parts, rel=1e-6)
@@ -280,7 +280,7 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
 
 
 @pytest.mark.slow
-def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path):
+def test_first_order_intervals_of_the_mean_law_agree_with_its_samples(tmp_path):
     """Bootstrap samples of the law, each through the whole structure."""
     write_cells(tmp_path / "law.nc", n_samples=40)
     case = load_case(write_scene(tmp_path, SCENE))

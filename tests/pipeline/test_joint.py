@@ -1,4 +1,4 @@
-"""The joint of a case: what its answer rests on, and what of it is unknown."""
+"""The joint of a case: basis and unknown parts of its answer."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_the_print_names_the_errors_that_are_not_counted(result):
     assert f"{sentence}cell size, micro discretisation." in list(JOINT.lines(result))
 
 
-def test_interface_and_bodies_stand_beside_the_joint_each_with_its_error(result):
+def test_interface_and_bodies_stand_next_to_the_joint_each_with_its_error(result):
     """At a given pressure dk/k = (k/K) dK/K, and nothing of the law is in the bodies."""
     known = result.isel(step=slice(2))
     k, K, solid = (known[f"{name}_stiffness"].values for name in ("joint", "interface", "solid"))
@@ -97,7 +97,7 @@ def test_blocks_are_sheared_in_series_with_the_tangential_branch_of_their_law(ru
     assert "tangential_stiffness" not in result
 
 
-def test_a_measured_stiffness_ratio_adds_its_own_error(run_folder, result):
+def test_a_measured_stiffness_ratio_adds_its_error(run_folder, result):
     law = open_law(run_folder / "interface_law.nc")
     spread = 1.0 + 0.05 * np.linspace(-1.0, 1.0, 401)
     values = {
@@ -135,7 +135,7 @@ def test_a_preload_far_beyond_the_cells_has_no_answer_and_no_error(result):
     )
 
 
-def test_what_is_extrapolated_on_demand_has_no_error(run_folder, result):
+def test_an_answer_extrapolated_on_demand_has_no_error(run_folder, result):
     outcome = solve(run_folder, extrapolate=True)
     np.testing.assert_array_equal(outcome["joint_stiffness"][:3], result["joint_stiffness"][:3])
     assert np.isfinite(outcome["joint_stiffness"][3])

@@ -59,7 +59,7 @@ def test_a_lap_joint_has_the_modes_of_the_same_bodies(tmp_path):
 
 
 def test_a_block_that_slides_vibrates_with_stiffness_and_loss_of_its_cycles(tmp_path):
-    """One degree of freedom: rigid blocks, of which the upper one has all the mass."""
+    """One degree of freedom: rigid blocks, of which the upper block has all the mass."""
     write_law(tmp_path / "law.nc")
     cycles = '[cycles]\nshear = "2 MPa"\ncycles = 1\nsteps = 4\n'
     pressed = run(case_of(tmp_path, STIFF + cycles), tmp_path / "cycles")["macro_result"]

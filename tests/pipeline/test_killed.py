@@ -1,4 +1,4 @@
-"""What is killed at any moment loses at most the cells in flight, and ends with the same data."""
+"""A run killed at any moment repeats at most the cells in flight, and ends with the same data."""
 
 import json
 import logging
@@ -44,7 +44,7 @@ DATED = ("history",)
 
 
 def begin(folder, *arguments):
-    """Start the command in a group of its own."""
+    """Start the command in a separate group."""
     return subprocess.Popen(
         [sys.executable, "-c", COMMAND, *arguments],
         cwd=folder,
@@ -63,14 +63,14 @@ def finish(folder, *more):
 
 
 def with_case(folder, text=SWEEP):
-    """Make a folder with a case."""
+    """Create a folder with a case."""
     folder.mkdir(exist_ok=True)
     (folder / "case.toml").write_text(text, encoding="utf-8")
     return folder
 
 
 def workers_of(parent):
-    """Children of a process, without the one that tracks resources."""
+    """Children of a process, without the process that tracks resources."""
     results = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -102,7 +102,7 @@ def files(out):
 
 
 def wait_for(count, out, process):
-    """Wait until a run has left so many files; a random one is a moment on any machine."""
+    """Poll until a run has left so many files; a random number is a moment on any machine."""
     while len(files(out)) < count and process.poll() is None:
         sleep(0.002)
 
@@ -130,7 +130,7 @@ def cells(out):
 
 
 def contents(out):
-    """Everything that a run leaves in datasets, without what tells the time."""
+    """Everything that a run leaves in datasets, without times."""
     results = {}
     for file in sorted(out.rglob("*.nc")):
         if file.parent.name == "points":  # answers of a point, which the sweep has
@@ -156,7 +156,7 @@ def begun(out):
 
 
 def go_on(folder, stored):
-    """End a run; what was kept is not computed again."""
+    """End a run; stored results are not computed again."""
     out = folder / "out"
     finish(folder, *begun(out))
     after = cells(out)
@@ -164,7 +164,7 @@ def go_on(folder, stored):
 
 
 def check_after_kill(out, what, status, sentence):
-    """What must hold after a kill, before anything goes on; gives the finished cells."""
+    """Conditions after a kill, before anything goes on; gives the finished cells."""
     assert "Traceback" not in sentence, sentence
     if what == "run":
         assert status == -signal.SIGKILL
@@ -179,7 +179,7 @@ def check_after_kill(out, what, status, sentence):
 @pytest.mark.parametrize(
     ("text", "count"), [pytest.param(SWEEP, 6, id="sweep"), pytest.param(SINGLE, 8, id="run")]
 )
-def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_path, text, count):
+def test_a_run_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_path, text, count):
     rng = np.random.default_rng(seed=5)
     reference = with_case(tmp_path / "reference", text)
     finish(reference)
@@ -217,7 +217,7 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_pat
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
-    """Give the datasets of a sweep that nobody killed."""
+    """Yield the datasets of a sweep that nobody killed."""
     folder = with_case(tmp_path_factory.mktemp("swept"))
     with threads(1):
         run_sweep(load_sweep(folder / "case.toml"), folder / "out")
@@ -225,7 +225,7 @@ def swept(tmp_path_factory):
 
 
 def start(folder, *arguments):
-    """Start a sweep, and wait for its first cell."""
+    """Start a sweep, and poll until its first cell."""
     process = begin(with_case(folder), "run", "case.toml", "-o", "out", *arguments)
     while not cells(folder / "out"):
         assert process.poll() is None, process.communicate()
@@ -258,7 +258,7 @@ def wait_for_the_end_of(processes):
 
 @pytest.fixture
 def dask(tmp_path):
-    """Give a scheduler with two worker processes, and its address."""
+    """Yield a scheduler with two worker processes, and its address."""
     program, file = str(Path(sys.executable).with_name("dask")), tmp_path / "scheduler.json"
     environment = ONE_THREAD | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
     options = {"env": environment, "stderr": subprocess.DEVNULL}

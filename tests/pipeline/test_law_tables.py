@@ -50,7 +50,7 @@ def test_the_law_of_a_table_is_linear_between_its_rows(folder):
 
 @pytest.mark.parametrize("digits", [3, 4])
 def test_a_rounded_table_of_a_constant_stiffness_has_that_stiffness(tmp_path, digits):
-    """Chords of 3 MPa/um between thirds: rounded, every third one is softer than the one before."""
+    """Chords of 3 MPa/um between thirds: rounded, every third chord is softer than before."""
     closed = [f"{k / 3.0:.{digits}f}" for k in range(10)]
     rows = "\n".join(f"{k}, {item}" for k, item in enumerate(closed))
     (tmp_path / "rounded.csv").write_text(f"pressure (MPa), overclosure (um)\n{rows}\n")
@@ -69,7 +69,7 @@ def test_a_table_that_softens_little_by_little_is_refused(tmp_path):
         read_law(tmp_path / "soft.csv")
 
 
-def test_what_a_table_does_not_tell_has_no_column_and_its_gap_is_the_overclosure(folder):
+def test_a_quantity_missing_in_a_table_has_no_column_and_its_gap_is_the_overclosure(folder):
     result = solve(folder, BLOCKS)
     lines = "\n".join(JOINT.lines(result))
     assert "nan" not in lines
@@ -77,7 +77,7 @@ def test_what_a_table_does_not_tell_has_no_column_and_its_gap_is_the_overclosure
     assert "it is the overclosure, negative" in lines
 
 
-def test_errors_of_a_table_and_of_a_body_share_the_rows_that_say_nothing(folder):
+def test_errors_of_a_table_and_of_a_body_share_the_rows_without_a_value(folder):
     modulus = ('name = "cover"', 'name = "cover"\nyoungs_modulus = "210 GPa +- 5 %"')
     cover = BODIES.index('name = "cover"')
     text = BODIES[:cover] + BODIES[cover:].replace('youngs_modulus = "210 GPa"\n', "", 1)
@@ -153,7 +153,7 @@ def test_loads_far_beyond_a_table_are_refused_before_anything_is_solved(folder):
 
 
 def test_a_constant_stiffness_is_stated_with_its_error(folder):
-    """The compliance 1/K A beside the compliance 2 h / (E A) of both bodies."""
+    """The compliance 1/K A in addition to the compliance 2 h / (E A) of both bodies."""
     result = solve(folder, BODIES, LINEAR)
     np.testing.assert_allclose(result["jump"][0, :, 0], -4e-7, rtol=1e-6)
     area, bodies = 4e-4, 2.0 * 0.01 / 210e9
@@ -172,7 +172,7 @@ def test_a_stated_error_is_of_a_table_only(folder):
         solve(folder, BODIES, ('law = "table.csv"', "law_error = 0.1"))
 
 
-def test_a_structure_that_fails_at_once_says_why_and_not_that_its_path_is_empty(folder):
+def test_a_structure_that_fails_at_once_reports_why_and_not_that_its_path_is_empty(folder):
     """A cover that is pulled off has no equilibrium, stated errors or not."""
     with pytest.raises(ConvergenceError, match="no step converged"):
         solve(folder, BODIES, LINEAR, ('"4 MPa"', '"-4 MPa"'))

@@ -1,4 +1,4 @@
-"""Cases whose interface leaks: leak rate of a ring, figures, and what is refused."""
+"""Cases of leaking interfaces: leak rate of a ring, figures, and refusals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Cases whose cells are meshes: of a graph with any element, or from a file of the user."""
+"""Cases with cells from meshes: of a graph with any element, or from a file of the user."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ PRESSURES = ["10 MPa", "40 MPa", "160 MPa", "400 MPa"]
 
 
 def written(path, cell=CELL, *, rough=True, realisations=2, **tables):
-    """Write a case of cells of one steel body against another one."""
+    """Write a case of cells of one steel body against another body."""
     import tomli_w
 
     surface = {
@@ -85,7 +85,7 @@ def test_a_mesh_with_overhang_and_inclusion_goes_through_the_chain(tmp_path):
         assert response["converged"].values.all()
         p = response["nominal_pressure"].values
         np.testing.assert_allclose(response["traction"][0, :, 0], -p, rtol=1e-8)
-        area = response["contact_fraction"].values  # of the cap, whose corners bend away
+        area = response["contact_fraction"].values  # of the cap with corners that bend away
         assert np.all((area > 25 / 64) & (area <= 36 / 64))
         spots = response["spot_area"].sum("spot").values * 1e12  # of a cell of 1 um2
         np.testing.assert_allclose(spots, area, rtol=1e-12)
@@ -93,7 +93,7 @@ def test_a_mesh_with_overhang_and_inclusion_goes_through_the_chain(tmp_path):
         stiffness.append((p[-1] - p[0]) / (gap[0] - gap[-1]))
         fields = open_dataset(tmp_path / str(k) / "fields" / "fields.nc")
         assert fields["pressure"].shape == (4, 8, 8)
-        assert fields["pressure"].values[:, 0].max() == 0.0  # beside the cap
+        assert fields["pressure"].values[:, 0].max() == 0.0  # around the cap
         assert INTERFACE_LAW.name in results
     assert file.exists()
     assert stiffness[1] < 0.9 * stiffness[0]
@@ -169,7 +169,7 @@ def test_named_volumes_need_laws_and_meshes_need_one_realisation(tmp_path):
 
 
 def test_inverted_elements_are_counted_and_placed(tmp_path):
-    def fold(points):  # lift one inner node of the bottom layer through the next one
+    def fold(points):  # lift one inner node of the bottom layer through the next node
         points = points.copy()
         inner = np.isclose(points, [0.5, 0.5, 0.125]).all(axis=1)
         points[inner, 2] = 0.6
@@ -200,7 +200,7 @@ def test_a_hard_body_makes_a_mesh_flow_and_unload(tmp_path):
         load_case(path)
 
 
-def test_needs_of_a_mesh_say_what_it_builds_and_leaves_out(tmp_path):
+def test_needs_of_a_mesh_list_the_built_and_the_omitted_parts(tmp_path):
     needs = requirements(load_case(written(tmp_path / "case.toml")))
     assert "scikit-fem" in needs.libraries
     assert needs.built["stiffness"] == "assembled to a matrix"
@@ -225,7 +225,7 @@ def test_the_shipped_cell_on_quadratic_elements_is_close_to_the_conforming_kerne
 
 
 @pytest.mark.slow
-def test_the_shipped_cell_with_an_overhang_and_a_pore_touches_as_hertz_says(shipped_run):
+def test_the_shipped_cell_with_an_overhang_and_a_pore_touches_as_by_hertz(shipped_run):
     """Its summit is a sphere, on a stem that the contact does not reach."""
     response = open_dataset(shipped_run("overhang_cell")[0] / "micro_response.nc")
     pressure, area = response["nominal_pressure"].values, (20e-6) ** 2

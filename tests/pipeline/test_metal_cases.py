@@ -17,7 +17,7 @@ TEXT = shipped_cases()["ground_steel_plastic"].read_text(encoding="utf-8")
 ELASTIC = TEXT.replace('hardness = "1.6 GPa"\n', "").replace('hardening_modulus = "1 GPa"\n', "")
 
 
-def test_the_softer_body_yields_where_its_hardness_says_and_the_case_says_so(tmp_path):
+def test_the_softer_body_yields_at_its_hardness_and_the_case_reports_it(tmp_path):
     text = TEXT.replace('"1.6 GPa"', '"2.8 GPa"', 1).replace('"1 GPa"', '"3 GPa"', 1)
     text = text.replace('"1.6 GPa"', '"1.4 GPa"', 1)
     case = case_of(tmp_path, text)
@@ -28,7 +28,7 @@ def test_the_softer_body_yields_where_its_hardness_says_and_the_case_says_so(tmp
     # the flow stress at the plastic strain under an indenter is the hardness over 2.8
     stress, _ = cell.law.flow_stress(np.array(0.08))
     assert 2.8 * stress == pytest.approx(1.4e9)
-    assert case.cautions() == []  # the response tells the yield stress
+    assert case.cautions() == []  # the response has the yield stress
 
 
 def test_a_flat_case_with_a_hardness_still_caps_its_pressure(tmp_path):
@@ -37,7 +37,7 @@ def test_a_flat_case_with_a_hardness_still_caps_its_pressure(tmp_path):
     assert cell.hardness == 1.6e9
 
 
-def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
+def test_unloading_goes_down_the_same_pressures_or_the_pressures_of_a_list(tmp_path):
     up = (5e6, 10e6, 20e6, 40e6, 80e6, 160e6)
     assert case_of(tmp_path, TEXT).micro.path == (*up, *up[-2::-1])
     listed = TEXT.replace("unload = true", 'unload = ["90 MPa", "30 MPa"]')
@@ -64,7 +64,7 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     peak, down = case.micro.pressures[-1], np.array(case.micro.unloading)
     gap = law.loading.gap_at(np.array(peak)) + law.recovery(down, np.array(peak))
     np.testing.assert_allclose(gap, response["mean_gap"].mean("realisation")[6:], rtol=0.03)
-    assert np.all(gap < law.loading.gap_at(down))  # what has flowed stays down
+    assert np.all(gap < law.loading.gap_at(down))  # plastic deformation remains
 
     assert np.all(joint["unloading_stiffness"] > joint["joint_stiffness"])
     low, high = np.nanpercentile(joint["unloading_stiffness_sample"], (2.5, 97.5), axis=0)
@@ -72,7 +72,7 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
 
 
 @pytest.mark.slow
-def test_halved_increments_tell_the_error_that_the_increments_leave():
+def test_halved_increments_give_the_error_that_the_increments_leave():
     """Against increments of an eighth, which leave a tenth of it."""
     x = np.cos(2.0 * np.pi * np.arange(8) / 8)
     cell = Cell(

@@ -1,4 +1,4 @@
-"""The planner reaches its target near the best fixed setting, and loses nothing."""
+"""The planner reaches its target near the best fixed setting, without a loss of time."""
 
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -72,7 +72,7 @@ class Synthetic:
 
 
 def best_fixed(target):
-    """Seconds of the cheapest setting, found with the errors known and without cancelling signs."""
+    """Seconds of the cheapest setting, taken with the errors known and without cancelling signs."""
     stage, times = Synthetic(0), []
     for rungs in product(range(9), range(-2, 7), range(-2, 7)):
         v = dict(zip(("cells", "elements", "steps"), rungs, strict=True))
@@ -97,7 +97,7 @@ class Sizes:
 
 
 @pytest.mark.parametrize("target", [0.1, 0.05, 0.02])
-def test_targets_are_met_and_stated_errors_held_near_the_best_fixed_setting(target):
+def test_targets_are_met_and_stated_errors_are_near_the_best_fixed_setting(target):
     below, fixed, times = 0, 0, []
     for seed in range(20):
         stage = Synthetic(seed)
@@ -130,8 +130,8 @@ def test_seen_orders_are_extrapolated():
     np.testing.assert_allclose(reached.state.value / TRUTH, exact, rtol=0.01)
 
 
-def test_the_chance_of_cells_of_two_sizes_is_no_error_of_their_size():
-    """A 95 % half-width holds 95 % of the differences, and seconds grow by their own power."""
+def test_the_chance_of_cells_of_two_sizes_is_not_an_error_of_their_size():
+    """A 95 % half-width holds 95 % of the differences, and seconds grow by their power."""
     knob = Knob("size", NO_CASE, ("cell size",), costs={"cells": 3.0}, scatters=True, draws=1.0)
     states = [
         Planner([knob], Sizes(k), {"size": -1}).measure({"size": 0}, None) for k in range(500)
@@ -323,7 +323,7 @@ def test_bodies_name_their_knobs():
     assert named["elements"].change(case, 1).structure.element == 0.5 * case.structure.element
     assert named["load steps"].change(case, -1).cycles.steps == 4
     assert [name for name, knob in named.items() if knob.terms == (MACRO,)] == ["elements"]
-    beam = load_case("brake_reuss")  # on meshes from files, whose error is in the budget
+    beam = load_case("brake_reuss")  # on meshes from files, with their error in the budget
     replaced = [knob.terms for knob in body_knobs(beam) if knob.applies(beam)]
     assert set(replaced) == {()}
 

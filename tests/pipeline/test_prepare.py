@@ -1,4 +1,4 @@
-"""What a run and its explanation refuse before anything is solved."""
+"""Refusals of a run and its explanation before anything is solved."""
 
 import numpy as np
 import pytest
@@ -70,8 +70,8 @@ def test_loads_of_bodies_far_from_a_stated_law_are_refused(meshes, pairs, more, 
     prepare(case_of(meshes, TEXT + more, *pairs, *pull))
 
 
-def test_a_small_body_beside_the_middle_of_a_large_one_is_pressed_on_its_own_face(meshes):  # noqa: F811
-    """10 MPa on a block of 10 x 10 mm at the corner of a plate, whose face takes side 2 or 1."""
+def test_a_small_body_next_to_the_middle_of_a_large_body_is_pressed_on_its_face(meshes):  # noqa: F811
+    """10 MPa on a block of 10 x 10 mm at the corner of a plate with a face on side 2 or 1."""
     block = box_mesh((0.01, 0.01, 0.01), (1, 1, 1), origin=(0.05, 0.03, 0.01))
     write_body(meshes / "block.msh", block)
     small = ('mesh = "cover.msh"', 'mesh = "block.msh"')
@@ -97,7 +97,7 @@ def test_a_bolt_is_not_counted_on_an_interface_that_it_may_not_press(meshes):  #
     prepare(case_of(meshes, text, *WASHERS, CLAMPED))
 
 
-def test_pressures_of_a_load_above_an_interface_are_those_of_a_beam():
+def test_pressures_of_a_load_above_an_interface_equal_a_beam():
     """A block of width w under P at the eccentricity e: P/A (1 + 6 e / w) at its edge."""
     mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1))
     base, top = (Face.at(mesh, name) for name in ("bottom", "top"))
@@ -124,7 +124,7 @@ def explain(path):
     return result.exception
 
 
-def test_what_a_run_refuses_its_explanation_refuses(tmp_path):
+def test_a_case_that_a_run_refuses_its_explanation_refuses(tmp_path):
     points = np.arange(64)
     waves = np.sin(0.7 * points)[:, None] + np.cos(0.9 * points)
     np.savetxt(tmp_path / "map.txt", waves, header="Width: 64 um\nHeight: 64 um\nValue units: nm")
@@ -154,7 +154,7 @@ def test_what_a_run_refuses_its_explanation_refuses(tmp_path):
 
 
 @pytest.mark.parametrize("command", ["run", "macro"])
-def test_what_takes_too_much_memory_is_explained_and_refused(tmp_path, monkeypatch, command):
+def test_a_case_with_too_much_memory_is_explained_and_refused(tmp_path, monkeypatch, command):
     monkeypatch.setattr(case_needs, "usable_memory", lambda: 1)
     write_law(tmp_path / "law.nc")
     path = write_scene(tmp_path, TWO_BLOCKS, ("[interface]", '[interface]\nlaw = "law.nc"'))

@@ -24,7 +24,7 @@ TEXTS = {
 
 
 def factor(unit):
-    """By what a quantity changes with all lengths and stresses, at the same times."""
+    """Factor of a quantity with all lengths and stresses, at the same times."""
     dimension = UNITS.get_dimensionality(UNITS.parse_units(unit))
     mass = dimension.get("[mass]", 0)  # kg = Pa m s2
     return STRESS**mass * LENGTH ** (mass + dimension.get("[length]", 0))
@@ -37,7 +37,7 @@ def scaled(text):
 
 @pytest.fixture(scope="module")
 def answers(tmp_path_factory):
-    """Give what a case answers, once: values by stage and variable, with their units."""
+    """Return the answers of a case, once: values by stage and variable, with their units."""
 
     @cache
     def solve(text, *pairs):

@@ -1,4 +1,4 @@
-"""What the real contact bears: its mean pressure, who flows, and what is refused for it."""
+"""The real contact: its mean pressure, bodies that flow, and refusals."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(sha
     assert "elastic" in meant.attrs["behaviour"]
 
 
-def test_a_hardness_is_compared_with_the_real_pressure_and_says_who_flows():
+def test_a_hardness_is_compared_with_the_real_pressure_and_reports_who_flows():
     changed = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
     assert changed.attrs["behaviour"] == (
         "The composite body flows from a yield stress of 0.5 GPa on, the hardness "
@@ -69,6 +69,6 @@ def test_a_hardness_is_compared_with_the_real_pressure_and_says_who_flows():
     assert "cut off at the hardness of 2 GPa of body_1" in flat.attrs["behaviour"]
 
 
-def test_what_a_case_says_of_flow_and_of_its_law_changes_no_cell():
+def test_the_keys_of_flow_and_of_the_law_of_a_case_change_no_cell():
     law = steel().law.model_copy(update={"extrapolate": True})
     assert steel(elastic=True, law=law).identity() == steel().identity()

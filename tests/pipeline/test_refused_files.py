@@ -18,14 +18,14 @@ GRID = case_text("grid")
 
 @pytest.fixture(autouse=True)
 def files(tmp_path):
-    """Write what the commands read."""
+    """Write input files of the commands."""
     (tmp_path / "case.toml").write_text(SINGLE, encoding="utf-8")
     (tmp_path / "scene.toml").write_text(GRID, encoding="utf-8")
 
 
 @pytest.fixture
 def disk(tmp_path):
-    """Give a file system of 256 KiB, and what changes it."""
+    """Yield a file system of 256 KiB, and its commands."""
     folder = tmp_path / "disk"
     folder.mkdir()
 
@@ -137,7 +137,7 @@ def test_a_folder_that_cannot_be_written_to_is_a_sentence_before_anything_is_com
     ids=lambda arguments: arguments[0],
 )
 @pytest.mark.parametrize("name", ["name", "name.txt", ".nc/"])
-def test_a_dataset_goes_to_a_file_whose_name_says_so(command, arguments, name):
+def test_a_dataset_goes_to_a_file_with_its_suffix(command, arguments, name):
     refused(command(*arguments, "-o", name), "the result is a dataset in a file that ends in .nc")
     assert not Path(name).exists()
 
@@ -170,14 +170,14 @@ def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
             [*arguments, out], capture_output=True, text=True, check=False, env=unmeasured
         )
 
-    solve_to("free", command).check_returncode()  # the kernels that are kept are larger files
+    solve_to("free", command).check_returncode()  # the cached kernels are larger files
     done = solve_to("limited", limit + command)
     refused((done.returncode, done.stdout, done.stderr), "file too large; choose another folder")
     assert {file.name for file in (tmp_path / "limited").iterdir()} <= {"fields"}
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-def test_a_terminal_that_takes_no_more_is_a_sentence(tmp_path):
+def test_a_full_terminal_is_a_sentence(tmp_path):
     program = "from multiscale.cli import main; main()"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
@@ -191,7 +191,7 @@ def test_a_terminal_that_takes_no_more_is_a_sentence(tmp_path):
     refused((done.returncode, done.stdout, done.stderr), "No space left on device")
 
 
-def test_what_was_written_before_stays_when_its_new_version_finds_no_room(command, disk):
+def test_an_earlier_file_stays_when_its_new_version_finds_no_room(command, disk):
     folder, change = disk
     change("size=2m")
     out = folder / "out.nc"

@@ -1,4 +1,4 @@
-"""Representative volumes of cases: what they answer, and how bodies and interfaces take them."""
+"""Representative volumes of cases: their answers, and how bodies and interfaces take them."""
 
 import numpy as np
 import pytest
@@ -99,7 +99,7 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
         ),
     ],
 )
-def test_volumes_that_differ_from_what_is_asked_are_not_representative(
+def test_volumes_that_differ_from_the_request_are_not_representative(
     tmp_path, pairs, porosity, sentence
 ):
     rve = load_case(write_scene(tmp_path, TEXT + RECIPE, *pairs)).rve
@@ -108,7 +108,7 @@ def test_volumes_that_differ_from_what_is_asked_are_not_representative(
     assert all(part in limit for part, limit in zip(sentence, limits, strict=True))
 
 
-def test_a_size_study_says_which_of_its_volumes_hold_no_pore(tmp_path):
+def test_a_size_study_reports_which_of_its_volumes_hold_no_pore(tmp_path):
     pairs = ("140 um", "200 um"), ("sections = 5", "sections = 2\nparts = [0.4, 0.6]")
     text = (TEXT + RECIPE).replace("realisations = 3", "realisations = 2")
     rve = run(load_case(write_scene(tmp_path, text, *pairs)), tmp_path / "out")["rve"]
@@ -135,7 +135,7 @@ def test_a_listed_pore_has_the_damage_of_its_section(tmp_path):
 
 
 @pytest.mark.parametrize(("edge", "known"), [(0.5, True), (0.6, False)])
-def test_only_parts_that_do_not_overlap_tell_the_scatter_of_one_volume(edge, known, tmp_path):
+def test_only_parts_that_do_not_overlap_give_the_scatter_of_one_volume(edge, known, tmp_path):
     pores = "".join(
         f'[[rve.pores]]\ncentre = ["{x} mm", "{y} mm", "0.4 mm"]\nradius = "0.15 mm"\n'
         for x, y in ((0.2, 0.3), (0.7, 0.6))
@@ -169,7 +169,7 @@ def test_solid_that_floats_in_voids_is_void(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("floating", [False, True])
-def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monkeypatch, floating):
+def test_an_image_with_channels_is_softer_by_their_section(tmp_path, monkeypatch, floating):
     tifffile = pytest.importorskip("tifffile")
     void = channel(floating)
     tifffile.imwrite(tmp_path / "channel.tif", void)
@@ -188,7 +188,7 @@ def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monke
 
 @pytest.fixture(scope="module")
 def bar(tmp_path_factory):
-    """Bar along z of a solid with a crack normal to its own x, which lies along z."""
+    """Bar along z of a solid with a crack normal to its local x, which lies along z."""
     folder = tmp_path_factory.mktemp("bar")
     write_body(folder / "bar.msh", box_mesh((4e-3, 3e-3, 9e-3), (1, 1, 2)))
     case = load_case(write_scene(folder, TEXT + CRACK + BAR))
@@ -220,7 +220,7 @@ def test_the_errors_of_the_volume_reach_the_bar(bar):
     assert low < float(result["load_stiffness"][-1, 0]) < high
 
 
-def test_sections_beside_an_interface_damage_it(tmp_path):
+def test_sections_next_to_an_interface_damage_it(tmp_path):
     write_body(tmp_path / "bar.msh", box_mesh((4e-3, 3e-3, 9e-3), (1, 1, 2)))
     law = """
 [[structure.interfaces]]
@@ -259,7 +259,7 @@ pressures = ["0.1 MPa", "100 MPa"]
         ),
     ],
 )
-def test_what_cannot_be_made_is_refused_before_anything_is_computed(tmp_path, text, sentence):
+def test_an_impossible_volume_is_refused_before_anything_is_computed(tmp_path, text, sentence):
     case = load_case(write_scene(tmp_path, text))
     with pytest.raises(CaseError, match=sentence):
         run(case, tmp_path / "out")
@@ -273,7 +273,7 @@ def test_a_body_with_a_volume_that_is_cut_through_is_refused(tmp_path):
         run(case, tmp_path / "out")
 
 
-def test_a_volume_larger_than_its_body_is_said(tmp_path):
+def test_a_volume_larger_than_its_body_is_reported(tmp_path):
     write_body(tmp_path / "bar.msh", box_mesh((4e-4, 3e-4, 9e-4), (1, 1, 2)))
     case = load_case(write_scene(tmp_path, TEXT + "parts = []" + CRACK + BAR))
     result = run(case, tmp_path / "out")

@@ -1,4 +1,4 @@
-"""What a case needs is said before it is run."""
+"""Requirements of a case, printed before it is run."""
 
 from typer.testing import CliRunner
 
@@ -13,7 +13,7 @@ def case_with(tmp_path, *pairs):
     return load_case(write_scene(tmp_path, TEXT, *pairs))
 
 
-def test_a_plain_case_leaves_out_what_it_does_not_use():
+def test_a_plain_case_leaves_out_unused_parts():
     needs = requirements(load_case("ground_steel"))
     assert needs.unknowns_per_contact == 1
     assert needs.state_variables == ()
@@ -23,7 +23,7 @@ def test_a_plain_case_leaves_out_what_it_does_not_use():
     assert "joint mesh" in needs.omitted  # a closed form
 
 
-def test_a_nearly_incompressible_case_says_what_it_adds():
+def test_a_nearly_incompressible_case_lists_its_additions():
     needs = requirements(load_case("road_texture"))
     assert "mean dilatation" in needs.built
     assert "tilt" in needs.built
@@ -49,7 +49,7 @@ def test_a_conforming_case_with_a_hardness_carries_plastic_state():
     assert "tangent" in needs.built
 
 
-def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
+def test_a_target_states_that_its_needs_are_of_the_cells_at_the_start(tmp_path):
     plain = requirements(load_case("ground_steel"))
     aimed = requirements(
         case_with(tmp_path, ("[statics]", '[accuracy]\ntarget = "5 %"\n[statics]'))
@@ -70,7 +70,7 @@ def test_explaining_a_case_prints_its_needs_and_runs_nothing(tmp_path):
     assert not out.exists()
 
 
-def test_explaining_a_sweep_tells_its_points_and_the_needs_of_the_largest(tmp_path):
+def test_explaining_a_sweep_lists_its_points_and_the_needs_of_the_largest(tmp_path):
     (tmp_path / "case.toml").write_text(TEXT + "[sweep]\ncell.layers = [8, 20, 14]\n")
     result = CliRunner().invoke(app, ["run", str(tmp_path / "case.toml"), "--explain"])
     assert result.exit_code == 0

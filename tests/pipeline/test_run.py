@@ -110,7 +110,7 @@ def test_the_datasets_open_as_one_tree_and_agree(finished):
     )
 
 
-def test_fields_are_those_of_the_contact(finished):
+def test_fields_belong_to_the_contact(finished):
     import meshio
 
     fields = xr.load_dataset(finished[0] / "fields" / "fields.nc", engine="h5netcdf")
@@ -135,7 +135,7 @@ def test_a_second_run_keeps_the_cells_and_gives_the_same_law(shipped_run, comman
     xr.testing.assert_equal(law, open_law(out / "interface_law.nc"))
 
 
-def test_micro_and_fit_do_the_first_half_alone(command, tmp_path):
+def test_micro_and_fit_do_only_the_first_half(command, tmp_path):
     small = FLAT.replace("[128, 128]", "[64, 64]").replace("realisations = 5", "realisations = 2")
     (tmp_path / "small.toml").write_text(small, encoding="utf-8")
     status, _, output = command("micro", "small.toml", "-o", "a/response.nc", "--jobs", "1")
@@ -145,7 +145,7 @@ def test_micro_and_fit_do_the_first_half_alone(command, tmp_path):
     assert open_law(tmp_path / "law.nc").attrs["n_realisations"] == 2
 
 
-def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
+def test_a_disk_that_fills_in_mid_run_deletes_nothing(tmp_path, monkeypatch):
     from multiscale.errors import MultiscaleError
 
     (tmp_path / "case.toml").write_text(FLAT, encoding="utf-8")
@@ -205,7 +205,7 @@ def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     *of_structure, of_mesh = result.attrs["cautions"].splitlines()
     assert of_structure == [f"its law: {item}" for item in of_law]
     assert of_mesh.startswith("the error of the mesh is unknown")  # one element a block
-    # one cell of .8 mm in a joint of 20 mm, and the parts of the law that a run knows
+    # one cell of .8 mm in a joint of 20 mm, and the parts of the law that are computed in a run
     total = result["error_total"].drop_sel(quantity="solid_stiffness")  # hangs on no law
     assert np.all((total > 0.0) & (total < 1.0))
     assert "cell 0.04 of the interface" in result.attrs["how_scale_separation"]

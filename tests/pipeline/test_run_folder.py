@@ -1,4 +1,4 @@
-"""A run folder belongs to one case, and its report shows no result of another one."""
+"""A run folder belongs to one case, and its report shows no result of another case."""
 
 from dataclasses import replace
 from shutil import copytree
@@ -49,7 +49,7 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     assert "At a preload of 50 MPa" in page
 
 
-def test_cells_of_another_case_or_of_another_kind_are_left_alone(folder):
+def test_cells_of_another_case_or_of_another_kind_are_left_unchanged(folder):
     text = read_text(folder / "case.toml")
     for other in (load_case("ground_steel"), load_case("tyre_on_road")):
         with pytest.raises(CaseError, match=r"holds another run, 'Ground steel .*choose another"):
@@ -87,7 +87,7 @@ load_factors = [1.0]
         run(load_case(other), out)
 
 
-def test_a_folder_of_a_sweep_takes_no_single_run(tmp_path):
+def test_a_folder_of_a_sweep_refuses_a_single_run(tmp_path):
     make_folder(tmp_path / "out")
     (tmp_path / "out" / "case.toml").write_text("sweep = {}")
     (tmp_path / "out" / "sweep.nc").touch()
@@ -95,7 +95,7 @@ def test_a_folder_of_a_sweep_takes_no_single_run(tmp_path):
         run(load_case("ground_steel"), tmp_path / "out")
 
 
-def test_a_stage_is_computed_again_after_what_it_depends_on_and_no_earlier_one(folder):
+def test_a_stage_is_computed_again_after_its_inputs_and_no_earlier_stage(folder):
     case = load_case(folder / "case.toml")
 
     def out_of_date(**changes):
@@ -153,7 +153,7 @@ def test_a_dataset_of_an_earlier_version_is_answered_in_a_sentence(folder, name,
         show(folder)
 
 
-def test_a_realisation_computed_again_agrees_or_names_what_was_changed(folder, tmp_path):
+def test_a_realisation_computed_again_agrees_or_names_the_change(folder, tmp_path):
     assert verify_run(folder).startswith("the first realisation computed again agrees within")
     file, schema = folder / "micro_response.nc", SCHEMAS["micro_response"]
     changed = open_dataset(file, schema).load()
@@ -170,7 +170,7 @@ def test_a_realisation_computed_again_agrees_or_names_what_was_changed(folder, t
         verify_run(tmp_path)
 
 
-def test_a_structure_alone_is_not_another_run_of_its_folder(folder, tmp_path):
+def test_a_structure_without_cells_is_not_another_run_of_its_folder(folder, tmp_path):
     case = load_case(folder / "case.toml")
     write_law(tmp_path / "law.nc")
     part = case.from_structure(tmp_path / "law.nc")
@@ -182,7 +182,7 @@ def test_a_structure_alone_is_not_another_run_of_its_folder(folder, tmp_path):
         claim_folder(tmp_path, case)
 
 
-def test_a_run_whose_folder_another_run_takes_ends_in_a_sentence(folder, monkeypatch):
+def test_a_run_with_a_folder_that_another_run_takes_ends_in_a_sentence(folder, monkeypatch):
     case = load_case(folder / "case.toml")
     text = "# another case"
     monkeypatch.setattr(

@@ -1,4 +1,4 @@
-"""What a scene needs is said before it is solved, and is what it takes."""
+"""Requirements of a scene, printed before it is solved and equal to its use."""
 
 import json
 import os
@@ -103,7 +103,7 @@ def run(code, *arguments):
 
 
 @pytest.mark.parametrize("file", SCENES, ids=lambda file: file.stem)
-def test_every_shipped_scene_says_what_it_needs_and_what_it_leaves_out(file):
+def test_every_shipped_scene_lists_its_needs_and_the_omitted_parts(file):
     needs = requirements(load_case(file))
     assert needs.built
     assert needs.omitted
@@ -148,7 +148,7 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LARGE)
-def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
+def test_the_stated_memory_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
     code = """
         import json, sys
         from multiscale.bench.measure import peak_memory
@@ -167,7 +167,7 @@ def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_pa
     assert 0.5 <= text / (after - before) <= 2.0, (text, after - before)
 
 
-def test_a_scene_says_what_its_options_add():
+def test_a_scene_lists_the_needs_of_its_options():
     grid = tensegrity_grid(2)
     plain, exact = link_needs(grid), link_needs(grid, exact=True)
     assert set(plain.built) == {"tangent", "slack"}
@@ -188,7 +188,7 @@ def test_a_scene_says_what_its_options_add():
     assert plain.unknowns_per_contact == 1
 
 
-def test_a_cut_says_what_its_interfaces_take():
+def test_a_cut_lists_the_needs_of_its_interfaces():
     whole = cut_needs(3000)
     assert set(whole.built) == {"substructure stiffness", "error bound"}
     assert set(cut_needs(3000, substructures=4).built) - set(whole.built) == {"coarse problem"}
@@ -199,7 +199,7 @@ def test_a_cut_says_what_its_interfaces_take():
     assert "coarse problem" in cut_needs(3000, substructures=4, coarse=False).omitted
 
 
-def test_a_joint_without_cycles_has_fewer_slabs_and_says_so(tmp_path):
+def test_a_joint_without_cycles_has_fewer_slabs_and_states_it(tmp_path):
     (path,) = (file for file in SCENES if file.stem == "rough_blocks")
     cycled = load_case(path)
     pressed = cycled.model_copy(update={"cycles": None})
@@ -212,7 +212,7 @@ def test_a_joint_without_cycles_has_fewer_slabs_and_says_so(tmp_path):
         assert bed.pressures == (0.2e6, 60e6)
 
 
-def test_grains_say_what_their_law_and_their_solver_take():
+def test_grains_list_the_needs_of_their_law_and_their_solver():
     plain = grain_needs(100, 2, ContactLaw(friction=0.0), Solver(most_assembled=0))
     assert set(plain.built) == {"sweeps"}
     full = grain_needs(100, 2, ContactLaw(0.5, 0.1, 0.05), Solver())

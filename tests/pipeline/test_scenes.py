@@ -1,4 +1,4 @@
-"""Scene files: what is read, what a refused one says, and what a run leaves."""
+"""Scene files: reading, messages of refused files, and results of a run."""
 
 import meshio
 import numpy as np
@@ -68,7 +68,7 @@ def test_keys_of_a_scene_reach_the_structure(tmp_path):
     np.testing.assert_array_equal(net.load, expected.load)
 
 
-def test_a_static_scene_is_what_solve_static_gives_and_its_file_says_so(tmp_path):
+def test_a_static_scene_is_the_result_of_solve_static_and_its_file_states_it(tmp_path):
     scene = load_case(SCENES / "tensegrity_grid.toml").quick()
     run_macro(scene, tmp_path / "new" / "grid.nc")
     result = open_dataset(tmp_path / "new" / "grid.nc", MACRO_RESULT)
@@ -101,7 +101,7 @@ def test_a_motion_starts_from_the_equilibrium_and_follows_its_history(tmp_path):
     )
 
 
-def test_a_support_that_is_neither_held_nor_free_is_refused(hanging):
+def test_a_support_that_is_neither_fixed_nor_free_is_refused(hanging):
     nodes = hanging / "nodes.csv"
     nodes.write_text(NODES.replace("0,0,1,1,1,0", "0,0,1,1,2,0"), encoding="utf-8")
     with pytest.raises(CaseError, match=r"fix_y of node 1 must be 1 \(fixed\) or 0, got 2"):
@@ -117,7 +117,7 @@ def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hangi
     assert "nodes move by up to 1e+25 m, more than the structure measures (2 m)" in result.cautions
 
 
-def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
+def test_a_motion_that_fails_reports_when_and_stores_its_steps(tmp_path, monkeypatch):
     monkeypatch.setattr("multiscale.macro.links.dynamics.MAX_ITERATIONS", 2)
     scene = load_case(
         write_scene(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))
@@ -163,7 +163,7 @@ def test_an_inextensible_rope_needs_no_rigidity(hanging):
         pytest.param("links.csv", ("1,2,cable", "1,2,rope"), "'rope' of link 1", id="law"),
     ],
 )
-def test_a_refused_table_says_where(hanging, file, pair, message):
+def test_a_refused_table_names_the_place(hanging, file, pair, message):
     path = hanging / file
     text = path.read_text(encoding="utf-8")
     assert pair[0] in text
@@ -209,7 +209,7 @@ load_factors = [1]
     )
 
 
-def test_a_scene_without_any_solution_is_an_error_that_says_why(hanging):
+def test_a_scene_without_any_solution_is_an_error_with_its_reason(hanging):
     loose = "0,0,0,0,1,0,-30\n"  # the lowest weight may now swing, and is pushed
     nodes = NODES.replace("load_z", "load_z,load_x").replace("0,0,2,1,1,1,0", "0,0,2,1,1,1,0,0")
     nodes = nodes.replace("-50\n", "-50,0\n").replace("0,0,0,1,1,0,-30\n", loose[:-1] + ",9\n")
@@ -268,8 +268,8 @@ def test_tables_without_prestress_get_their_state_of_self_stress(tables):
     np.testing.assert_allclose(result.prestress, scaled, rtol=1e-9)
 
 
-def test_of_several_states_the_one_with_the_largest_least_tension_is_taken(tables):
-    """Four modules have a state each: all are stressed alike, as by the grid's own prestress."""
+def test_of_several_states_the_state_with_the_largest_least_tension_is_taken(tables):
+    """Four modules have a state each: all are stressed alike, as by the prestress of the grid."""
     grid = tensegrity_grid(2)
     folder = tables(grid)
     case = load_case(write_scene(folder, MODULE))

@@ -1,4 +1,4 @@
-"""Cases whose cells are sheared: the law gets friction, and joints take it from there."""
+"""Cases of sheared cells: the law gets friction, and joints take it from there."""
 
 from pathlib import Path
 from shutil import copytree
@@ -71,7 +71,7 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     assert "shear is measured" in page
 
 
-def test_sheared_cells_have_both_bodies_and_the_surfaces_of_the_pressed_ones(finished):
+def test_sheared_cells_have_both_bodies_and_the_surfaces_of_the_pressed_cells(finished):
     case, _, results = finished
     for item, (lower, upper) in zip(make_cells(case), two_surfaces(case), strict=True):
         np.testing.assert_allclose(lower.heights + upper.heights, item.surface.heights, atol=1e-18)
@@ -135,7 +135,7 @@ def test_the_command_fits_the_same_law_from_files_and_exports_it(finished, comma
     assert Path("law.csv").read_text().startswith("pressure (MPa),gap (um)")
 
 
-def test_a_given_value_stands_instead_of_a_measured_one_and_says_so(finished):
+def test_a_given_value_replaces_a_measured_value_and_is_reported(finished):
     case, _, results = finished
     given = case.model_copy(
         update={"interface": case.interface.model_copy(update={"friction": 0.3})}
@@ -153,7 +153,7 @@ def test_a_given_value_stands_instead_of_a_measured_one_and_says_so(finished):
     assert joints_of(strict, results)[1][0].identical(law)
 
 
-def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
+def test_a_missing_value_is_assumed_by_theory_or_refused(tmp_path):
     law = write_law(tmp_path / "law.nc")
     text = PLAIN.replace("[interface]", '[interface]\nlaw = "law.nc"\nfriction = 0.3')
     text = text.replace("poissons_ratio = 0", "poissons_ratio = 0.3")
@@ -184,7 +184,7 @@ def seconds_of(needs, stage):
     return next(cost.seconds for cost in needs.costs if cost.stage == stage)
 
 
-def test_needs_and_quick_tell_the_sheared_cells(tmp_path):
+def test_needs_and_quick_list_the_sheared_cells(tmp_path):
     case = case_of(tmp_path, CHAIN)
     needs = requirements(case)
     text = needs.built["sheared cells"]
@@ -200,7 +200,7 @@ def test_needs_and_quick_tell_the_sheared_cells(tmp_path):
     assert seconds_of(requirements(large), "shear_response") > 600.0
 
 
-def test_bodies_keep_their_own_moduli(finished, monkeypatch, tmp_path):
+def test_bodies_keep_separate_moduli(finished, monkeypatch, tmp_path):
     case, _, _ = finished
     soft = case.body_2.model_copy(update={"youngs_modulus": 70e9, "surface": None})
     made: list[FiniteCell] = []
@@ -218,7 +218,7 @@ def test_bodies_keep_their_own_moduli(finished, monkeypatch, tmp_path):
 
 
 def slid_cells(steady):
-    """Cells that slid under 20 and 40 MPa, of which only the steady friction is told."""
+    """Cells that slid under 20 and 40 MPa, of which only the steady friction is given."""
     sizes = {"load": 2, "step": 3}
     values = {
         name: np.ones([*sizes.values(), 3][: len(value.dims)])
@@ -240,8 +240,8 @@ def test_friction_of_a_slide_enters_the_law_where_it_is_steady(finished):
     assert "sliding" not in law.attrs["branches"]
 
 
-def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
-    """At the last preload, which is 40 MPa, with a loss whose error is then not known."""
+def test_friction_of_a_slide_replaces_a_missing_friction(finished, tmp_path):
+    """At the last preload, which is 40 MPa, with a loss of then unknown error."""
     _, _, results = finished
     slide = '[slide]\ndistance = "800 um"\n'
     text = (
@@ -286,7 +286,7 @@ def test_the_bolted_lap_joint_runs_from_its_surfaces_to_its_hysteresis(shipped_r
 
 
 @pytest.mark.slow
-def test_the_first_cell_on_half_of_its_points_tells_the_error_of_the_grid(finished, tmp_path):
+def test_the_first_cell_on_half_of_its_points_gives_the_error_of_the_grid(finished, tmp_path):
     """Of stiffness, tangential traction and loss, which are not known without it."""
     case, first, before = finished
     out = tmp_path / "out"

@@ -1,4 +1,4 @@
-"""Cases whose bodies slide: both rough and deformable, friction against pressure and distance."""
+"""Cases of sliding bodies: both rough and deformable, friction against pressure and distance."""
 
 from shutil import copytree
 
@@ -49,7 +49,7 @@ def test_the_two_bodies_have_the_gaps_of_their_composite_surface(tmp_path):
     )
     assert pair.second is not None
     assert isinstance(pair.law, NeoHookean)
-    # at small slopes two bodies press as the one that stands for both
+    # at small slopes two bodies press as one equivalent body
     path = Path(pressure=(20e6, 80e6))
     gaps = [solve_cell(cell, path)["mean_gap"].values[0] for cell in (pair, first)]
     np.testing.assert_allclose(*gaps, rtol=0.02)
@@ -93,7 +93,7 @@ def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finish
     run(case, out)
 
 
-def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):
+def test_the_needs_of_sliding_are_listed_and_quick_takes_less(tmp_path):
     case = case_of(tmp_path, ELASTIC + SLIDE)
     assert "both bodies" in requirements(case).built["slide"]
     assert requirements(case).memory > requirements(case_of(tmp_path, ELASTIC)).memory

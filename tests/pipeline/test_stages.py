@@ -1,4 +1,4 @@
-"""A case is made of stages, and nothing but its own file knows a stage by name."""
+"""A case is made of stages, and only its file refers to a stage by name."""
 
 import shutil
 from dataclasses import replace
@@ -55,7 +55,7 @@ def test_the_tables_of_a_file_ask_for_its_stages():
     assert [stage.name for stage in stages_of({"structure", "joint"})] == joint[2:]
 
 
-def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monkeypatch):
+def test_a_stage_that_is_added_is_run_reported_and_shown(run_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(stages, "STAGES", (*STAGES, ADDED))
     out = tmp_path / "out"
     shutil.copytree(run_folder, out)

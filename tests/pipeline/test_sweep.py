@@ -82,7 +82,7 @@ GRID = case_text("swept_grid")
 
 
 @pytest.mark.slow
-def test_a_sweep_of_a_joint_that_slips_keeps_its_answers_and_says_which_slides(write, tmp_path):
+def test_a_sweep_of_a_joint_that_slips_keeps_its_answers_and_reports_which_slides(write, tmp_path):
     write_law(tmp_path / "law.nc")
     sweep = load_sweep(write(JOINT))
     result = run_sweep(sweep, tmp_path / "out")
@@ -163,7 +163,7 @@ def files(folder):
 
 @pytest.fixture
 def solved(monkeypatch):
-    """Keep no run folders, and list the points that are run."""
+    """Store no run folders, and list the points that are run."""
     titles, whole = [], sweep_module.run
     monkeypatch.setattr(sweep_module, "MOST_KEPT", 0)
     monkeypatch.setattr(
@@ -211,7 +211,7 @@ def test_a_sparing_run_keeps_what_took_long_and_goes_on_from_it(write, tmp_path,
     assert (tmp_path / "long" / "macro_result.nc").stat().st_mtime_ns == written
 
 
-def test_a_full_disk_ends_a_sweep_in_a_sentence_and_what_was_stored_stays(write, tmp_path, solved):
+def test_a_full_disk_ends_a_sweep_in_a_sentence_and_stored_results_stay(write, tmp_path, solved):
     resource = pytest.importorskip("resource")
     sweep, before = load_sweep(write(GRID)), resource.getrlimit(resource.RLIMIT_FSIZE)
 
@@ -229,7 +229,7 @@ def test_a_full_disk_ends_a_sweep_in_a_sentence_and_what_was_stored_stays(write,
     assert solved == [case.title for case in sweep.points][2:]
 
 
-def test_a_folder_that_cannot_be_written_ends_a_sweep_and_is_no_failure_of_a_point(write, tmp_path):
+def test_a_folder_that_cannot_be_written_ends_a_sweep_without_a_failure_of_a_point(write, tmp_path):
     sweep = load_sweep(write(GRID))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "points").touch()
@@ -238,7 +238,7 @@ def test_a_folder_that_cannot_be_written_ends_a_sweep_and_is_no_failure_of_a_poi
 
 
 @pytest.mark.slow
-def test_a_point_that_failed_fails_again_and_a_damaged_one_is_run_again(
+def test_a_point_that_failed_fails_again_and_a_damaged_point_is_run_again(
     write, tmp_path, monkeypatch
 ):
     def solve(case, law):
@@ -264,7 +264,7 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
         run_sweep(sweep, tmp_path / "out")
 
 
-def test_sentences_of_points_that_differ_by_numbers_are_told_once():
+def test_sentences_of_points_that_differ_by_numbers_are_printed_once():
     lines = [
         ("body_1 reaches 631 MPa", 0),
         ("body_2 reaches 2 MPa", 1),
@@ -280,7 +280,7 @@ def test_sentences_of_points_that_differ_by_numbers_are_told_once():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_pages")
-def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(write, tmp_path):
+def test_messages_separate_keys_of_one_name_and_cautions_of_points_are_printed(write, tmp_path):
     modulus = '.youngs_modulus = ["70 GPa", "210 GPa"]'
     table = f"[sweep]\nbody_1{modulus}\nbody_2{modulus}\ncell.points = [[36, 36], [16, 16]]\n"
     arguments = ["run", str(write(SMALL + table)), "-o", str(tmp_path / "out"), "--jobs", "1"]
@@ -297,5 +297,5 @@ def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(wr
     )
     assert sentence in first.stderr
     assert setting.format(210) in (tmp_path / "out" / "log.txt").read_text(encoding="utf-8")
-    # points that are found finished are told of, too
+    # points that are finished already are printed, too
     assert sentence in CliRunner().invoke(app, arguments).stderr

@@ -134,9 +134,7 @@ def test_a_joint_takes_friction_and_dilation_at_its_speed(law, tmp_path):
         ('speed = "0 m/s"\nstiffness_ratio = 1.0\n', '"2 kPa"', "speed"),
     ],
 )
-def test_a_law_of_grains_is_refused_where_it_says_nothing(
-    law, tmp_path, interface, preloads, words
-):
+def test_a_law_of_grains_is_refused_where_it_has_no_data(law, tmp_path, interface, preloads, words):
     with pytest.raises(MultiscaleError, match=words):
         run_macro(joint(tmp_path, law, interface, preloads), tmp_path / "out.nc")
 

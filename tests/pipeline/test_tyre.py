@@ -88,7 +88,7 @@ def test_a_law_of_an_earlier_version_is_answered_in_a_sentence(finished, tmp_pat
         reader(old)
 
 
-def test_a_law_of_another_family_is_no_friction_of_rubber(finished):
+def test_a_law_of_another_family_is_refused_as_friction_of_rubber(finished):
     _, _, results = finished
     seen = friction_observations(results.micro_response.isel(step=range(4)))
     with pytest.raises(CaseError, match="a law of the family 'coulomb', expected a bell"):
@@ -178,7 +178,7 @@ def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
 
 
 @pytest.mark.slow
-def test_a_tread_that_its_friction_tips_says_so_at_each_speed_and_temperature(finished):
+def test_a_tread_that_its_friction_tips_is_reported_at_each_speed_and_temperature(finished):
     case, _, results = finished
     law = results.interface_law
     names = ("peak_coefficient", "peak_coefficient_sample")

@@ -1,4 +1,4 @@
-"""Cases of vibrating bodies: frequency and damping with intervals, and what is refused."""
+"""Cases of vibrating bodies: frequency and damping with intervals, and refusals."""
 
 import re
 
@@ -65,17 +65,17 @@ def test_a_case_has_modes_backbone_page_and_series(meshes):
     still["slipping_load"] = 0.0 * computed["slipping_load"] + 1e-17
     table = next(VIBRATING_BODIES.sections({"vibration": still}, meshes))
     head, rows = table.head, table.rows
-    for name in ("fall (Hz)", "sliding force (%)"):  # rounding is no number
+    for name in ("fall (Hz)", "sliding force (%)"):  # rounding is not a number
         assert [row[head.index(name)] for row in rows] == ["0"] * 4
 
 
 @pytest.mark.parametrize(("base", "patches", "sentence"), refused_rows("vibrating"))
-def test_what_has_no_answer_is_refused_in_a_sentence(meshes, base, patches, sentence):
+def test_a_case_without_an_answer_is_refused_in_a_sentence(meshes, base, patches, sentence):
     with pytest.raises((CaseError, ConvergenceError), match=sentence):
         solve(meshes, ONLY_PRESS + VIBRATION, *patches)
 
 
-def test_a_quick_run_says_which_modes_and_amplitudes_it_leaves_out(meshes):
+def test_a_quick_run_reports_which_modes_and_amplitudes_it_leaves_out(meshes):
     many = VIBRATION.replace('"0.1 um"', '"20 nm", "50 nm", "0.1 um"')
     quick = load_case(write_scene(meshes, ONLY_PRESS + many)).quick()
     assert quick.vibration.modes == (1,)
@@ -84,7 +84,7 @@ def test_a_quick_run_says_which_modes_and_amplitudes_it_leaves_out(meshes):
     assert not load_case(write_scene(meshes, ONLY_PRESS + many)).vibration.left_out()
 
 
-def test_a_free_structure_and_an_amplitude_that_slides_are_told(meshes):
+def test_a_free_structure_and_an_amplitude_that_slides_are_reported(meshes):
     """The press on the cover against the press on the housing holds both; nothing else does."""
     free = ONLY_PRESS.replace('supports = { bottom = "clamped" }\n', "").replace(
         "[statics]",

@@ -1,4 +1,4 @@
-"""From a measured map to cells: what is held, what was filled, and what is said of it."""
+"""From a measured map to cells: contained waves, filled points, and reports."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ PIXEL = 1e-6
 
 @pytest.fixture
 def cut():
-    """Cut windows from a map made by hand: surfaces and what they hold of it."""
+    """Cut windows from a map made by hand: surfaces and their share of it."""
 
     def of(
         heights,
@@ -45,7 +45,7 @@ def noise(shape, seed=1):
 
 
 def rough(n, shortest, seed=1):
-    """A periodic map of n x n pixels whose shortest wave is a number of pixels."""
+    """A periodic map of n x n pixels with a shortest wave of a number of pixels."""
     return rough_square(
         n, 0.1 * n * PIXEL, shortest * PIXEL, 0.05, seed=seed, size=n * PIXEL
     ).heights
@@ -59,7 +59,7 @@ def test_roughness_is_measured_at_the_map_the_windows_and_the_cells(cut):
     for name, statistic in (("rms_height", rms_height), ("rms_slope", rms_slope)):
         cells = np.sqrt(np.mean([statistic(surface) ** 2 for surface in surfaces]))
         assert getattr(of_cells, name) == pytest.approx(cells, rel=1e-9)
-    # a grid that carries every pixel of a mirrored window loses what lies below the cut-off alone
+    # a grid that carries every pixel of a mirrored window omits only the waves below the cut-off
     assert of_windows.rms_height == pytest.approx(of_cells.rms_height, rel=1e-2)
     assert of_cells.shortest_wave == pytest.approx(8 * PIXEL, rel=0.1)
 
@@ -71,7 +71,7 @@ def test_windows_keep_every_pixel_as_it_was_measured(cut):
     assert windows.stages[1].rms_slope == pytest.approx(windows.stages[0].rms_slope, rel=0.03)
 
 
-def test_a_lost_roughness_is_a_caution_whose_advice_holds(cut):
+def test_missing_roughness_is_a_caution_with_advice_that_holds(cut):
     heights = rough(256, 4)
     _, windows = cut(heights, "128 um", 32)
     assert windows.cutoff == "32 µm, 8 points of the grid, as the case gives no short_cutoff"
@@ -104,7 +104,7 @@ def test_a_loss_counts_against_the_map_of_the_other_body(cut):
     assert "grid" not in text
 
 
-def test_windows_that_are_too_small_for_the_long_waves_say_which_cells_are_not(cut):
+def test_windows_that_are_too_small_for_the_long_waves_report_which_cells_are_not(cut):
     x = np.arange(512)
     heights = 1e-6 * np.cos(2.0 * np.pi * x / 128.0)[:, None] + noise((512, 512))
     _, windows = cut(heights, "64 um", 32)
@@ -115,7 +115,7 @@ def test_windows_that_are_too_small_for_the_long_waves_say_which_cells_are_not(c
     assert not [caution for caution in windows.cautions if "rms height" in caution]
 
 
-def test_fading_is_told_with_its_share(cut):
+def test_fading_is_reported_with_its_share(cut):
     _, windows = cut(rough(256, 8), "100 um", 100, periodic="window")
     (text,) = [caution for caution in windows.cautions if "rms height" in caution]
     # Tukey's window of a tenth at either end: (1 - 5/4 * .1)^2 of the mean square
@@ -206,7 +206,7 @@ def test_an_oblique_lay_that_is_mirrored_is_a_caution(cut, degrees, periodic, ca
 
 
 def fine(pixels=200, seed=1):
-    """A periodic map whose longest wave is 16 pixels."""
+    """A periodic map with a longest wave of 16 pixels."""
     return rough_square(pixels, 16 * PIXEL, 8 * PIXEL, 0.05, seed=seed, size=pixels * PIXEL).heights
 
 

@@ -1,4 +1,4 @@
-"""The bars of an error budget are as high as its totals and name what is missing."""
+"""The bars of an error budget are as high as its totals and name missing terms."""
 
 import matplotlib as mpl
 import numpy as np
@@ -48,7 +48,7 @@ def test_bars_stack_up_to_the_total(axes, carried):
 
 
 def test_a_total_that_lacks_a_term_is_as_high_as_the_known_terms(axes):
-    """One realisation knows nothing of the sampling."""
+    """One realisation has no information on the sampling."""
     response = response_of(exponential_gaps(1))
     budget = error_budget(response, fit_law(response))
     ax = plot_error_budget(budget, ax=axes)

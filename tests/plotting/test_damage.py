@@ -1,4 +1,4 @@
-"""Figures of damage: the data in the axes are those of the datasets."""
+"""Figures of damage: the data in the axes equal the datasets."""
 
 import numpy as np
 import pytest

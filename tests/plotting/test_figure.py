@@ -1,4 +1,4 @@
-"""What all figures share."""
+"""Common properties of all figures."""
 
 import numpy as np
 import pytest

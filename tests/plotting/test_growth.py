@@ -1,4 +1,4 @@
-"""Figures of growth: the data in the axes are those of the dataset, and the slopes are right."""
+"""Figures of growth: the data in the axes equal the dataset, and the slopes are right."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Figures of joints: the data in the axes are those of the dataset."""
+"""Figures of joints: the data in the axes equal the dataset."""
 
 import numpy as np
 import pytest
@@ -72,7 +72,7 @@ def test_picture_sentence_and_dataset_have_one_measure_of_slip(result):
     assert f"{sentence} {area} of the nominal area" in list_cycles(result)[-1]
 
 
-def test_the_pressure_is_that_of_the_points_in_megapascal(result):
+def test_the_pressure_is_drawn_from_the_points_in_megapascal(result):
     ax = plot_joint_plan(result, quantity="pressure", step=4, ax=Figure().add_subplot())
     np.testing.assert_allclose(
         ax.collections[0].get_array(), -1e-6 * result["traction"].values[4, :, 0]

@@ -1,4 +1,4 @@
-"""Figures of structures: the data in the axes are those of the dataset."""
+"""Figures of structures: the data in the axes equal the dataset."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def result():
     return solve_static(tensegrity_grid(2), [0.0, 1.0, 40.0])
 
 
-def test_sorted_tensions_are_those_of_the_cables_in_kilonewton(result):
+def test_sorted_tensions_belong_to_the_cables_in_kilonewton(result):
     ax = plot_sorted_tensions(result, ax=Figure().add_subplot())
     assert len(ax.lines) == 3
     for k, line in enumerate(ax.lines):
@@ -57,7 +57,7 @@ def test_a_path_is_dashed_where_it_is_not_stable():
     assert (limit.get_label(), limit.get_xdata()[0] > 0.0) == ("limit point", True)
 
 
-def test_the_deformed_structure_has_its_links_in_colour_and_the_slack_ones_dashed(result):
+def test_the_deformed_structure_has_its_links_in_colour_and_the_slack_cables_dashed(result):
     ax = plot_deformed_links(result, step=2, scale=3.0, ax=Figure().add_subplot(projection="3d"))
     taut, slack = ax.collections
     part = result.isel(step=2)
@@ -84,7 +84,7 @@ def test_a_plane_structure_is_drawn_in_true_proportions_without_a_warning():
     np.testing.assert_allclose(edges / edges[0], ax._box_aspect / ax._box_aspect[0])
 
 
-def test_energies_are_those_of_the_motion_and_their_sum_is_kept():
+def test_energies_belong_to_the_motion_and_their_sum_is_conserved():
     grid = tensegrity_grid(2)
     begin = solve_static(grid, 1.0)["displacement"].values
     motion = simulate(

@@ -21,7 +21,7 @@ def test_a_surface_is_drawn_with_x_along_the_first_axis():
     assert "<td>8 µm</td>" in surface._repr_html_()
 
 
-def test_a_law_is_drawn_over_the_pressures_of_its_data_or_over_given_ones():
+def test_a_law_is_drawn_over_the_pressures_of_its_data_or_over_given_pressures():
     law = Exponential(pressure_scale=1e9, decay_length=1e-7)
     with pytest.raises(
         CaseError, match="no data with a range of pressures to plot; give pressures"

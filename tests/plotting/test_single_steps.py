@@ -1,4 +1,4 @@
-"""A path of which only one step has a value is no line."""
+"""A path of which only one step has a value is not drawn as a line."""
 
 import numpy as np
 import pytest

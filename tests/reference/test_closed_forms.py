@@ -119,7 +119,7 @@ def test_full_contact_pressure_of_random_waves_has_the_rms_of_its_slope():
     assert 0.5 * np.mean(pressure * surface) == pytest.approx(energy, rel=1e-12)
 
 
-def test_persson_starts_with_his_slope_and_ends_at_one():
+def test_persson_starts_with_his_slope_and_ends_at_unity():
     assert persson.contact_fraction(1e-6) / 1e-6 == pytest.approx(persson.SLOPE_PERSSON)
     assert persson.contact_fraction(10.0) == pytest.approx(1.0)
 
@@ -148,7 +148,7 @@ def test_a_thin_frictionless_layer_is_in_plane_strain_compression():
     assert layer.ratio_frictionless(phase) == pytest.approx(phase / 2.0, rel=1e-4)
 
 
-def test_joint_stiffness_is_its_ratio_times_that_of_the_solid():
+def test_joint_stiffness_is_its_ratio_times_the_solid_stiffness():
     pressure, decay, E, h = np.array([1e6, 1e7]), 3e-7, 2e11, 0.01
     stiffness = joint.joint_stiffness(pressure, decay, h / E, h / E)
     ratio = joint.stiffness_ratio(pressure, decay, E, h)
@@ -209,7 +209,7 @@ def test_the_loop_energy_is_the_area_of_masings_loop():
         half = mindlin.tangential_displacement((force - T) / 2.0 / LIMIT, *SLIDER)
         return top - 2.0 * float(half)
 
-    # the loop is symmetric: the reloading branch is minus the unloading one at -T
+    # the loop is symmetric: the reloading branch is minus the unloading branch at -T
     area = quad(lambda T: -unloading(-T) - unloading(T), -force, force)[0]
     assert abs(area) == pytest.approx(float(mindlin.loop_energy(ratio, *SLIDER)), rel=1e-8)
 

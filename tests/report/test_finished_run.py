@@ -42,7 +42,7 @@ def test_two_processes_draw_figures_where_there_are_two_cores(tmp_path, cores):
 
 
 @pytest.mark.parametrize("which", [0, 1])
-def test_a_figure_that_cannot_be_drawn_says_so_once(tmp_path, which):
+def test_a_figure_that_cannot_be_drawn_is_reported_once(tmp_path, which):
     asked = ["write"] * 2
     asked[which] = "fail"
     done = run_python(PROGRAM, tmp_path, 2, *asked, check=False)

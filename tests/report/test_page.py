@@ -42,7 +42,7 @@ def test_the_page_has_no_script_and_fetches_nothing(page):
     assert re.findall(r"(?:src|href)=\"(?!data:|#part-)", page) == []
 
 
-def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
+def test_the_page_has_the_result_the_method_and_the_cautions(page):
     matches = re.findall(r"<h2 id=.*?>(.*?)</h2>", page)
     assert re.findall(r'<li><a href="#part-\d+">(.*?)</a>', page) == matches
     assert matches == [
@@ -71,7 +71,7 @@ def test_laws_and_inputs_are_downloads_of_the_page(page, run_folder):
     assert base64.b64decode(result["case.toml"]) == (run_folder / "case.toml").read_bytes()
 
 
-def test_the_budget_says_each_term_in_numbers_or_that_it_is_unknown(page):
+def test_the_budget_states_each_term_in_numbers_or_that_it_is_unknown(page):
     budget = page.split("Error budget</h2>")[1].split("</table>")[0]
     rows = [re.findall(r"<td>(.*?)</td>", row) for row in budget.split("</tr>")[1:-1]]
     lines = {term: values for term, *values in rows}
@@ -91,7 +91,7 @@ def test_inputs_are_shown_as_they_were_typed(page):
     assert "<td>body_1.youngs_modulus</td><td>210 GPa</td>" in page
 
 
-def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
+def test_unknown_terms_are_named_by_the_keys_of_the_case(page):
     sentence = "not known: cells of one size were solved; a target in [accuracy] solves others"
     assert sentence in page
     assert "not known: cells on one grid were solved; give coarser = 1 in [micro]" in page
@@ -123,7 +123,9 @@ def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
     assert coloured.mean() > 0.2
 
 
-def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_folder, tmp_path):
+def test_the_page_of_a_sweep_has_a_row_for_each_point_and_names_the_failed_points(
+    run_folder, tmp_path
+):
     case = load_case(run_folder / "case.toml")
     rough = case.model_copy(update={"cell": case.cell.model_copy(update={"points": (16, 16)})})
     sweep = Sweep("Two <grids>", ("cell.points",), (case, rough), (("[64, 64]",), ("[16, 16]",)))

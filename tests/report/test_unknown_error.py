@@ -1,4 +1,4 @@
-"""An error that cannot be computed is said to be unknown wherever it is printed."""
+"""An error that cannot be computed is reported as unknown wherever it is printed."""
 
 import numpy as np
 import pytest
@@ -40,13 +40,13 @@ def joint(total):
 
 
 @pytest.mark.parametrize(("total", "sentence"), [(0.0123, "1.2"), (np.nan, "unknown")])
-def test_the_table_of_a_joint_says_so(total, sentence):
+def test_the_table_of_a_joint_states_an_unknown_error(total, sentence):
     head, rows = JOINT_TABLE.rows(joint(total))
     assert dict(zip(head, rows[0], strict=True))["error (%)"] == sentence
 
 
 @pytest.mark.parametrize(("total", "sentence"), [(0.0123, " ± 1.2 %"), (np.nan, ", error unknown")])
-def test_the_parts_of_a_joint_say_so(total, sentence):
+def test_the_parts_of_a_joint_state_an_unknown_error(total, sentence):
     result = joint(total).assign(interface_stiffness=("step", [2e13]))
     head, rows = JOINT_TABLE.rows(result.assign_coords(quantity=["interface_stiffness"]))
     (column,) = (k for k, name in enumerate(head) if name.startswith("interface"))
@@ -56,7 +56,7 @@ def test_the_parts_of_a_joint_say_so(total, sentence):
 @pytest.mark.parametrize(
     ("total", "sentence"), [(0.0123, "± 1.2 %"), (np.nan, "± an unknown error")]
 )
-def test_the_answer_of_a_tread_block_says_so(total, sentence):
+def test_the_answer_of_a_tread_block_states_an_unknown_error(total, sentence):
     result = joint(total).assign(
         temperature=("step", [293.15]),
         sliding_speed=("step", [1.0]),
@@ -68,7 +68,7 @@ def test_the_answer_of_a_tread_block_says_so(total, sentence):
 
 
 @pytest.mark.parametrize(("converged", "sentence"), [(1, "unknown"), (0, "not closed")])
-def test_a_cycle_without_a_loss_says_why(converged, sentence):
+def test_a_cycle_without_a_loss_states_why(converged, sentence):
     result = joint(0.01).assign(converged=("step", [converged]), cycle_energy=("cycle", [np.nan]))
     assert list_cycles(result) == [f"cycle 0: {sentence}"]
 
@@ -79,7 +79,7 @@ def say(result, form):
 
 
 def budgeted(half_widths, uncertain=1.0):
-    """A joint of 23 MPa/µm, of whose compliance the interface has a share, with some terms."""
+    """A joint of 23 MPa/µm with a share of the interface in its compliance, with some terms."""
     known = dict.fromkeys(ALWAYS, 0.0) | half_widths
     terms = {
         term: Term(
@@ -122,7 +122,7 @@ def test_the_error_is_the_larger_side_of_an_interval_about_as_wide_on_both():
 
 
 @pytest.mark.parametrize("missing", ["sampling", "cell size"])
-def test_known_terms_are_a_lower_bound_beside_the_name_of_the_unknown_term(missing):
+def test_known_terms_are_a_lower_bound_next_to_the_name_of_the_unknown_term(missing):
     """Whether the total must hold the term or not."""
     result = budgeted({"fit": 0.03, "increments": 0.04, missing: None})
     head, rows = JOINT_TABLE.rows(result)

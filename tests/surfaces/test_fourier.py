@@ -36,7 +36,7 @@ def test_the_cutoff_for_a_share_is_the_longest_that_leaves_it(rough, share, orde
     assert statistic(low_pass(rough, longer[-1])) < share * statistic(rough)
 
 
-def test_the_length_for_a_share_is_the_shortest_whose_waves_hold_it(rough):
+def test_the_length_for_a_share_is_the_shortest_with_waves_that_contain_it(rough):
     length = spectrum([rough]).length_holding(0.9)
     longer = low_pass(rough, length * (1.0 + 1e-6))  # the waves beyond that length
     assert 1.0 - rms_height(longer) ** 2 / rms_height(rough) ** 2 >= 0.81 - 1e-9
@@ -58,7 +58,7 @@ def test_two_waves_share_the_roughness_by_their_squares(order):
     )
 
 
-def test_the_waves_of_a_map_are_those_of_its_mirror_image(rough):
+def test_the_waves_of_a_map_equal_its_mirror_image(rough):
     whole = crop(rough, (5, 7), (40, 61))
     inside, outside = spectrum([whole], periodic=False), spectrum([mirror(whole)])
     first, other = inside.roughness(), outside.roughness()
@@ -100,7 +100,7 @@ def ridges(degrees, n=128):
 
 
 @pytest.mark.parametrize("degrees", [0, 30, 45, 90, 120])
-def test_the_lay_and_what_a_mirror_loses_of_it_are_read_from_the_spectrum(degrees):
+def test_the_lay_and_the_share_that_a_mirror_removes_are_read_from_the_spectrum(degrees):
     lay = find_lay(ridges(degrees), 0.05)
     turned = (np.rad2deg(lay.angle) - degrees + 90.0) % 180.0 - 90.0
     assert abs(turned) < 0.5

@@ -34,7 +34,7 @@ GRIDS = [
 
 
 def rough(points, size, seed=5, *, hurst=0.8, **band):
-    """A self-affine surface of the band, or of another one."""
+    """A self-affine surface of the band, or of another band."""
     names = {"long": "long_cutoff", "short": "short_cutoff"}
     changed = {names.get(name, name): value for name, value in band.items()}
     return self_affine(points, size, seed, **BAND | {"hurst_exponent": hurst} | changed)
@@ -78,7 +78,7 @@ def test_the_unit_of_length_does_not_change_the_surface():
     np.testing.assert_allclose(1e6 * micron.heights, metre.heights, atol=1e-11)
 
 
-def test_a_shorter_cutoff_adds_waves_and_keeps_the_longer_ones():
+def test_a_shorter_cutoff_adds_waves_and_keeps_the_longer_waves():
     size = (1.0e-4, 1.0e-4)
     coarse = rough((64, 64), size, rms_height=1e-6)
     fine = rough((64, 64), size, rms_height=1e-6, short=0.5e-5)
@@ -124,7 +124,7 @@ def test_the_least_grid_named_in_the_message_is_enough():
 # Statistics
 
 
-def test_statistics_of_two_waves_are_those_of_the_formula():
+def test_statistics_of_two_waves_follow_the_formula():
     size = (2.0, 3.0)
     surface = waves((16, 15), size, (0.3, 2, -1, 0.4), (0.1, 0, 3, 1.0))
     q = [2 * pi * np.hypot(2 / 2.0, 1 / 3.0), 2 * pi * 3 / 3.0]
@@ -161,11 +161,11 @@ def test_differences_converge_to_the_slope_of_the_series():
         pytest.param(1, 64, 135.0, 0.40, id="1-64"),
     ],
 )
-def test_nayak_parameter_is_that_of_a_reference_ensemble(
+def test_nayak_parameter_agrees_with_a_reference_ensemble(
     waves_long, waves_short, reference, tolerance
 ):
     # The ensembles had 4 to 10 realisations with Gaussian moduli; the tolerance is about 2.5 of
-    # their standard errors, found by sampling such moduli.
+    # their standard errors, obtained by sampling such moduli.
     n = 4 * waves_short
     surface = rough_square(n, 1.0 / waves_long, 1.0 / waves_short, 0.1, seed=1)
     assert nayak_parameter(surface) == pytest.approx(reference, rel=tolerance)
@@ -243,7 +243,7 @@ def test_resampling_a_resolved_surface_is_exact(points):
     np.testing.assert_allclose(resample(surface, points).heights, exact.heights, atol=1e-12)
 
 
-def test_coarsening_removes_what_the_grid_cannot_carry_instead_of_aliasing_it():
+def test_coarsening_removes_waves_that_the_grid_cannot_carry_instead_of_aliasing_it():
     size = (2.0, 1.0)
     fine = waves((64, 48), size, (1.0, 3, 2, 0.1), (0.5, 11, 2, 0.2), (0.5, 3, -9, 0.3))
     coarse = resample(fine, (16, 12))
@@ -260,7 +260,7 @@ def test_crop_keeps_spacing_and_heights():
     np.testing.assert_array_equal(piece.heights, noise[2:6, 1:4])
 
 
-def test_detrended_piece_has_no_tilt():
+def test_detrended_part_has_no_tilt():
     x, y = np.meshgrid(np.arange(9.0), np.arange(6.0), indexing="ij")
     level = detrend(Surface(1.0 + 2.0 * x - 3.0 * y + sin(x * y), (9.0, 6.0)))
     np.testing.assert_allclose(
@@ -297,7 +297,7 @@ def test_an_anisotropic_surface_has_its_lay_and_its_height(ratio, degrees):
     assert slopes[1] / slopes[0] == pytest.approx(ratio, rel=0.05)
 
 
-def test_an_anisotropy_of_ratio_one_is_none():
+def test_an_anisotropy_of_unit_ratio_is_isotropic():
     isotropic = self_affine((64, 64), (1e-4, 1e-4), 1, rms_slope=0.1, **BAND)
     same = self_affine((64, 64), (1e-4, 1e-4), 1, rms_slope=0.1, anisotropy=Anisotropy(1.0), **BAND)
     np.testing.assert_allclose(same.heights, isotropic.heights, atol=1e-12 * 1e-6)
