@@ -72,7 +72,7 @@ def named_mesh(mesh: "Mesh") -> NamedMesh:
 
 
 def _drop_copies(cells: dict[str, np.ndarray], groups: dict[str, dict[str, np.ndarray]]) -> None:
-    """Remove repeated elements: numbered formats repeat it for every group that holds it."""
+    """Remove repeated elements: numbered formats repeat them for every group that holds them."""
     for kind, nodes in cells.items():
         _, first, copy = np.unique(
             np.sort(nodes, axis=1), axis=0, return_index=True, return_inverse=True

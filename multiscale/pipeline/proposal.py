@@ -193,7 +193,7 @@ pressures = [{listed}]
     if further:  # the case extrapolates, until its loads are known
         draft = tomllib.loads(write(pressures)) | {"law": {"extrapolate": True}}
         case = validate_case(draft, Path("proposed.toml"))
-        assert case.structure is not None  # as the further tables have a preload
+        assert case.structure is not None  # as the further tables have one
         (pressed,) = case.structure.pressed(case)
         ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
         pressures = np.geomspace(ROOM[0] * ends[0], ROOM[1] * ends[1], len(LOADS))

@@ -216,7 +216,7 @@ def some_steps(count: int, most: int) -> list[int]:
 
 
 def round_by(value: float, half_width: float) -> str:
-    """Write a value with the digits that its error allows: two up to 3.5, else one digit.
+    """Write a value with the digits that its error allows: two for an error up to 3.5, else one.
 
     Examples
     --------

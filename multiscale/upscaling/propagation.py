@@ -51,6 +51,11 @@ Every further pressure would change them by about half of the change by the pres
 
 FEWEST_SAMPLES = 40  # for a percentile interval
 
+SOLVED_SAMPLES = 4
+"""Number of samples of a law with which answers are solved that no tangent gives."""
+
+ALIKE = 0.05  # scatter of samples, over the largest, below which they span nothing more
+
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
     STATED: NO_STATED.how,
     MODEL: "not in a law: no law of cells contributes",
@@ -138,16 +143,29 @@ class Uncertainty(Source):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Samples(Source):
-    """Inputs drawn from their distribution, such as bootstrap samples of a law."""
+    """Inputs drawn from their distribution, such as bootstrap samples of a law.
+
+    Attributes
+    ----------
+    how : str, how the error was estimated
+    weights : ndarray, shape (samples, changes), optional
+        Changes of the answers by all samples over those by the solved ones, to first order.
+    counts : ndarray, shape (answers, steps), or bool, whether an answer has this error
+    """
 
     how: str
+    weights: np.ndarray | None = None
+    counts: np.ndarray | bool = True
 
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
-        """Return half the distance of the percentiles; zero where an answer is unknown."""
+        """Return half the distance of the percentiles; NaN where an answer is unknown."""
         drawn = np.array(changed)
-        counted = np.isfinite(drawn).all(axis=0)
-        half = half_range(np.where(counted, drawn, 0.0)) / np.abs(value)
-        return {"sampling": Term(self.how, np.where(counted, half, 0.0))}
+        if self.weights is not None:
+            drawn = value + np.tensordot(self.weights, drawn - value, axes=1)
+        known = np.isfinite(drawn).all(axis=0)
+        half = half_range(np.where(known, drawn, 0.0)) / np.abs(value)
+        half = np.where(self.counts, np.where(known, half, np.nan), 0.0 * value)
+        return {"sampling": Term(self.how, half)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -337,7 +355,7 @@ def law_sources(
         Number of bootstrap samples of the law to solve; with fewer than 40, sampling enters as the
         other terms do.
     drawn : sequence of ndarray, shape (answers, steps), optional
-        Known answers of samples; where one is NaN, sampling enters as the other terms do.
+        Known answers of all samples of the law; where one is NaN, a few samples are solved.
     beyond : tuple of bool
         Whether load lies below, and above the data: the change of the answers without the last data
         at an end is then the error of the form of the law beyond it, a part of the term "fit".
@@ -366,13 +384,19 @@ def law_sources(
     draws = fitted_laws(law, range(count if count >= FEWEST_SAMPLES else 0))
     # sampling, by bootstrap samples of the law or as the other terms
     sampled: list[Source] = []
-    counted: np.ndarray | bool = bool(draws)  # answers with samples
     if draws or (drawn is not None and len(drawn)):
         count = len(draws) if drawn is None else len(drawn)
         how = f"{count} bootstrap samples of the law"
         changes = [change(sample) for sample in draws] if drawn is None else ()
-        sampled.append(Samples(name="samples", of=of, changes=changes, answers=drawn, how=how))
-        counted = counted if drawn is None else np.asarray(np.isfinite(drawn).all(axis=0))
+        inputs = Samples(name="samples", of=of, changes=changes, answers=drawn, how=how)
+        solved = np.zeros(1, bool) if drawn is None else np.isnan(drawn).any(axis=0)
+        sampled.append(replace(inputs, counts=~solved))
+        if solved.any():
+            few, weights = _spanning(fitted_laws(law, range(count)), mean_law, data)
+            few_how = f"{how}, by {len(few)} of them to first order"
+            changes = [change(sample) for sample in few]
+            inputs = Samples(name="few samples", of=of, changes=changes, how=few_how)
+            sampled.append(replace(inputs, weights=weights, counts=solved))
 
     def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
         """Return half-widths of a quantity of the law at the pressures, by known terms."""
@@ -382,14 +406,14 @@ def law_sources(
             widths[term] = float(np.sqrt(np.mean(half**2)))
             if pressure is not None:
                 widths[term] = np.interp(np.log(pressure), np.log(data), half)
-        if "sampling" in widths:
-            widths["sampling"] = np.where(counted, 0.0, widths["sampling"])
+        if sampled:
+            widths.pop("sampling", None)
         return widths
 
     # unknown terms, larger gaps, a softer law, and gaps without the biases
     bounds = {}
     for term in ERROR_TERMS[:-1]:  # the last term is not of a law
-        if not (np.all(counted) and term == "sampling"):
+        if not (sampled and term == "sampling"):
             how = str(law.attrs[how_attribute(term)])
             bounds[term] = Term(how, np.zeros(()) if term in known else None)
     p = data if pressure is None else np.asarray(pressure)
@@ -431,3 +455,17 @@ def law_sources(
         *ends,
         *sampled,
     ]
+
+
+def _spanning(
+    samples: Sequence[NormalLaw], mean: NormalLaw, pressure: np.ndarray
+) -> tuple[list[NormalLaw], np.ndarray]:
+    """Return samples of a law that span the scatter of all, and weights (samples, spanning)."""
+    from scipy.linalg import qr
+
+    stiffness = [law.stiffness(law.gap_at(pressure)) for law in (mean, *samples)]
+    scatter = np.log(stiffness[1:]) - np.log(stiffness[0])
+    # the most different samples, one after the other; others are sums of these
+    order = qr(scatter.T, mode="r", pivoting=True)[1][:SOLVED_SAMPLES]
+    weights = np.linalg.lstsq(scatter[order].T, scatter.T, rcond=ALIKE)[0].T
+    return [samples[k] for k in order], weights

@@ -92,6 +92,30 @@ def test_sampling_is_students_interval_from_two_realisations_on(n, student, fami
     assert np.all(np.isfinite(budget["error_total"]))
 
 
+@pytest.mark.parametrize("n", [4, 12])
+def test_a_few_samples_give_the_scatter_of_all(n):
+    """Differences of two gaps, as in losses, by cells of which two lengths scatter."""
+    random = np.random.default_rng(3)
+    bend = np.log(PRESSURE / PRESSURE[-1]) ** 2
+    scatter = random.standard_normal((n, 2)) @ [0.02 + 0.0 * bend, 3e-3 * bend]
+    response = response_of(TRUTH * (1.0 + scatter))
+    law = fit_law(response, n_samples=40)
+    law = with_budget(law, error_budget(response, law, discrepancy=0.0))
+    p = np.array([2.0 * PRESSURE[0], 6.0 * PRESSURE[0], 0.3 * PRESSURE[-1], PRESSURE[-1]])
+
+    def loss(normal):
+        gap = normal.gap_at(p)
+        return np.array([gap[0] - gap[1], gap[2] - gap[3], np.nan])
+
+    value = loss(law_from_dataset(law))
+    every, few = (
+        half(propagate("loss", law_sources(law, **options), loss, value), "sampling", "loss")
+        for options in ({"samples": 40}, {"drawn": np.full((40, 1, 3), np.nan)})
+    )
+    assert few[:2] == pytest.approx(every[:2], rel=0.1)
+    assert np.isnan([every[2], few[2]]).all()  # an unknown answer has no error
+
+
 @pytest.mark.parametrize(("beyond", "at"), [((True, False), 0.3e6), ((False, True), 3e8)])
 def test_load_beyond_the_data_has_the_error_of_the_form_of_the_law_there(beyond, at):
     """Of gaps that fall by a power of the pressure, which no law of free form continues."""
