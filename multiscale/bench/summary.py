@@ -18,8 +18,8 @@ SETTINGS: Mapping[str, str] = {
 """Settings of methods, with their format in the table of cheapest answers."""
 
 COLUMNS: Mapping[str, tuple[str, str, float]] = {
-    "points": ("points", "d", 1),
-    "realisations": ("realisations", "d", 1),
+    "points": ("points", ".0f", 1),
+    "realisations": ("realisations", ".0f", 1),
     "time_step": ("step (ms)", ".3g", 1e3),
     "cables": ("cables", ".0f", 1),
     "unknowns": ("unknowns", ".0f", 1),

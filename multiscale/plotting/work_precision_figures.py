@@ -64,7 +64,7 @@ def plot_work_precision(
             )
     ax.margins(0.1)  # room for the labels of points
     ax.set(xscale="log", yscale="log")
-    if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
+    if f"{error}_uncertainty" in runs and (runs[f"{error}_uncertainty"] > 0.0).any():
         low, high = ax.get_ylim()
         uncertainty = float(runs[f"{error}_uncertainty"].max())
         low = min(low, 0.5 * uncertainty)

@@ -437,12 +437,12 @@ def read_measured(
         for rows in split_loops(pressure):
             scale[rows] = scale[rows].max()
     half = columns.get("error", np.full(value.size, error)) * (scale if relative else 1.0)
-    largest = np.abs(value).max() if kind == "closure" else scale
+    largest = np.abs(value).max() * np.ones(value.size) if kind == "closure" else scale
     if (above := np.flatnonzero(~(half < largest))).size:
         k = int(above[0])
         raise CaseError(
-            f"{path}, row {k + 1}: the error of {half[k]:.4g} {wanted['error']} is not below its "
-            f"value of {value[k]:.4g}, so that the row has no information; give error and value "
+            f"{path}, row {k + 1}: the error of {half[k]:.4g} {wanted['error']} is not below a "
+            f"value of {largest[k]:.4g}, so that the row has no information; give error and value "
             f"in their units"
         )
     deviation = half / NORMAL

@@ -389,7 +389,7 @@ def law_sources(
         how = f"{count} bootstrap samples of the law"
         changes = [change(sample) for sample in draws] if drawn is None else ()
         inputs = Samples(name="samples", of=of, changes=changes, answers=drawn, how=how)
-        solved = np.zeros(1, bool) if drawn is None else np.isnan(drawn).any(axis=0)
+        solved = np.asarray(False if drawn is None else np.isnan(drawn).any(axis=0))
         sampled.append(replace(inputs, counts=~solved))
         if solved.any():
             few, weights = _spanning(fitted_laws(law, range(count)), mean_law, data)
