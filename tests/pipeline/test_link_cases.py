@@ -168,10 +168,11 @@ load_history = [["0 s", 1.0]]"""
         (FRAME, 'bending_y = "2 kN*m^2"', "", "a beam needs its section: give bending_y in N m^2"),
         (FRAME, '"3 kN" }', '"3 kN", torsion = "1 N*m^2" }', "a cable does not bend"),
         (FRAME, "[statics]\nload_factors = [1.0]", MOTION, "no rotational inertias"),
+        (FRAME, "[statics]", "[substructures]\nparts = [2, 1]\n[statics]", "bars for the beams"),
     ],
     ids=[
         *("two loads", "no load", "not exact", "stability", "inextensible"),
-        *("no section", "bent cable", "motion"),
+        *("no section", "bent cable", "motion", "cut beams"),
     ],
 )
 def test_a_case_that_does_not_fit_is_refused(run, files, old, new, sentence):

@@ -265,9 +265,16 @@ class GivenLinks(LinkStructure):
         return self
 
     def check(self, case: "Case") -> None:
-        """Refuse the motion of beams."""
+        """Refuse beams in substructures and in motion."""
         super().check(case)
-        if case.dynamics and any(law.kind == "beam" for law in self.laws.values()):
+        if not any(law.kind == "beam" for law in self.laws.values()):
+            return
+        if case.substructures is not None:
+            raise ValueError(
+                "substructures are cut through bars and cables: leave out [substructures], or take "
+                "bars for the beams"
+            )
+        if case.dynamics:
             raise ValueError(
                 "[dynamics] has masses but no rotational inertias, which the nodes of beams need: "
                 "solve beams by [statics], or take bars"
