@@ -1,7 +1,7 @@
 """Which modules of a package cannot be imported first.
 
 A process that imports each module anew would take a minute. Instead, each import happens in a fork
-of a process that holds other modules whose own imports are tested and never reach the module:
+of a process that holds other modules with imports that are tested and never reach the module:
 they cannot take part in a cycle with it. A fork therefore ends at the first import that brings
 modules that are not tested yet, and this process imports only what brings none.
 """

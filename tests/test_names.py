@@ -1,4 +1,4 @@
-"""One word, one thing: no two files of the package have one name, and no two modules share one."""
+"""No two files of the package have the same name, and no name stands in two modules."""
 
 import ast
 from collections import Counter, defaultdict

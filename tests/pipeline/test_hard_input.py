@@ -151,7 +151,7 @@ def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path,
 
 
 def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path):
-    """HDF5 itself reads about one in a thousand without end."""
+    """HDF5 itself reads about 1 in 1000 files without end."""
 
     def read(file):
         close(open_dataset(file, WORK_PRECISION))

@@ -42,7 +42,7 @@ def sheared_exponentials(
     """A response of cells that are pressed, sheared along x and y until they slip, and released.
 
     Each cell follows the law of Jäger and Ciavarella on an exponential law with a decay length, a
-    stiffness ratio along x and y and a friction coefficient of its own.
+    stiffness ratio along x and y and a separate friction coefficient.
     """
     decay, friction = (np.asarray(item, dtype=float)[:, None] for item in (decay, friction))
     rise = 8.0 * (np.arange(1, steps + 1) / steps) ** 2
@@ -71,7 +71,7 @@ def sheared_exponentials(
 
 
 def slid(steady, pressures=(0.008, 0.004)):
-    """Two cells that slid under two pressures, of which only the steady friction is told."""
+    """Two cells that slid under two pressures, of which only the steady friction is given."""
     shapes = {"load": 2, "step": 1, "component": 3}
     none = {
         name: np.zeros([shapes[dim] for dim in variable.dims])

@@ -1,4 +1,4 @@
-"""The report finds what is wrong with a law, and by how much."""
+"""The report lists the faults of a law, and their size."""
 
 from dataclasses import dataclass
 
@@ -114,14 +114,14 @@ class Overfull:
     ],
     ids=lambda value: type(value).__name__ if not isinstance(value, set) else "",
 )
-def test_what_is_wrong_is_found(law, broken):
+def test_each_fault_is_detected(law, broken):
     report = admissibility(law, PRESSURES)
     assert broken <= set(report.violated)
     assert not report.passed
     assert "violated by" in str(report)
 
 
-def test_dissipation_of_unloading_turns_where_theory_says():
+def test_dissipation_of_unloading_turns_where_theory_predicts():
     """For a power law of exponent m loading dissipates if n (m + 1) <= beta (n + 1) m."""
     m, n = 1.5, 3.0
     limit = n * (m + 1.0) / ((n + 1.0) * m)

@@ -1,4 +1,4 @@
-"""Data that cannot carry what is asked are refused in a sentence that says what would be enough."""
+"""Insufficient data are refused in a sentence that states sufficient data."""
 
 import re
 
@@ -73,7 +73,7 @@ def test_no_surface_that_is_flat_but_for_its_peaks_leaves_more_than_the_bound():
         assert len(fit_law(data, n_samples=0).attrs["cautions"].splitlines()) == cautions
 
 
-def test_a_law_says_its_pressures_per_decade_and_which_branches_are_measured():
+def test_a_law_lists_its_pressures_per_decade_and_which_branches_are_measured():
     law = fit_law(response_of(GAPS), n_samples=0)
     assert law.attrs["pressures_per_decade"] == pytest.approx(7 / np.log10(20.0))
     assert law.attrs["branches"].startswith("loading: measured; unloading: assumed, along the same")

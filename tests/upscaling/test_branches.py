@@ -1,4 +1,4 @@
-"""Branches of a law beside the loading: unloading and damage."""
+"""Branches of a law in addition to loading: unloading and damage."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_the_loading_branch_is_where_the_pressure_is_new(response):
     np.testing.assert_allclose(again["nominal_pressure"], [1.0, 2.0, 3.0])
 
 
-def test_a_path_says_loading_unloading_and_holding():
+def test_a_path_names_loading_unloading_and_holding():
     path = Path(pressure=(0.0, 1.0, 2.0, 2.0, 1.5, 1.7, 2.0, 3.0))
     meanings = [("loading", "unloading", "holding")[item] for item in path.branch]
     hold, up, down = "holding", "loading", "unloading"
@@ -58,14 +58,14 @@ def test_a_path_says_loading_unloading_and_holding():
     ]
 
 
-def test_a_response_without_branches_says_what_is_missing(response, tmp_path):
+def test_a_response_without_branches_names_the_missing_entries(response, tmp_path):
     old = response.drop_vars("branch").assign_attrs(schema="micro_response", schema_version=1)
     old.to_netcdf(tmp_path / "r.nc", engine="h5netcdf")
     with pytest.raises(SchemaError, match=r"reads version 2, which has the branch of every step"):
         open_response(tmp_path / "r.nc")
 
 
-def test_both_branches_are_found_again_with_their_samples(response):
+def test_both_branches_are_recovered_with_their_samples(response):
     law = with_unloading(fit_law(loading_branch(response), n_samples=0), response, n_samples=50)
     INTERFACE_LAW.check(law)
     single_law = hysteretic_from_dataset(law)
@@ -77,7 +77,7 @@ def test_both_branches_are_found_again_with_their_samples(response):
 
 
 def test_cheap_cells_without_memory_control_the_spring_back_too(response):
-    """Their factors are those of the cells, and that of many of them is nearer to one."""
+    """Their factors equal the factors of the cells, and the factor of many cells is nearer to 1."""
     random = np.random.default_rng(1)
     factor = 1.0 + 0.03 * random.standard_normal((6, 1))
     factor = np.vstack([factor, 1.0 + 0.03 * random.standard_normal((300, 1))])
@@ -138,7 +138,7 @@ def test_sections_of_other_directions_and_nothing_left_are_refused(sections, tmp
         with_damage(law, sections.assign(damage=1.0 + 0.0 * sections["damage"]))
 
 
-def test_joints_carry_what_the_damage_leaves(sections, tmp_path):
+def test_joints_carry_the_undamaged_share(sections, tmp_path):
     write_law(tmp_path / "law.nc")
     write_dataset(sections, tmp_path / "rve.nc", DAMAGE_SECTIONS)
     keys = '[interface]\nlaw = "law.nc"\ndamage_file = "rve.nc"'

@@ -1,4 +1,4 @@
-"""Every term of the budget finds the error that was put in, and what is not known is said."""
+"""Every term of the budget recovers the error that was put in, and unknown terms are reported."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def half(budget, term, quantity="mean_gap"):
     return budget["error_half_width"].sel(error_term=term, quantity=quantity).values
 
 
-def test_the_budget_follows_its_schema_and_lists_what_is_not_known():
+def test_the_budget_follows_its_schema_and_lists_unknown_terms():
     response = ensemble()
     budget = error_budget(response, fit_law(response), discrepancy=0.0)
     ERROR_BUDGET.check(budget)
@@ -176,7 +176,7 @@ def test_a_term_that_cannot_be_computed_makes_the_total_unknown_and_never_smalle
     np.testing.assert_array_equal(np.isnan(answer["error_total"].values[0]), [False, True])
 
 
-def test_one_realisation_still_tells_how_uneven_the_pressure_is_in_a_structure():
+def test_one_realisation_still_gives_how_uneven_the_pressure_is_in_a_structure():
     response = ensemble(1)
     budget = error_budget(response, fit_law(response), scales=compare_scales(0.1, 0.5, 1.0))
     assert budget.attrs["unknown"] == "sampling, cell size, micro discretisation, small slopes"
@@ -184,7 +184,7 @@ def test_one_realisation_still_tells_how_uneven_the_pressure_is_in_a_structure()
     assert np.isfinite(half_width).all()
 
 
-def test_the_fit_term_grows_with_what_the_law_cannot_describe():
+def test_the_fit_term_grows_with_the_misfit_of_the_law():
     response = ensemble(8, spread=0.0)
     exact = error_budget(response, fit_law(response, family="exponential"))
     assert np.all(half(exact, "fit") < 1e-6)
@@ -194,7 +194,7 @@ def test_the_fit_term_grows_with_what_the_law_cannot_describe():
 
 
 def test_the_stiffness_is_unsure_where_it_bends_at_the_end_of_the_data():
-    """An exponential law has K = p / u; one that ends at complete contact rises beyond bounds."""
+    """An exponential law has K = p / u; a law that ends at complete contact rises beyond bounds."""
     even = response_of(np.tile(TRUTH, (3, 1)))
     half_width = half(error_budget(even, fit_law(even, n_samples=0)), "fit", "stiffness")
     assert np.all(half_width[[0, -1]] < 0.02)
@@ -242,14 +242,14 @@ def test_the_fit_term_takes_the_shares_of_the_law():
 
 
 def test_noise_that_the_sampling_counts_is_not_counted_by_the_fit_of_the_area():
-    """Areas p / p_0 with a factor for every value: interpolation has no error of its own."""
+    """Areas p / p_0 with a factor for every value: interpolation adds no error."""
     random, apart, text = np.random.default_rng(seed=3), [], []
     for _ in range(10):
         area = PRESSURE / 5e8 * (1.0 + 0.03 * random.standard_normal((6, 8)))
         for item, shares in ((area, apart), (area.mean(axis=0, keepdims=True), text)):
             data = response_of(np.tile(TRUTH, (len(item), 1)), area=item)
             shares.append(float(fit_law(data, n_samples=0)["area_fit_share"]))
-    assert np.mean(apart) < 0.5 * np.mean(text)  # one realisation does not tell its noise
+    assert np.mean(apart) < 0.5 * np.mean(text)  # one realisation does not show its noise
 
 
 @pytest.mark.parametrize("full", [1.3, 2.0, 4.0])
@@ -273,7 +273,7 @@ def test_the_fit_term_of_the_stiffness_at_the_highest_pressure_is_of_the_size_of
 
 
 def test_the_variance_of_the_differences_of_grids_counts_once():
-    """No bias: what is left is the interval of the mean difference."""
+    """No bias: the rest is the interval of the mean difference."""
     random, computed = np.random.default_rng(seed=5), []
     for _ in range(20):
         fine = 1.0 + 0.01 * random.standard_normal((8, 1))
@@ -296,10 +296,10 @@ def test_the_discretisation_term_is_the_error_of_the_grid(order):
     assert f"observed order {order:.2g}" in budget.attrs["how_micro_discretisation"]
 
 
-def test_grids_of_other_cells_tell_the_error_at_the_spacing_of_the_response():
+def test_grids_of_other_cells_give_the_error_at_the_spacing_of_the_response():
     """An error of first order, 2 % on the response: half of it solved, and half of it left.
 
-    Grids half and twice as fine; the finest one has few of the cells.
+    Grids half and twice as fine; the finest grid has few of the cells.
     """
     counts = {0.5: 5, 1.0: 12, 2.0: 12}
     grids = {r: ensemble(factor=1.0 + 0.02 * r, seed=9) for r in counts}
@@ -336,7 +336,7 @@ def test_what_increments_leave_enters_every_total():
     assert blind["error_total"].isnull().all()
 
 
-def test_slopes_that_are_taken_as_small_enter_totals_where_they_were_told():
+def test_slopes_that_are_taken_as_small_enter_totals_where_they_were_stated():
     response, n = ensemble(factor=1.02), PRESSURE.size
     errors = {
         "mean_gap_slope_error": -0.03 * np.ones(n),
@@ -377,7 +377,7 @@ def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
     direct = direct.std(axis=0, ddof=1) / np.sqrt(12) / direct.mean(axis=0)
     others = np.hypot(0.04, 0.02 if apart else 0.0) / np.sqrt(n)
     noise = others if apart else np.hypot(np.sqrt(3.0) * direct, others)
-    # the powers 1 to 3, which two sizes do not tell apart: .02 / (2^q - 1)
+    # the powers 1 to 3, which two sizes do not separate: .02 / (2^q - 1)
     biases = 0.02 / (2.0 ** np.linspace(1.0, 3.0, 11) - 1.0)
     least, most = biases.std() * bias / biases.mean(), np.hypot(noise, biases.std())
     assert np.all(
@@ -386,7 +386,7 @@ def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
     assert np.all(np.abs(bias - biases.mean()) < (0.006 if apart else 2.0 * direct))
 
 
-def test_two_sizes_without_scatter_leave_the_powers_one_to_three():
+def test_two_sizes_without_scatter_leave_the_powers_1_to_3():
     """Means 1.02 and 1.04 at L = 2 and 1 leave .02 / (2^q - 1) to an infinite cell."""
     response, small = ensemble(3, spread=0.0, factor=1.02), ensemble(3, spread=0.0, factor=1.04)
     budget = error_budget(response, fit_law(response, n_samples=0), sizes={0.5: small})
@@ -399,7 +399,7 @@ def test_two_sizes_without_scatter_leave_the_powers_one_to_three():
 
 
 @pytest.mark.slow
-def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
+def test_three_sizes_give_the_power_and_the_bias_is_taken_out():
     """Means 1 + .16 / L^2, in cells of 1, 2 and 4; the response has 4."""
     response = ensemble(400, spread=0.01, factor=1.01, seed=8)
     sizes = {0.25: ensemble(400, spread=0.01, factor=1.16, seed=2)}
@@ -418,7 +418,7 @@ def test_three_sizes_tell_the_power_and_the_bias_is_taken_out():
 
 
 def test_gaps_are_taken_to_the_height_of_the_surface_at_large():
-    """Gaps in proportion to heights of their own, which are 10 % too large on average."""
+    """Gaps in proportion to separate heights, which are 10 % too large on average."""
     random = np.random.default_rng(seed=6)
     height = 1e-6 * (1.1 + 0.1 * random.standard_normal(6))
     response = response_of(TRUTH * height[:, None] / 1e-6)
@@ -433,7 +433,7 @@ def test_gaps_are_taken_to_the_height_of_the_surface_at_large():
         at_rms_height(response, 0.0)
 
 
-def test_the_total_of_a_bias_and_a_spread_is_kept_in_95_of_100():
+def test_the_total_of_a_bias_and_a_spread_is_right_in_95_of_100():
     random = np.random.default_rng(seed=4).standard_normal(200_000)
     for bias in (0.0, 0.3, 1.0, 3.0, 8.0):
         bound = float(total_error(np.array(bias), np.array(1.96)))
@@ -556,7 +556,7 @@ def test_a_law_carries_its_budget_through_its_file(tmp_path):
     assert read.attrs["how_fit"] == carrying.attrs["how_fit"]
 
 
-def test_the_budget_of_a_structure_propagates_that_of_the_law():
+def test_the_budget_of_a_structure_propagates_the_budget_of_the_law():
     """A spring in series: 1/K = 1/K_law + 1/K_0, and K_law is inverse to a factor of the gap."""
     response = ensemble(20, factor=1.02)
     law = fit_law(response, family="exponential")
@@ -585,7 +585,7 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
     assert budget.attrs["unknown"] == "cell size, small slopes, scale separation"
 
 
-def test_a_term_of_which_the_law_knows_half_is_unknown_in_the_structure():
+def test_a_term_of_which_the_law_contains_half_is_unknown_in_the_structure():
     response = ensemble(20)
     law = fit_law(response, family="exponential")
     law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
@@ -595,7 +595,7 @@ def test_a_term_of_which_the_law_knows_half_is_unknown_in_the_structure():
     assert "sampling" in budget.attrs["unknown"]
 
 
-def test_several_answers_have_the_budget_that_each_has_alone():
+def test_several_answers_have_the_budget_of_each_answer():
     response = ensemble(20)
     law = fit_law(response, family="exponential")
     law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
@@ -621,12 +621,12 @@ def test_several_answers_have_the_budget_that_each_has_alone():
         for variable in ("error_half_width", "error_total"):
             row = together[variable].sel(quantity=name)
             np.testing.assert_allclose(row, alone[variable][0], rtol=1e-12)
-    # what the bodies do not share is the law's own
+    # the part from the law is not shared by the bodies
     total = together["error_total"].values
     assert np.all(total[1] > total[0])
 
 
-def test_every_kind_of_source_adds_what_it_is_known_to():
+def test_every_kind_of_source_adds_its_known_error():
     """An answer a b, with half-widths of 10 % and 5 %; signs of biases stay, unknown terms too."""
     value = np.array([[6.0, 12.0]])
 

@@ -114,7 +114,7 @@ def test_the_closure_of_a_power_law_is_exact():
     np.testing.assert_allclose(value, 2.0 * (np.sqrt(P) - np.sqrt(P[0])) / scale, rtol=1e-6)
 
 
-def test_loops_are_those_of_a_bed_of_sliders():
+def test_loops_equal_a_bed_of_sliders():
     """Along a path with an inner loop that closes, and back over its first turn."""
     u = 1e-6 * np.concatenate(
         [np.linspace(0.05, 0.6, 12), np.linspace(0.5, 0.1, 9), np.linspace(0.2, 0.9, 8)]
@@ -181,7 +181,7 @@ def test_weights_of_a_few_draws_are_not_reliable():
     "repeats", [pytest.param(16, id="few"), pytest.param(100, marks=pytest.mark.slow, id="many")]
 )
 def test_intervals_cover_the_true_joint(law, repeats):
-    """True joints are drawn from the prior: stiffness, friction, and a held-out loop."""
+    """True joints are drawn from the prior: stiffness, friction, and a loop for validation."""
     random, fixed = np.random.default_rng(3), loop(4e7, 2.0 * U, {})
     tables, inside = (stiffness(), loop()), []
     cells = fitted_laws(law, range(law.sizes["sample"]))
@@ -211,7 +211,7 @@ def test_intervals_cover_the_true_joint(law, repeats):
     assert 0.91 <= np.mean(inside) <= 0.98
 
 
-def test_a_frame_is_found_and_an_outlier_has_little_weight(law):
+def test_a_frame_is_identified_and_an_outlier_has_little_weight(law):
     random, truth = np.random.default_rng(5), interface()
     data = measure(stiffness(), truth, random, frame=2e-15)
     wrong = data.value.copy()
@@ -468,7 +468,7 @@ def test_the_frame_is_a_share_of_the_stiff_branches(tmp_path):
 
 
 @pytest.mark.long
-def test_the_posterior_is_that_of_an_ensemble_of_chains():
+def test_the_posterior_agrees_with_an_ensemble_of_chains():
     """Level and exponent of the law, kappa, mu, frames and zeros, by stiffnesses and a loop."""
     emcee = pytest.importorskip("emcee")
     scale = np.append(np.array([0.2, 0.1, 0.12, 0.5]) / HALF, 2 * [*NUISANCES.values()])

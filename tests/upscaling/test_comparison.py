@@ -1,4 +1,4 @@
-"""The family that made the data wins, and one too many parameters is found out."""
+"""The family that made the data is selected, and a superfluous parameter is detected."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ PRESSURE = np.geomspace(5e6, 1e8, 10)
     ("law", "winner"),
     [(Exponential(4e8, 0.45e-6), "exponential"), (PowerLaw(4e8, 1.2e-6, 2.2), "power")],
 )
-def test_the_family_of_the_data_is_found_in_spite_of_noise(law, winner):
+def test_the_family_of_the_data_is_selected_in_spite_of_noise(law, winner):
     wins = 0
     for seed in range(10):
         noise = 1.0 + 0.002 * np.random.default_rng(seed).standard_normal((8, 10))
@@ -27,7 +27,7 @@ def test_the_family_of_the_data_is_found_in_spite_of_noise(law, winner):
     assert wins >= 8
 
 
-def test_the_law_of_free_form_is_compared_by_what_it_has_not_seen():
+def test_the_law_of_free_form_is_compared_by_unseen_data():
     table = compare_laws(response_of(exponential_gaps(5)))
     assert set(table["family"].values) == {"convex_decreasing", "exponential", "power"}
     assert np.all(np.diff(table["cross_validated_error"]) >= 0.0)
@@ -37,7 +37,7 @@ def test_the_law_of_free_form_is_compared_by_what_it_has_not_seen():
     assert int(table["admissible"].min()) == 1
 
 
-def test_friction_that_depends_on_speed_is_told_from_coulombs():
+def test_friction_that_depends_on_speed_is_separated_from_coulombs():
     p, v = (part.ravel() for part in np.meshgrid([1e5, 1e6], np.geomspace(1e-4, 1e2, 9)))
     random = np.random.default_rng(seed=1)
     bell = BellFriction(1.0, 0.1, 0.3, 0.5, -0.1, 0.3, 3e5)

@@ -70,7 +70,7 @@ def test_the_input_file_holds_the_law_in_the_units_of_the_model(tmp_path):
     assert overclosure[1] == pytest.approx(apart - 1e3 * gap[0], rel=1e-3)
 
 
-def test_a_table_for_faces_tells_its_length_by_its_forty_first_overclosure(tmp_path):
+def test_a_table_for_faces_has_its_length_by_its_forty_first_overclosure(tmp_path):
     dataset, file = fit_law(response_of(exponential_gaps(4)), n_samples=0), tmp_path / "rough.inp"
     write_pressure_overclosure(dataset, file, tolerance=1e-2)
     plain = np.array(read_input_file(file)[1][1])

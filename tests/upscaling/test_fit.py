@@ -1,4 +1,4 @@
-"""The fit takes the response as it comes, failed steps and all, and says what it made of it."""
+"""The fit accepts the response with failed steps, and reports the use of its steps."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from multiscale.upscaling import (
 from tests.upscaling.responses import PRESSURE, exponential_gaps, response_of
 
 
-def test_the_result_follows_its_schema_and_tells_where_it_comes_from():
+def test_the_result_follows_its_schema_and_states_its_origin():
     response = response_of(
         exponential_gaps(5), contact_modulus=1.1e11, bodies="steel on steel", source="other"
     )
@@ -49,7 +49,7 @@ def test_every_sample_is_an_admissible_law():
         np.testing.assert_array_equal(areas[sample].contact_fraction(PRESSURE), fraction)
 
 
-def test_one_realisation_has_a_law_but_no_samples_and_says_so():
+def test_one_realisation_has_a_law_but_no_samples_and_reports_it():
     law = fit_law(response_of(exponential_gaps(1)))
     assert law.sizes["sample"] == 0
     assert law.attrs["n_samples"] == 0
@@ -120,7 +120,7 @@ def test_another_dataset_or_family_is_refused():
         law_from_dataset(law.assign_attrs(family="power"))
 
 
-def test_a_family_with_parameters_is_fitted_with_the_area_beside_it():
+def test_a_family_with_parameters_is_fitted_with_the_area_next_to_it():
     law = fit_law(response_of(exponential_gaps(6)), family="exponential", n_samples=30)
     INTERFACE_LAW.check(law)
     assert law["decay_length"].attrs["units"] == "m"

@@ -40,7 +40,7 @@ def softening_gaps(pressure, spread=0.01):
 
 @pytest.fixture(scope="module")
 def softening():
-    """A response whose stiffness falls above a pressure."""
+    """A response with a stiffness that falls above a pressure."""
     return response_of(softening_gaps(PRESSURE), PRESSURE, area=np.tile(PRESSURE / 2e9, (3, 1)))
 
 
@@ -91,8 +91,8 @@ def test_errors_of_gaps_that_pass_through_zero_are_not_over_the_gaps():
 
 
 @pytest.mark.parametrize("family", ["exponential", "power"])
-def test_a_family_that_misses_what_was_measured_says_where(family):
-    """Stiffness over a power of the pressure of more than one: no law of either family."""
+def test_a_family_that_misses_measurements_reports_where(family):
+    """Stiffness over a power of the pressure above 1: no law of either family."""
     p = np.geomspace(1e6, 1e8, 9)
     seen = observe("normal_stiffness", p, 1e13 * (p / 1e6) ** 1.5)
     law = fit_law(seen, family=family, n_samples=0)
@@ -125,7 +125,7 @@ def test_cells_that_spring_back_as_they_were_loaded_have_no_unloading_branch():
 
 
 def test_a_spring_back_as_exponential_as_the_loading_has_an_exponent_with_an_end():
-    """A share of an exponential curve is one of an infinite exponent, as stiff by its inverse."""
+    """A share of an exponential curve is a power of infinite exponent, as stiff by its inverse."""
     law = branches_of(unloaded(np.geomspace(1e7, 4e8, 8), 0.5))
     assert float(law["unloading_exponent"]) == 1000.0
     assert float(law["unloading_stiffness_ratio"]) == pytest.approx(2.0, rel=5e-3)
@@ -149,7 +149,7 @@ def test_cells_unloaded_from_beyond_the_law_are_refused():
         branches_of(response)
 
 
-def test_a_bed_that_misses_the_sheared_cells_says_at_which_pressures():
+def test_a_bed_that_misses_the_sheared_cells_reports_at_which_pressures():
     pressure = np.geomspace(5e6, 1e8, 8)
     gap = DECAY * np.log(SCALE / pressure) + np.zeros((3, 1))
     response = response_of(gap, pressure)
@@ -164,7 +164,7 @@ def test_a_bed_that_misses_the_sheared_cells_says_at_which_pressures():
     assert "20 MPa and 80 MPa" in text
 
 
-def test_friction_beyond_the_pressures_that_cells_slid_under_is_told():
+def test_friction_beyond_the_pressures_that_cells_slid_under_is_reported():
     law = fit_law(response_of(DECAY * np.log(SCALE / np.geomspace(5e6, 1e8, 8))[None]))
     law = with_sliding(law, slid([0.2, 0.3], pressures=[4e7, 1e7]))
     assert "no cell slid" not in take_sliding_friction(law, 2e7).attrs["cautions"]
@@ -172,7 +172,7 @@ def test_friction_beyond_the_pressures_that_cells_slid_under_is_told():
     assert "is taken from 40 MPa" in take_sliding_friction(law, 8e7).attrs["cautions"]
 
 
-def test_an_aperture_that_rises_with_the_pressure_is_told():
+def test_an_aperture_that_rises_with_the_pressure_is_reported():
     pressure = np.geomspace(1e6, 1e8, 9)
     gap = 1e-6 - 0.2e-6 * np.log(pressure / 1e6) + 1e-9 * np.arange(4)[:, None]
     response = response_of(gap, pressure)
@@ -186,8 +186,8 @@ def test_an_aperture_that_rises_with_the_pressure_is_told():
 
 @pytest.fixture(scope="module")
 def soft_cells():
-    """Coarse cells whose local pressure is cut off, pressed until hardly anything is elastic."""
-    hardness = 0.06  # of the modulus of a surface whose rms slope is .08
+    """Coarse cells with a largest local pressure, pressed until hardly anything is elastic."""
+    hardness = 0.06  # of the modulus of a surface with the rms slope .08
     shares = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.625, 0.75, 0.9, 0.99)
     cells = (
         Cell(rough_square(32, 0.5, 0.25, 0.08, seed=k), 1.0, 8, 1.0, 0.3,
@@ -211,7 +211,7 @@ def test_the_law_of_cells_near_full_plastic_contact_has_their_gaps(soft_cells, h
     assert np.all(np.abs(single_law.gap_at(p) - gap) <= half)
     area = some["contact_fraction"].values.mean(axis=0)[: p.size]
     np.testing.assert_allclose(area_from_dataset(law).contact_fraction(p), area, rtol=1e-9)
-    # cells tell the stiffness at inner pressures by their gaps on both sides
+    # cells give the stiffness at inner pressures by their gaps on both sides
     every = response["mean_gap"].values.mean(axis=0)
     direct = response["nominal_pressure"].values
     cells = (-direct / np.gradient(every, np.log(direct)))[: p.size]

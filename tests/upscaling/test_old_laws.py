@@ -1,4 +1,4 @@
-"""Laws that lack what this version reads, as those of an earlier one, are refused in a sentence."""
+"""Laws of an earlier version that lack entries of this version are refused in a sentence."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ RESPONSE = response_of(exponential_gaps(6, spread=0.1))
 
 
 def flowed():
-    """Loaded and unloaded, with a state that tells so."""
+    """Loaded and unloaded, with a state that shows it."""
     down = PRESSURE[-2::-1]
     up = exponential_gaps(6, spread=0.1)
     gaps = np.concatenate([up, up[:, -1:] + 0.3 * (up[:, -2::-1] - up[:, -1:])], axis=1)
@@ -57,7 +57,7 @@ READERS = {
 }
 
 WHOLE = ("family", "error_half_width", "unloading_stiffness_ratio")
-"""What tells which kind of law it is, or whether a part is there at all."""
+"""Entries that define the kind of a law, or whether a part is there at all."""
 
 
 @pytest.mark.parametrize("reader", READERS)

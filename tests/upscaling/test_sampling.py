@@ -16,14 +16,14 @@ SIGMA, RHO, SLOPE = 0.3, 0.98, 2.0
 
 
 def pairs(random, n, n_cheap, rho=RHO):
-    """Dear values of mean 1 and scatter SIGMA, and cheap ones of another mean and scatter."""
+    """Dear values of mean 1 and scatter SIGMA, and cheap values of another mean and scatter."""
     f = random.standard_normal(n_cheap)
     y = 1.0 + SIGMA * (rho * f[:n] + np.sqrt(1.0 - rho**2) * random.standard_normal(n))
     return y[:, None], (5.0 + SIGMA / SLOPE * f)[:, None]
 
 
 def variance_ratio(rho, n, n_cheap):
-    """Variance with control over the variance of the mean of the dear values alone."""
+    """Variance with control over the variance of the mean of only the dear values."""
     return 1.0 - rho**2 * (1.0 - n / n_cheap)
 
 
@@ -33,13 +33,13 @@ def test_the_mean_has_no_bias_and_the_variance_of_theory():
     results = [Control.of(*pairs(random, n, n_cheap)).mean[0] for _ in range(2000)]
     of_pairs = (1.0 - RHO**2) * (n - 2) / (n - 3)
     expected = SIGMA**2 * (of_pairs / n + RHO**2 / n_cheap)
-    # what the fitted weight adds is small here, and the reduction to a tenth is not
+    # the addition of the fitted weight is small here, and the reduction to a tenth is not
     assert variance_ratio(RHO, n, n_cheap) == pytest.approx(expected * n / SIGMA**2, rel=0.06)
     assert np.var(results) == pytest.approx(expected, rel=0.12)  # 3.2 % scatter of a variance
     assert np.mean(results) == pytest.approx(1.0, abs=4.0 * np.sqrt(expected / 2000))
 
 
-def test_weight_and_correlation_are_those_of_the_pairs():
+def test_weight_and_correlation_follow_from_the_pairs():
     y, f = pairs(np.random.default_rng(1), 400, 800)
     estimate = Control.of(y, f)
     slope, offset = np.polyfit(f[:400, 0], y[:, 0], 1)
@@ -48,7 +48,7 @@ def test_weight_and_correlation_are_those_of_the_pairs():
         np.corrcoef(f[:400, 0], y[:, 0])[0, 1], rel=1e-10
     )
     assert estimate.mean[0] == pytest.approx(slope * f.mean() + offset, rel=1e-10)
-    # beside a line fitted by least squares, the error of its value at the mean of all
+    # next to a line fitted by least squares, the error of its value at the mean of all
     residual = y[:, 0] - slope * f[:400, 0] - offset
     apart = (f.mean() - f[:400].mean()) ** 2 / np.sum((f[:400] - f[:400].mean()) ** 2)
     square = np.sum(residual**2) / 398 * (1.0 / 400 + apart)
@@ -93,7 +93,7 @@ def test_cells_that_do_not_follow_are_of_no_use():
 
 
 def ensembles(seed, n=8, n_cheap=200):
-    """Gaps of a decay length of their own each, which the cheap cells share, but for an offset."""
+    """Gaps of a separate decay length each, which the cheap cells share, but for an offset."""
     random = np.random.default_rng(seed)
     scatter = 1.0 + 0.1 * random.standard_normal((n_cheap, 1))
     direct = scatter[:n] + 0.002 * random.standard_normal((n, 1))
@@ -182,7 +182,7 @@ def test_failed_steps_of_either_ensemble_are_left_out():
     np.testing.assert_allclose(computed, whole, rtol=5e-3)
 
 
-def test_a_budget_says_where_cells_do_not_follow():
+def test_a_budget_reports_where_cells_do_not_follow():
     dear, cheap = ensembles(3)
     shuffled = cheap["mean_gap"].values.copy()
     shuffled[:8] = shuffled[:8][::-1] + shuffled[8:16]  # of no realisation

@@ -1,4 +1,4 @@
-"""Grids and lengths: what theory gives, and what cannot be told."""
+"""Grids and lengths: theoretical values, and unknown orders."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from multiscale.upscaling.scales import compare_scales, pressure_length_of_point
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
-def test_order_and_error_of_a_smooth_sequence_are_found(order):
+def test_order_and_error_of_a_smooth_sequence_are_recovered(order):
     limit, factor = 2.0, np.array([0.1, -0.3])
     answers = {r: limit + factor * r**order for r in (1.0, 2.0, 4.0)}
     estimate = estimate_grid_error(answers[1.0], {2.0: answers[2.0], 4.0: answers[4.0]})
@@ -27,7 +27,7 @@ def test_one_coarser_grid_bounds_the_error_of_any_order_from_one_on():
         assert "order taken as 1" in estimate.how
 
 
-def test_grids_that_tell_no_order_give_a_wide_bound_and_say_so():
+def test_grids_without_an_order_give_a_wide_bound_and_a_reason():
     estimate = estimate_grid_error(
         np.array([1.0, 1.0]), {2.0: np.array([1.1, 1.1]), 4.0: np.array([1.0, 1.11])}
     )
@@ -35,16 +35,16 @@ def test_grids_that_tell_no_order_give_a_wide_bound_and_say_so():
     assert estimate.how.endswith("observed order none")
 
 
-def test_a_step_whose_difference_passes_through_zero_has_no_order_of_its_own():
+def test_a_step_with_a_difference_through_zero_has_no_separate_order():
     first, second = np.full(6, 0.02), np.full(6, 0.04)
-    first[3], second[4] = 0.0026, -0.001  # alone they would tell orders of 4, and none
+    first[3], second[4] = 0.0026, -0.001  # separately they would give orders of 4, and none
     estimate = estimate_grid_error(np.ones(6), {2.0: 1.0 - first, 4.0: 1.0 - first - second})
     assert estimate.order == pytest.approx(1.0, abs=0.1)
     np.testing.assert_allclose(estimate.half_width, 1.25 * np.abs(estimate.error), rtol=0.1)
     assert np.max(estimate.half_width) < 0.03
 
 
-def test_one_coarser_grid_whose_difference_changes_its_sign_has_no_small_error_at_one_step():
+def test_one_coarser_grid_with_a_difference_that_changes_its_sign_has_no_small_error_at_one_step():
     answer, difference = np.full(5, 2.0), np.array([0.2, 0.1, 0.001, -0.1, -0.1])
     estimate = estimate_grid_error(answer, {2.0: answer + difference})
     usual = 1.25 * np.sqrt(np.mean(difference**2))
@@ -53,7 +53,7 @@ def test_one_coarser_grid_whose_difference_changes_its_sign_has_no_small_error_a
     np.testing.assert_allclose(same.half_width, 1.25 * np.abs(difference))
 
 
-def test_one_coarser_grid_bounds_each_of_several_answers_by_its_own_differences():
+def test_one_coarser_grid_bounds_each_of_several_answers_by_its_differences():
     answer = np.array([[2.0, 2.0, 2.0], [1.0, 1.0, 1.0]])
     coarse = np.array([[2.1, 1.9, np.nan], [0.8, 0.8, 0.8]])
     half_width = estimate_grid_error(answer, {2.0: coarse}).half_width

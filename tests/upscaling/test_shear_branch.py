@@ -1,4 +1,4 @@
-"""The tangential branch of a law: found again, with its samples, its words and its refusals."""
+"""The tangential branch of a law: recovery, samples, messages and refusals."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def measured(law, decay):
     return with_shear(law, pressed(decay), sheared(decay, ratio, MU * scatter(0.01, 4))), ratio
 
 
-def test_ratio_and_friction_are_found_again_though_the_cells_differ_in_stiffness(law, decay):
+def test_ratio_and_friction_are_recovered_though_the_cells_differ_in_stiffness(law, decay):
     entry = with_shear(law, pressed(decay), sheared(decay))
     INTERFACE_LAW.check(entry)
     assert "shear_loss_ratio" not in entry
@@ -99,7 +99,7 @@ def test_x_and_y_are_averaged_or_fitted_apart(measured, law, decay):
     assert np.isnan(entry["shear_stiffness_ratio"][1])
 
 
-def test_cells_that_were_pressed_before_give_their_own_normal_laws(law, decay):
+def test_cells_that_were_pressed_before_give_their_normal_laws(law, decay):
     """On a coarser grid the cells are a fifth too soft, in pressing and in shear alike."""
     soft = 1.2 * decay
     shear, first = sheared(soft), pressed(soft)
@@ -115,7 +115,7 @@ def test_cells_that_were_pressed_before_give_their_own_normal_laws(law, decay):
     np.testing.assert_allclose(alone["shear_stiffness_ratio"], KAPPA / 1.2, rtol=0.02)
 
 
-def test_samples_pair_with_those_of_the_normal_law(law, decay):
+def test_samples_pair_with_samples_of_the_normal_law(law, decay):
     """Friction in proportion to the decay length: so are the samples of the mean."""
     entry = with_shear(law, pressed(decay), sheared(decay, friction=MU * decay / DECAY))
     gaps = [float(law_from_dataset(law, k).gap_at(np.array(1e7))) for k in range(60)]
@@ -133,7 +133,7 @@ def test_fewer_cells_may_be_sheared_than_are_pressed(law, decay):
     assert entry.sizes["shear_sample"] == 60
 
 
-def test_the_law_in_a_file_makes_the_sliders_and_an_old_one_is_still_read(measured, law, tmp_path):
+def test_the_law_in_a_file_makes_the_sliders_and_an_old_file_is_still_read(measured, law, tmp_path):
     computed, _ = measured
     save_law(computed, tmp_path / "law.nc")
     bed, again = sliders_from_dataset(computed), sliders_from_dataset(open_law(tmp_path / "law.nc"))
@@ -144,7 +144,7 @@ def test_the_law_in_a_file_makes_the_sliders_and_an_old_one_is_still_read(measur
         sliders_from_dataset(open_law(tmp_path / "normal.nc"))
 
 
-def test_what_is_assumed_is_said(law):
+def test_assumed_values_are_reported(law):
     sheared = assume_shear(law, friction=0.2, stiffness_ratio=0.82)
     assert "shear: assumed, stiffness ratio 0.82 and friction 0.2" in sheared.attrs["branches"]
     assert "the friction coefficient of 0.2 are assumed" in sheared.attrs["cautions"]
@@ -153,7 +153,7 @@ def test_what_is_assumed_is_said(law):
     assert bed.normal.gap_at(np.array(1e7)) == law_from_dataset(law, 5).gap_at(np.array(1e7))
 
 
-def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(law):
+def test_the_bed_of_any_ratio_and_friction_is_the_unit_bed_with_another_slip(law):
     """Eq. (1), also where the pressure changes and the path turns."""
     rng, normal = np.random.default_rng(3), law_from_dataset(law)
     pressure = np.append(10.0 ** rng.uniform(6.0, 8.0, 40), [0.0, 1e7, 1e7])
@@ -169,7 +169,7 @@ def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(
     np.testing.assert_allclose(computed[-2:], fresh, atol=1e-6 * np.abs(computed).max())
 
 
-def test_friction_and_stiffness_ratio_are_said_with_their_bands(measured):
+def test_friction_and_stiffness_ratio_are_printed_with_their_bands(measured):
     from multiscale.upscaling.branches import describe_shear
 
     law, _ = measured
@@ -181,7 +181,7 @@ def test_friction_and_stiffness_ratio_are_said_with_their_bands(measured):
     assert len(text) == 2
 
 
-def test_sheared_cells_are_drawn_beside_the_bed(measured):
+def test_sheared_cells_are_drawn_with_the_bed(measured):
     computed, _ = measured
     ax = Figure().subplots()
     plot_shear_law(computed, ax=ax)
@@ -215,7 +215,7 @@ def test_large_sliding_gives_friction_over_pressure(law):
         ),
     ],
 )
-def test_what_tells_no_bed_is_refused(law, decay, change, sentence):
+def test_data_without_a_bed_are_refused(law, decay, change, sentence):
     with pytest.raises(CaseError, match=sentence):
         with_shear(law, pressed(decay), change(sheared(decay)))
 
@@ -271,14 +271,14 @@ def test_cells_of_two_bodies_are_pressed_sheared_released_and_pressed_again(tmp_
 
 
 def test_the_shear_of_flat_spots_is_carried_by_friction_and_on_slopes_by_both():
-    """Dragged along its slopes a body is held by pressures as well, eq. (3) of the source."""
+    """Dragged along its slopes a body is supported by pressures as well, eq. (3) of the source."""
     cell = two_bodies(12, 1)
     path = shear_path(cell, [0.1 * 0.05 * E_STAR], along="x", steps=5)
     response = run_ensemble([cell], path)
     whole = response["traction"].values[0, 5]
     pressing = response["traction_by_normal"].values[0, 5]
     assert 0.0 < abs(pressing[1]) < 0.1 * abs(whole[1])
-    # Coulomb's law of the points: |t_T| = mu t_N, whose vertical parts differ by the square
+    # Coulomb's law of the points: |t_T| = mu t_N, with vertical parts that differ by the square
     assert whole[1] - pressing[1] == pytest.approx(0.3 * -pressing[0], rel=0.01)
 
 
@@ -294,7 +294,7 @@ def test_sheared_cells_follow_the_bed(opposite):
     theory = 2.0 * (1.0 - 0.3) / (2.0 - 0.3)
     ratio, mu = float(law["shear_stiffness_ratio"].mean()), float(law["shear_friction"])
     assert mu == pytest.approx(0.3, rel=0.02)
-    # alike bodies; unlike ones slip as they are pressed
+    # alike bodies; unlike bodies slip as they are pressed
     assert 0.93 < ratio / theory < (1.05 if opposite == 1.0 else 1.0)
     apart = np.linalg.norm(law["shear_traction"] - law["shear_bed_traction"], axis=1)
     assert np.max(apart / (mu * law["shear_pressure"])) < (0.02 if opposite == 1.0 else 0.05)
@@ -343,7 +343,7 @@ def test_the_tangential_traction_has_a_budget_with_the_distance_from_the_bed(law
     np.testing.assert_array_equal(known["error_half_width"].sel(error_term="friction bed"), 0.0)
 
 
-def test_coarser_grids_tell_the_error_of_the_ratio(law, decay):
+def test_coarser_grids_give_the_error_of_the_ratio(law, decay):
     fine, coarse = (
         with_shear(law, pressed(decay), sheared(decay, np.full((CELLS, 2), kappa)))
         for kappa in (0.8, 0.84)
@@ -400,7 +400,7 @@ def cycled(decay, lost=1.0, amplitude=1.0):
 
 
 @pytest.mark.parametrize("lost", [1.0, 1.1])
-def test_the_loss_of_cycles_over_the_loss_of_the_bed_is_found(law, decay, lost):
+def test_the_loss_of_cycles_over_the_loss_of_the_bed_is_recovered(law, decay, lost):
     """Work over a closed cycle is its loss; here the bed itself makes it."""
     sheared = with_shear(law, pressed(decay), cycled(decay, lost))
     np.testing.assert_allclose(sheared["shear_loss_ratio"], lost, rtol=0.02)

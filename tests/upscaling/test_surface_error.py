@@ -14,7 +14,7 @@ QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
 
 def from_map(response, height, slope, bodies=1):
-    """Let a response be of cells that hold shares of the height and slope of alike bodies."""
+    """A response of cells with shares of the height and slope of alike bodies."""
     n = response.sizes["realisation"]
     part = 1.0 / np.sqrt(bodies)  # of each body
     values = {
@@ -58,7 +58,7 @@ def test_windows_that_are_rougher_than_their_map_lack_nothing():
 
 
 @pytest.mark.parametrize(("height", "slope"), [(0.13, 0.9), (0.9, 0.4)])
-def test_what_is_lost_beyond_half_is_unknown_and_not_small(height, slope):
+def test_a_missing_share_beyond_half_is_unknown_and_not_small(height, slope):
     budget, terms = surface_terms(from_map(response_of(exponential_gaps(8)), height, slope))
     assert np.all(np.isnan(terms))
     assert "surface" in budget.attrs["unknown"].split(", ")

@@ -1,4 +1,4 @@
-"""CSV files of tests and of other codes: units in the head, sentences for what is missing."""
+"""CSV files of tests and of other codes: units in the head, sentences for missing entries."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_semicolons_separate_numbers_with_decimal_commas(write):
     np.testing.assert_allclose([*seen.pressure, *seen.values[0]], [1.5e6, 2e12])
 
 
-def test_without_specimens_repeated_points_are_told_apart_by_their_order(write):
+def test_without_specimens_repeated_points_are_separated_by_their_order(write):
     seen = read_observations(
         write("pressure (Pa),contact fraction (%)\n1,10\n2,20\n1,12\n"), "contact_fraction"
     )
@@ -127,7 +127,7 @@ def test_the_next_specimen_scatters_as_those_measured_by_students_interval():
     )
 
 
-def test_the_column_beside_the_pressure_tells_the_quantity(write):
+def test_the_column_next_to_the_pressure_names_the_quantity(write):
     assert quantity_of(write("gap (um), pressure (MPa)\n1,2\n")) == "gap"
     with pytest.raises(CaseError, match="pressure and stiffness or gap"):
         quantity_of(write("pressure (MPa), force (N)\n1,2\n"))

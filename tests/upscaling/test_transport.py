@@ -1,4 +1,4 @@
-"""What interfaces conduct and let through: conductance by stiffness, leakage by percolation."""
+"""Conduction and leakage of interfaces: conductance by stiffness, leakage by percolation."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def law():
     return fit_law(response_of(gap[None], np.geomspace(1e6, 1e8, 9)), n_samples=0)
 
 
-def test_an_interface_conducts_as_its_stiffness_says(law):
+def test_an_interface_conducts_by_its_stiffness(law):
     conductance = conductances(
         with_conductance(law, PAIR, MODULUS, flows=False), p := np.array([3e6, 1e7, 5e7])
     )
@@ -85,7 +85,7 @@ def even(*cells):
     return effective_permeability(np.array(cells)[:, None], np.ones((1, len(cells), 1))).item()
 
 
-def test_a_patchwork_conducts_as_bruggeman_says():
+def test_a_patchwork_conducts_as_by_bruggeman():
     assert even(2.0, 2.0, 2.0) == pytest.approx(2.0)
     assert even(1.0, 9.0) == pytest.approx(3.0)  # a chessboard: the geometric mean
     assert even(5.0, 5.0, 5.0, 0.0) == pytest.approx(5.0 * (2.0 * 0.75 - 1.0))
@@ -124,7 +124,7 @@ def leaking():
     return leaking_law()
 
 
-def test_a_law_tells_apertures_with_bands_and_where_it_is_tight(leaking):
+def test_a_law_has_apertures_with_bands_and_where_it_is_tight(leaking):
     x, y = (leaking.sel(direction=name) for name in "xy")
     mean = 0.5 * leaking["fit_mean_gap"]
     np.testing.assert_allclose(x["hydraulic_aperture"], mean, rtol=1e-3)
@@ -134,7 +134,7 @@ def test_a_law_tells_apertures_with_bands_and_where_it_is_tight(leaking):
     low, high = y["hydraulic_aperture_mean_law"].to_numpy()
     assert np.all((low <= y["hydraulic_aperture"]) & (y["hydraulic_aperture"] <= high))
     first = int(np.argmax(half))
-    assert high[first] > 0.0  # nobody knows of this one
+    assert high[first] > 0.0  # unknown whether tight
     np.testing.assert_allclose(sealing_pressures(leaking, "y"), PRESSURE[first - 1 : first + 1])
     np.testing.assert_array_equal(sealing_pressures(leaking, "x"), [PRESSURE[-1], np.nan])
     assert "is tight from" in say_sealing(leaking, "y")
@@ -149,7 +149,7 @@ def test_intervals_count_the_grid_by_the_same_cells_on_half_of_the_points(leakin
     )
     x, alone = (law.sel(direction="x") for law in (leaking_law(coarser), leaking))
     first = leaking_cells()["hydraulic_aperture"][:4, :, 0].mean("realisation")
-    grid = 1.25 * 0.1 * first  # of order one, with Roache's factor of safety
+    grid = 1.25 * 0.1 * first  # of first order, with Roache's factor of safety
     for end, computed in zip(
         *(item["hydraulic_aperture_mean_law"] for item in (x, alone)), strict=True
     ):

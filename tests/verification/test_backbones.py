@@ -1,4 +1,4 @@
-"""Frequency and damping of small models against references that know nothing of modes at rest."""
+"""Frequency and damping of small models against references without modes at rest."""
 
 from dataclasses import replace
 
@@ -110,7 +110,7 @@ def free_decay(rest, mass, velocity, step, count):
 
 
 def test_a_free_decay_has_the_frequency_and_damping_of_the_backbone():
-    """A block on an Iwan bed swings freely after a blow, in steps that know nothing of modes.
+    """A block on an Iwan bed swings freely after a blow, in steps without modes.
 
     By Masing's rule half a swing of span 2 s, from a peak with the force f to one with 2 alpha(s)
     - f, does no work if 2 s (f - alpha(s)) = D(s) / 2. Errors of f change their sign in each half.

@@ -1,6 +1,6 @@
 r"""A bar that is pressed on a rigid ground and pulled at its end.
 
-With the friction :math:`q = \mu p w` per length, a force F below what all of it carries slips over
+With the friction :math:`q = \mu p w` per length, a force F below its full friction slips over
 the length :math:`F / q`. End displacement and loss of a cycle of rigid-plastic friction are
 
 .. math:: u = \frac{F^2}{2 E A q}, \qquad W = \frac{2 F^3}{3 E A q}.
@@ -49,7 +49,7 @@ def bar(elements, decay=1e-7):
     return Assembly((body,), (ground,), (0.0, 1.0), (LENGTH * WIDTH, WIDTH * HEIGHT))
 
 
-def test_the_end_moves_as_far_as_the_closed_form_says():
+def test_the_end_moves_by_the_closed_form():
     steps = np.column_stack([np.full(9, PRESSURE), SHEAR * np.linspace(0.0, 1.0, 9)])
     errors = []
     for elements in (10, 20, 40):
@@ -64,7 +64,7 @@ def test_the_end_moves_as_far_as_the_closed_form_says():
     assert errors[2] < 0.7 * errors[1] < 0.7**2 * errors[0]
 
 
-def test_a_cycle_loses_the_cube_of_the_force():
+def test_a_cycle_dissipates_the_cube_of_the_force():
     result = load_joint(bar(20), JointLoading((PRESSURE,), SHEAR, 1, 8), method=METHOD)
     lost = 2.0 * FORCE**3 / (3.0 * STIFFNESS * FRICTION)
     assert result.cycle_energy.item() == pytest.approx(lost, rel=0.01)

@@ -88,7 +88,7 @@ def press_and_shear(folder, pair, face_to_face=False, friction=True):
         pytest.param("SURFACE TO SURFACE", True, id="faces"),
     ],
 )
-def test_calculix_presses_and_shears_blocks_as_the_law_says(tmp_path, pair, face_to_face):
+def test_calculix_presses_and_shears_blocks_by_the_law(tmp_path, pair, face_to_face):
     pressure, slip, carried, stiffness = press_and_shear(tmp_path, pair, face_to_face)
     assert pressure == pytest.approx(PRESSURE, rel=1e-2)
     np.testing.assert_allclose(carried[:2], stiffness * slip[:2], rtol=1e-2)
@@ -96,7 +96,7 @@ def test_calculix_presses_and_shears_blocks_as_the_law_says(tmp_path, pair, face
 
 
 @needs_calculix
-def test_calculix_presses_blocks_as_the_law_says_with_mortar(tmp_path):
+def test_calculix_presses_blocks_by_the_law_with_mortar(tmp_path):
     """Its shear with friction is wrong for linear laws, too, and not compared."""
     pressure, *_ = press_and_shear(tmp_path, "MORTAR", friction=False)
     assert pressure == pytest.approx(PRESSURE, rel=1e-2)

@@ -1,4 +1,4 @@
-"""A bolted lap joint beside CalculiX, on the same meshes, with the law as `export` writes it."""
+"""A bolted lap joint against CalculiX, on the same meshes, with the law as `export` writes it."""
 
 import re
 from dataclasses import dataclass
@@ -124,11 +124,11 @@ def loop_of_calculix(assembly, case, out):
     ("make_case", "width", "loss"),
     [
         pytest.param(linear_case, 0.002, 0.02, id="one stiffness"),
-        # points under a small pressure stick too stiffly there, slip early and lose twice as much
+        # points under a small pressure stick too stiffly, slip early and dissipate twice as much
         pytest.param(rough_case, 0.03, 0.6, id="rough law"),
     ],
 )
-def test_the_loop_of_a_lap_joint_is_that_of_calculix(make_case, width, loss, tmp_path):
+def test_the_loop_of_a_lap_joint_agrees_with_calculix(make_case, width, loss, tmp_path):
     pytest.importorskip("gmsh", exc_type=Exception)
     case = make_case(tmp_path / "law.inp")
     assembly = lap_joint(SHAPE, [Elastic(210e9, 0.3)] * 2, case.sliders)

@@ -1,4 +1,4 @@
-"""Two plates of quadratic tetrahedra beside CalculiX: tied, and by a law of one stiffness."""
+"""Two plates of quadratic tetrahedra against CalculiX: tied, and by a law of one stiffness."""
 
 import re
 
@@ -27,9 +27,9 @@ pytestmark = [pytest.mark.slow, needs_calculix]
 
 
 def plates(stiffness, elements):
-    """Plates pressed on each other, whose meshes do not match; the upper one is pushed up.
+    """Pressed plates with meshes that do not match; the upper plate is pushed up.
 
-    The lower one is held at its end: the joint passes on bending and shear.
+    The lower plate is fixed at its end: the joint passes on bending and shear.
     """
 
     def push(position, time):
@@ -116,7 +116,7 @@ def by_calculix(assembly, joint, folder):
         ),
     ],
 )
-def test_stiffness_and_modes_of_pressed_plates_are_those_of_calculix(
+def test_stiffness_and_modes_of_pressed_plates_agree_with_calculix(
     stiffness, elements, joint, tmp_path
 ):
     assembly = plates(stiffness, elements)

@@ -41,7 +41,7 @@ def half_space():
 
 
 def constriction(half_space, touching):
-    """Resistance per area of spots on a half-space of conductivity one, m: a square each.
+    """Resistance per area of spots on a half-space of unit conductivity, m: a square each.
 
     A square has two elements along its side; the flux at the far end is even.
     """
@@ -60,7 +60,7 @@ def constriction(half_space, touching):
 
 
 @pytest.mark.slow
-def test_spots_conduct_as_the_stiffness_of_the_interface_says(half_space):
+def test_spots_conduct_by_the_stiffness_of_the_interface(half_space):
     """Within 2 % at three pressures: h = 2 K k / E*, of a half-space on a perfect conductor."""
     rough = rough_square(POINTS, 2e-4, 1e-4, 0.02, seed=1, size=LENGTH)
     surface = Surface(4e-7 / rms_height(rough) * rough.heights, rough.size)

@@ -276,7 +276,7 @@ def test_partial_slip_between_steel_balls_is_mindlins(sheared_balls, ratio):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("ratio", "expected"), [(0.5, 1.07238e-6), (0.9, 1.22179e-5)])
-def test_a_cycle_of_partial_slip_loses_the_energy_of_mindlin_and_deresiewicz(
+def test_a_cycle_of_partial_slip_dissipates_the_energy_of_mindlin_and_deresiewicz(
     sheared_balls, ratio, expected
 ):
     # friction does not change while a point slips one way, so one step a branch is exact
@@ -296,7 +296,7 @@ SPENCE_RINGS = np.r_[
 
 @pytest.mark.long
 @pytest.mark.parametrize(("friction", "growth"), [(0.1, 1.2), (0.3, 1.05), (0.5, 1.05)])
-def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth):
+def test_a_ball_pressed_with_friction_sticks_where_theory_predicts(friction, growth):
     r, surface = scenes.ball_on_rough_half_space(friction, SPENCE_RINGS, growth)
     shear = np.linalg.norm(surface.traction[1:], axis=0)
     closed = surface.pressure > 0.0
@@ -305,8 +305,8 @@ def test_a_ball_pressed_with_friction_sticks_where_theory_says(friction, growth)
     computed = edge / scenes.moment_radius(r, surface.pressure, surface.area)
     expected = spence.punch_with_friction(friction, 0.3, rings=400)[0]
     assert computed == pytest.approx(expected, rel=0.05)
-    # .9186 and .9917 in the validation plan, whose formula leaves out the effect of shear on
-    # pressure; at .1 that alone takes 11 % off its .2240
+    # .9186 and .9917 in the validation plan: its formula leaves out the effect of shear on
+    # pressure; at .1 only this takes 11 % off its .2240
     if friction > 0.1:
         assert computed == pytest.approx(mindlin.spence_stick_radius(friction, 0.3), rel=0.05)
 

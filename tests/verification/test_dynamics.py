@@ -12,7 +12,7 @@ GRAVITY = 9.81
 
 
 def line(places, laws, free, weight=0.0, *, axis=2):
-    """Nodes along an axis, links between neighbours, of one law or one each, and what is free."""
+    """Nodes along an axis, links between neighbours, of one law or one each, and free nodes."""
     n = len(places)
     position, load, fixed = np.zeros((n, 3)), np.zeros((n, 3)), np.ones((n, 3), dtype=bool)
     position[:, axis], load[-1, axis], fixed[free, axis] = places, -weight, False
@@ -34,7 +34,7 @@ def lifted(height, nodes=2):
 
 
 def energy_left(response):
-    """What the energy account must keep constant, J."""
+    """Constant sum of the energy account, J."""
     parts = ("kinetic_energy", "elastic_energy", "numerical_dissipation", "link_dissipation")
     return sum(response[name].values for name in parts) - response["work"].values
 
@@ -83,7 +83,7 @@ def test_a_mass_falls_into_an_inextensible_cable_and_hangs():
     assert response["smallest_link_dissipation"].values.min() > -1e-12
 
 
-def test_stiffer_cables_tend_to_the_inextensible_one():
+def test_stiffer_cables_tend_to_the_inextensible_cable():
     times = np.linspace(0.0, 0.2, 201)
     rigid = simulate(hanging(Cable(np.inf)), times, 1.0, start=lifted(0.1))
     distances = []
@@ -159,7 +159,7 @@ def test_a_moving_support_carries_its_structure_and_its_work_is_accounted_for():
 
 @pytest.mark.parametrize("theta", [0.5, 1.0])
 @pytest.mark.parametrize("restitution", [0.5, 1.0])
-def test_a_cable_whose_support_runs_away_jerks_its_mass_to_the_speed_of_restitution(
+def test_a_cable_with_a_support_that_runs_away_jerks_its_mass_to_the_speed_of_restitution(
     restitution, theta
 ):
     def run_away(time):
@@ -215,7 +215,7 @@ def test_no_step_is_large_enough_to_gain_energy(theta, step):
 
 
 def two_masses(stiffness, ratio):
-    """1 kg on a cable from the left, another 1 kg on an inextensible one from the right.
+    """1 kg on a cable from the left, another 1 kg on an inextensible cable from the right.
 
     A cable of another stiffness joins them; all run along z and are as long as they are.
     """
@@ -249,7 +249,7 @@ def test_extensible_links_gain_no_energy_next_to_inextensible_links(h, ratio, re
 
 def test_an_idle_inextensible_link_changes_nothing():
     joined = two_masses(1000.0, 0.1)
-    joined.fixed[:, 2] = [True, False, True, False]  # 1 kg between cables, and one that rests
+    joined.fixed[:, 2] = [True, False, True, False]  # 1 kg between cables, and a mass that rests
     lone = LinkSystem(
         *(joined.position[:3], joined.ends[:2], joined.laws[:2], np.arange(2)),
         *(joined.fixed[:3], joined.load[:3]),

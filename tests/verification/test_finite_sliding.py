@@ -75,4 +75,4 @@ def test_time_steps_at_small_slopes_tend_to_the_steady_linear_solution(share, nu
         for pieces in (1, 2)
     ]
     assert errors[1] < 0.01
-    assert errors[1] < max(0.5 * errors[0], 0.005)  # of the time step, down to that of the grid
+    assert errors[1] < max(0.5 * errors[0], 0.005)  # of the time step, down to the grid error

@@ -27,7 +27,7 @@ def silo_profile(result, frame, diameter, above):
 
 
 @pytest.mark.long
-def test_the_wall_of_a_silo_bears_the_weight_as_janssen_says():
+def test_the_wall_of_a_silo_bears_the_weight_as_by_janssen():
     radii, diameter, friction = granulate.draw_radii(1200, 0.003, 0.0035), 0.05, 0.5
     law = ContactLaw(0.5, compliance=0.05)
     model = granulate.silo(radii, diameter, law, wall_friction=friction, sinking=0.005)
@@ -54,7 +54,7 @@ def front_of_heap(result):
 
 @pytest.mark.long
 @pytest.mark.parametrize("aspect", [1.0, 3.0])
-def test_a_column_runs_as_far_as_its_height_tells(aspect):
+def test_a_column_runs_as_predicted_by_its_height(aspect):
     # Staron and Hinch (2005): (r - r0) / r0 = 2.5 a below a = 2, 3.25 a^0.7 above
     radii, width = granulate.draw_radii(500, 0.003, 0.004), 0.14 / aspect**0.5
     law, solver = ContactLaw(1.0, compliance=0.05), Solver(max_iterations=500)
@@ -76,7 +76,8 @@ def test_a_column_runs_as_far_as_its_height_tells(aspect):
 def test_grains_without_friction_jam_isostatically(planar, number, fraction):
     n = 200
     radii = np.full(n, 0.01) if not planar else np.where(np.arange(n) % 2, 0.01, 0.014)
-    solver = Solver(max_iterations=500)  # the steps on the way need not be exact, the last ones are
+    # the steps on the way need not be exact, the last steps are
+    solver = Solver(max_iterations=500)
     packing = granulate.compact(radii, 1e3, ContactLaw(0.0), planar=planar, solver=solver)
     assert packing.attrs["failure"] == ""
     assert packing.attrs["stress_error"] == pytest.approx(0.0, abs=1e-3)

@@ -1,8 +1,8 @@
-r"""Stated errors against true ones, over 60 scenes whose truth can be computed.
+r"""Stated errors against true errors, over 60 scenes with a computable truth.
 
 Twenty small ensembles of flat cells, two spectra, 8 cells of two longest waves each, at the height
-of the surface at large and less the bias that cells of three sizes tell. Of each three scenes: the
-averages of the *cells*, against those of large cells and fine grids at more pressures; the
+of the surface at large and less the bias by cells of three sizes. Of each three scenes: the
+averages of the *cells*, against averages of large cells and fine grids at more pressures; the
 stiffness of a *joint* pressed off its centre, against the true law on a finer mesh; the gap of a
 *wave* four times as long as the longest roughness, by the law, against one rough wave resolved.
 """
@@ -79,8 +79,8 @@ def joint_stiffness(law, elements=8):
 def wave_gaps(law, points=64):
     """Mean gap and pressures of an elastic half-plane with a wave and a law, at mean pressures.
 
-    The gap is that of the wave, minus the approach, plus the displacement whose part of wavenumber
-    q is 2 / (E* q) times that of the pressure.
+    The gap is the wave, minus the approach, plus the displacement: its part of wavenumber q is
+    2 / (E* q) times the same part of the pressure.
     """
     q = 2.0 * np.pi / LENGTH * np.arange(1, points // 2 + 1)
     symbol = np.append(0.0, 2.0 / (E_STAR * q))
@@ -121,7 +121,7 @@ def rough_wave_gaps(seed, hurst):
 
 @dataclass(frozen=True)
 class Scene:
-    """Ensembles that are computed to answer, and to tell how wrong that is."""
+    """Ensembles that are computed to answer, and to estimate the error of it."""
 
     response: "xr.Dataset"
     sizes: dict
@@ -130,7 +130,7 @@ class Scene:
 
 
 def compute_scene(seed, hurst):
-    """Few cells on the grid of the answer; many, of three sizes, on a coarse one."""
+    """Few cells on the grid of the answer; many, of three sizes, on a coarse grid."""
     response = ensemble(2, 8, seed, hurst=hurst)
     sizes = {
         0.5: ensemble(1, 48, seed + 100, points=4, hurst=hurst),
@@ -143,7 +143,7 @@ def compute_scene(seed, hurst):
 
 @dataclass(frozen=True)
 class Truth:
-    """What large cells on fine grids say."""
+    """Answers of large cells on fine grids."""
 
     height: float
     cells: np.ndarray  # gap, contact fraction and stiffness, (3, steps)
@@ -187,7 +187,7 @@ def values_of(law):
 
 
 def judge(scene, truth):
-    """Signed errors and stated half-widths of one scene, by what they are of."""
+    """Signed errors and stated half-widths of one scene, by their quantity."""
     sizes = {ratio: at_rms_height(number, truth.height) for ratio, number in scene.sizes.items()}
     grids = {ratio: at_rms_height(number, truth.height) for ratio, number in scene.grids.items()}
     response = at_rms_height(scene.response, truth.height)
@@ -227,7 +227,7 @@ def judge(scene, truth):
 
 
 @pytest.mark.long
-def test_stated_errors_contain_the_true_ones_and_are_no_wider_than_they_have_to_be():
+def test_stated_errors_contain_the_true_errors_and_are_no_wider_than_they_have_to_be():
     """In 90 of 100 at least, and not three times as wide as the median true error.
 
     Widths are compared with errors of the same quantity at the same pressure: an exact interval of

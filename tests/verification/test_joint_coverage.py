@@ -1,7 +1,7 @@
-"""How often both intervals of a joint hold the truth, of joints whose law is a random field.
+"""How often both intervals of a joint hold the truth, of joints with a random field as law.
 
 The truth of the mean law has the mean of many cells on the whole interface. The truth of one part
-has a cell of its own under every patch of the interface.
+has a separate cell under every patch of the interface.
 """
 
 import logging
@@ -25,7 +25,7 @@ JOINTS = 20
 
 
 def laws(factor):
-    """Exponential laws with factors of their decay length, K = p / u, as those of the cells."""
+    """Exponential laws with factors of their decay length, K = p / u, as for the cells."""
     law = Exponential(2e9, 0.2e-6, pressure_range=(1e6, 2e8))
     return [
         Sliders(
@@ -40,7 +40,7 @@ def laws(factor):
 
 
 def true_joint(factor):
-    """Two blocks whose interface has a law of its own under every facet."""
+    """Two blocks with a separate law under every facet of their interface."""
     materials = [Elastic(210e9, 0.3)] * 2
     whole = stacked_blocks((0.02, 0.02, 0.01), (5, 5, 1), materials, laws(1.0))
     face = whole.interfaces[0]
@@ -67,7 +67,7 @@ def answers_of(result):
 
 
 @pytest.mark.long
-def test_both_intervals_hold_the_truth_of_joints_as_often_as_they_say(tmp_path):
+def test_both_intervals_hold_the_truth_of_joints_as_often_as_stated(tmp_path):
     """In 90 of 100 at least of all answers, and in 17 of 20 of each.
 
     The facets of 4 mm hold four cells of 2 mm each; cells scatter by 6 %, of which the law has 12.

@@ -1,7 +1,7 @@
-"""Rough joints with friction: the heuristic indicator of LATIN beside the true error.
+"""Rough joints with friction: the heuristic indicator of LATIN against the true error.
 
 Blocks of steel are pressed unevenly, sheared, sheared further, unloaded and sheared back. In every
-iteration the indicator stands beside the true error of the same admissible fields, against the
+iteration the indicator is compared with the true error of the same admissible fields, against the
 monolithic solution: the range in ``workflows/bench.md``.
 """
 
@@ -25,8 +25,8 @@ TIMES = (1.0, 2.0, 3.0, 1.5, 0.0)
 
 
 class Scene(NamedTuple):
-    """Stiffness of the law over that of a block, friction, tilt of the pressure, shear (Pa), parts
-    along either edge."""
+    """Stiffness of the law over the block stiffness, friction, tilt of the pressure, shear (Pa),
+    parts along either edge."""
 
     ratio: float
     friction: float
@@ -71,7 +71,7 @@ SCENES = {
 
 
 def effectivities(scene):
-    """Relative true errors above 1e-7 and estimated over true ones, in every iteration."""
+    """Relative true errors above 1e-7 and estimated over true errors, in every iteration."""
     problem, law = scene.cut(), scene.law()
     judged = []
     options = LatinMethod(

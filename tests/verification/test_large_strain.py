@@ -27,7 +27,7 @@ def pressures(bulk, approaches):
 
 
 @pytest.mark.usefixtures("uniform_layers")
-def test_neo_hookean_pressures_are_those_of_the_independent_code():
+def test_neo_hookean_pressures_equal_the_independent_code():
     # an independent implementation on the same mesh, to all its digits
     expected = [4.92230658e-4, 2.69177554e-3, 8.13993483e-3, 1.67685398e-2]
     computed, _ = pressures(NeoHookean(1.0, 0.3), (0.004, 0.01, 0.02, 0.03))
@@ -36,7 +36,7 @@ def test_neo_hookean_pressures_are_those_of_the_independent_code():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("uniform_layers")
-def test_plastic_pressures_are_those_of_the_independent_code():
+def test_plastic_pressures_equal_the_independent_code():
     expected = [3.107378e-4, 8.824388e-4, 2.703120e-3, 5.289840e-3]
     approaches = tuple(0.002 * np.arange(1, 16))  # the increments belong to the answer
     computed, response = pressures(J2(1.0, 0.3, 1.0 / 200.0, 0.01), approaches)
@@ -154,7 +154,7 @@ def sheared_sphere(n, layers, shares, increments=1):
 
 
 @pytest.mark.long
-def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_refined():
+def test_the_stick_area_tends_to_the_area_of_cattaneo_and_mindlin_as_the_grid_is_refined():
     """Nodes in contact reach beyond its edge, and those that stick beyond theirs by less."""
     grids, a, errors, blurred = np.array([32, 64, 96]), CONTACT_RADIUS, [], []
     for n, layers in zip(grids, (16, 24, 30), strict=True):

@@ -1,7 +1,7 @@
 r"""Every family of laws gives its parameters back, and its bands keep their promise.
 
 Synthetic data of 20 realisations: 3 % scatter between the realisations, common to all points of
-one, and 0.3 % of white noise. 200 repeats, 95 % intervals of 200 bootstrap samples.
+a realisation, and 0.3 % of white noise. 200 repeats, 95 % intervals of 200 bootstrap samples.
 """
 
 from dataclasses import dataclass, fields
@@ -45,7 +45,7 @@ LOADING = Exponential(4e8, 0.45e-6)
 
 @dataclass(frozen=True)
 class Hardening(NormalLaw):
-    """A law of the test's own, K l ln(1 + exp(-g/l)): exponential far away, linear when closed."""
+    """A law of this test, K l ln(1 + exp(-g/l)): exponential far away, linear when closed."""
 
     limit: float  # K, Pa/m
     length: float
@@ -138,7 +138,7 @@ def test_parameters_are_recovered_from_exact_data(family, quantity, conditions, 
 
 
 def test_friction_that_no_speed_changes_has_samples_of_a_law_with_a_speed():
-    """Parameters that the data do not tell apart: no system of equations is singular."""
+    """Parameters that the data do not separate: no system of equations is singular."""
     speed, random = np.geomspace(1e-3, 10.0, 12), np.random.default_rng(seed=4)
     values = 0.4 * (1.0 + 0.02 * random.standard_normal((5, speed.size)))
     seen = observe("friction_coefficient", (np.full(speed.size, 1e5), speed), values)

@@ -94,7 +94,7 @@ def test_recovery_does_not_depend_on_the_units(family, length, unit):
         np.testing.assert_allclose(scaled, plain, atol=1e-7)
 
 
-def test_the_error_reported_tells_the_error_made():
+def test_the_error_reported_predicts_the_error_made():
     """Westergaard close to complete contact, where the stiffness is infinite."""
     gap, _, _ = FAMILIES["Westergaard"]
     smooth, steep = (

@@ -18,14 +18,14 @@ def test_the_gap_of_random_surfaces_percolates_up_to_42_per_cent_of_contact():
     opened = response["hydraulic_aperture"].to_numpy() > 0.0
     assert opened[:, 0].all()
     assert not opened[:, -1].any()
-    assert np.all(np.diff(opened.astype(int), axis=1) <= 0)  # what is closed stays closed
+    assert np.all(np.diff(opened.astype(int), axis=1) <= 0)  # closed points stay closed
     last, first = np.max(area * opened, axis=1), np.min(np.where(opened, 1.0, area), axis=1)
     assert np.mean(0.5 * (last + first)) == pytest.approx(0.42, abs=0.03)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_a_patchwork_of_cells_lets_through_what_its_effective_medium_does(axis):
-    """Permeabilities of 32 x 32 cells are lognormal, whose mean is 4 % above the effective one."""
+def test_a_patchwork_of_cells_conducts_like_its_effective_medium(axis):
+    """Permeabilities of 32 x 32 cells are lognormal, their mean is 4 % too large."""
     k = np.exp(0.3 * np.random.default_rng(1).normal(size=(32, 32)))
     gap = np.cbrt(np.kron(k, np.ones((4, 4))))
     expected = effective_permeability(k.reshape(-1, 1), np.ones((1, k.size, 1))).item()

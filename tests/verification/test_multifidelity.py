@@ -1,12 +1,12 @@
 r"""Control variates against plain ensembles of the same time, and the coverage of their bands.
 
-Small cells of three kinds are pressed on the same surfaces as flat elastic ones: conforming cells
+Small cells of three kinds are pressed on the same surfaces as flat elastic cells: conforming cells
 (gap, contact fraction, stiffness) and cells with friction that are sheared a little (tangential
 stiffness); flat cells with a hardness are pressed on two grids (gap of a metal). Estimates of few
-of them and of many flat ones are drawn 200 times from these pools, each without repetition. The
-truth is the estimate of the whole pool, so that errors are smaller than those of new cells by
-about the root of one less the share that is drawn, in both ensembles alike. Small cells stand for
-large ones, whose times they do not have: a flat cell is taken to cost a fiftieth, as beside
+of them and of many flat cells are drawn 200 times from these pools, each without repetition. The
+truth is the estimate of the whole pool, so that errors are smaller than errors of new cells by
+about the root of one less the share that is drawn, in both ensembles alike. Small cells replace
+large cells but not their times: a flat cell is taken to cost a fiftieth, as compared with
 conforming cells of 128 x 128 points.
 """
 
@@ -62,7 +62,7 @@ def stiffness(gap):
 
 @dataclass(frozen=True)
 class Pool:
-    """Values of dear cells and of flat ones, of which the first have their surfaces."""
+    """Values of dear cells and of flat cells, of which the first have their surfaces."""
 
     dear: np.ndarray
     cheap: np.ndarray
@@ -73,7 +73,7 @@ class Pool:
         return Control.of(self.dear, self.cheap).mean
 
     def draw(self, random, n, ratio):
-        """Some dear cells, their flat ones and further ones."""
+        """Some dear cells, their flat cells and further cells."""
         mine = random.permutation(len(self.dear))[:n]
         rest = np.arange(len(self.dear), len(self.cheap))
         further = random.permutation(rest)[: max(0, round(ratio * n) - n)]
@@ -102,7 +102,7 @@ def pools():
 
 
 def interval(dear, cheap):
-    """Mean and half-width by both ensembles, or by the dear cells alone."""
+    """Mean and half-width by both ensembles, or only by the dear cells."""
     estimate = Control.of(dear, cheap)
     parts = ((dear, len(dear) - 1),) if estimate is None else estimate.ensembles
     mean = dear.mean(axis=0) if estimate is None else estimate.mean
@@ -113,7 +113,7 @@ def interval(dear, cheap):
 
 
 @pytest.mark.slow
-def test_few_dear_cells_and_many_flat_ones_err_less_for_the_time_and_their_bands_cover(pools):
+def test_few_dear_cells_and_many_flat_cells_err_less_for_the_time_and_their_bands_cover(pools):
     for name, pool in pools.items():
         random, truth = np.random.default_rng(seed=0), pool.truth
         correlation = float(np.median(Control.of(pool.dear, pool.cheap).correlation))

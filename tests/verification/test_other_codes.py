@@ -8,7 +8,7 @@ Large strain: GetFEM 5.4 on one quarter of the cell, trilinear hexahedra, the we
 energies written in its form language and differentiated by it, constant dilatation in the elements
 of metal, Newton residual below 1e-9, contact by an augmented Lagrangian multiplier, integrated over
 the surface or lumped at its nodes. CalculiX 2.20 (NLGEOM, C3D8, node-to-surface contact with a
-penalty of 5e3) has other volume energies: K/2 (J - 1)^2 beside mu/2 (J^-2/3 |F|^2 - 3) for rubber,
+penalty of 5e3) has other volume energies: K/2 (J - 1)^2 next to mu/2 (J^-2/3 |F|^2 - 3) for rubber,
 K/2 ((J^2 - 1)/2 - ln J) for metal. Metal yields at 1/200, hardens by .01, and is pressed in 40
 equal increments.
 """
@@ -46,7 +46,7 @@ def forces(n, layers, bulk=None):
 
 @pytest.fixture
 def same_layers(monkeypatch):
-    """Put the layers where the other codes have them."""
+    """Place the layers as in the other codes."""
     monkeypatch.setattr(
         layer,
         "graded_planes",
@@ -55,7 +55,7 @@ def same_layers(monkeypatch):
 
 
 @pytest.mark.parametrize("code", [GETFEM, KRATOS], ids=["GetFEM", "Kratos"])
-def test_forces_are_those_of_other_finite_element_codes(code):
+def test_forces_equal_other_finite_element_codes(code):
     np.testing.assert_allclose(forces(32, 12), code, rtol=1e-2)
 
 

@@ -1,6 +1,6 @@
 r"""Contact fraction, mean gap and elastic energy of rough surfaces against published tables.
 
-The flat cell stands for the half-space here: it is as deep as its period, the slope is small or
+The flat cell replaces the half-space here: it is as deep as its period, the slope is small or
 does not matter, and the shortest wave has 5 or 16 points.
 """
 
@@ -98,7 +98,7 @@ def ensembles():
 def test_ensembles_have_the_area_and_mean_gap_of_the_half_space(ensembles, row):
     area, gap = ensembles[row][1]
     published_area, published_gap, published_scatter = np.array(HALF_SPACE[row])
-    # the table tells no scatter of its areas: taken to be that found here
+    # the table has no scatter of its areas: taken to be the scatter computed here
     for computed, published, scatter in (
         (area, published_area, area.std(axis=0, ddof=1)),
         (gap, published_gap, published_scatter),

@@ -12,7 +12,7 @@ POINTS = 256
 
 
 @pytest.mark.slow
-def test_spots_of_ground_steel_are_those_of_its_shortest_wave_on_every_grid():
+def test_spots_of_ground_steel_follow_its_shortest_wave_on_every_grid():
     # too few waves for a power law: the exponent that Hill's estimator finds grows with the size
     # above which it looks, from .3 to 2, whatever the grid
     case, exponents, means = load_case("ground_steel"), [], []

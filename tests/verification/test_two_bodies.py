@@ -1,4 +1,4 @@
-"""Two deformable bodies against one, against closed forms, and against an independent code."""
+"""Two deformable bodies against one body, against closed forms, and against an independent code."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def body(bulk=None, modulus=1.0, layers=8):
         pytest.param(STEEL, id="steel", marks=pytest.mark.slow),
     ],
 )
-def test_two_equal_bodies_are_one_on_a_rigid_flat_half_way_between(bulk):
+def test_two_equal_bodies_are_one_body_on_a_rigid_flat_half_way_between(bulk):
     """But for the splines of the second, which are not flat across the edge of a contact."""
     n, far = 16, 0.01
     direct, other = egg_box(n, 0.02), egg_box(n, -0.02)
@@ -97,7 +97,7 @@ def test_flat_bodies_carry_a_uniform_pressure(points, slide):
     assert response["contact_fraction"].values == pytest.approx(1.0)
 
 
-def test_flat_bodies_on_grids_that_do_not_match_err_by_what_nodes_cannot_tell():
+def test_flat_bodies_on_grids_that_do_not_match_err_by_motions_between_nodes():
     """Forces of nodes are no pressure for the other side unless its points divide them."""
     cell = Cell(flat(16), 0.5, 4, 1.0, 0.3, flat(12), opposite=body(layers=4))
     response = solve_cell(cell, Path(pressure=(0.01,)), keep_fields=True)
@@ -138,7 +138,7 @@ def over_one_wavelength(n, layers, mu, *, steps=8, bulk=None):
 
 
 @pytest.mark.parametrize(("n", "layers"), [(16, 8), pytest.param(32, 12, marks=pytest.mark.slow)])
-def test_friction_over_one_wavelength_is_that_of_the_independent_code(n, layers):
+def test_friction_over_one_wavelength_agrees_with_the_independent_code(n, layers):
     pressure, shear = over_one_wavelength(n, layers, 0.2)
     # an independent implementation, n = 32: mean .1998, between .13 and .27
     assert shear.sum() / pressure.sum() == pytest.approx(0.1998, rel=0.01)
@@ -178,7 +178,7 @@ def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
 
 @pytest.mark.long
 def test_equal_spheres_in_partial_slip_follow_cattaneo_and_mindlin():
-    """Equal bodies know no coupling of normal and tangential motion, at any Poisson's ratio."""
+    """Equal bodies have no coupling of normal and tangential motion, at any Poisson's ratio."""
     n, layers, nu, mu, radius, a = 64, 16, 0.3, 0.4, 10.0, 0.16
     modulus = 1.0 / (2.0 * (1.0 - nu**2))
     force = 4.0 * modulus * a**3 / (3.0 * radius)

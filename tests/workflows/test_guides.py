@@ -1,4 +1,4 @@
-"""Every guide runs, and what it computes is so."""
+"""Every guide runs, and its results are right."""
 
 import runpy
 from pathlib import Path
@@ -50,7 +50,7 @@ def trusses(names):
     slack = (names["rest"]["slack"] > 0.0).sum("link").values
     assert slack[0] == 0 < slack[1] < slack[2]
     total = sum(names["motion"][f"{kind}_energy"].values for kind in ("kinetic", "elastic"))
-    assert np.all(np.diff(total) <= 1e-9 * total[0])  # the step damps, and wins nothing
+    assert np.all(np.diff(total) <= 1e-9 * total[0])  # the step damps, and adds no energy
 
 
 def joints(names):
@@ -115,7 +115,7 @@ CHECKS = {
         start=1,
     )
 }
-"""What the names that a guide leaves must satisfy."""
+"""Conditions on the names that a guide leaves."""
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,8 @@ def test_a_smooth_joint_closes():
     assert abs(mesh.mean_gap) < 1e-12 * joint.length
 
 
-def test_short_waves_on_the_face_carry_what_westergaard_says():
-    """Eight waves on 256 nodes; both blocks give way: 1/E* is twice that of one."""
+def test_short_waves_on_the_face_carry_the_pressure_of_westergaard():
+    """Eight waves on 256 nodes; both blocks give way: 1/E* is twice the value of one block."""
     joint, waves, n, amplitude = EvenJoint(1 / 4), 8, 256, 5e-6
     profile = -amplitude * np.cos(2.0 * np.pi * waves * np.arange(n) / n)  # free at the edges
     mesh = joint.mesh_profile(profile)
@@ -79,4 +79,4 @@ def test_short_waves_on_the_face_carry_what_westergaard_says():
     ratio = np.mean(mesh.pressure[middle]) / full
     assert 0.2 < ratio < 0.8
     gap = float(westergaard.mean_gap(np.array(ratio))) * amplitude
-    assert mesh.mean_gap == pytest.approx(gap, rel=6e-2)  # that of all waves
+    assert mesh.mean_gap == pytest.approx(gap, rel=6e-2)  # mean gap of all waves

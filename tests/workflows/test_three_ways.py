@@ -36,7 +36,7 @@ def test_law_and_cell_of_one_surface_agree():
 
 
 @pytest.mark.parametrize("structure", [RoughWave(1 / 8), TiltedJoint(1 / 8)], ids=["wave", "joint"])
-def test_a_structure_resolved_is_near_the_one_with_the_law_of_its_surface(structure):
+def test_a_structure_resolved_is_near_the_structure_with_the_law_of_its_surface(structure):
     seeds = range(2)
     direct = solve_direct(structure, seeds, points_per_wave=4)
     law = solve_sequential(structure, seeds, points_per_wave=4, waves=8)
@@ -44,7 +44,7 @@ def test_a_structure_resolved_is_near_the_one_with_the_law_of_its_surface(struct
 
 
 @pytest.mark.parametrize("structure", [RoughWave(1 / 8), TiltedJoint(1 / 8)], ids=["wave", "joint"])
-def test_adaptive_cells_begin_at_few_pressures_and_reach_those_of_the_structure(structure):
+def test_adaptive_cells_begin_at_few_pressures_and_reach_the_pressures_of_the_structure(structure):
     law, adapted = (
         solve(structure, range(4), points_per_wave=4)
         for solve in (WAYS["sequential"], WAYS["adaptive"])

@@ -1,4 +1,4 @@
-"""Every workflow and every scene runs, and leaves what it promises."""
+"""Every workflow and every scene runs, and leaves its promised files."""
 
 import runpy
 from pathlib import Path
@@ -18,7 +18,7 @@ FOLDER = Path(__file__).parents[2] / "workflows"
 SCRIPTS = ("damage_to_joint.py", "ploughing.py", "roughness_sweep.py", "surfaces_to_joint.py")
 SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
 OTHERS = ("tensegrity_grid.py", "three_ways.py")
-"""Scripts that tests of their own run."""
+"""Scripts that separate tests run."""
 
 
 def files(pattern):
@@ -77,7 +77,7 @@ def test_every_shipped_case_runs(name, shipped_run):
 
 @pytest.mark.parametrize("scene", files("scenes/*.toml"))
 def test_every_scene_runs(scene, shipped_run, tmp_path):
-    """Scenes that name the law of a shipped case take that of its run, which other tests share."""
+    """Scenes that name the law of a shipped case take it from its run, which other tests share."""
     settings, law = load_case(scene).quick(), None
     if settings.interface:
         law = shipped_run("ground_steel")[0] / "interface_law.nc"

@@ -123,7 +123,7 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
     np.testing.assert_allclose(scalar, full, atol=2e-5 if compliance else 1e-8)
 
 
-def test_a_cell_without_friction_is_pressed_alike_with_one_and_three_unknowns():
+def test_a_cell_without_friction_is_pressed_alike_with_1_and_3_unknowns():
     results = [
         compact(np.full(20, 0.01), 1e3, ContactLaw(friction), planar=True, max_steps=25)
         for friction in (0.0, 1e-13)

@@ -119,8 +119,8 @@ def test_a_small_rise_meets_the_springs_that_still_hold(state):
 def test_slip_is_a_share_of_the_force_and_of_the_area():
     result = follow([bed(0.1, 1), bed(0.9, 1)], [(PRESSURE, 0.0), (PRESSURE, 0.2 * PRESSURE)])
     end = result.isel(step=-1)
-    # the right half has a third of its limit: of a bed of exponential springs, those slip whose
-    # pressure lies above 2/3
+    # the right half has a third of its limit: of a bed of exponential springs, points slip
+    # with a pressure above 2/3
     right = 1.0 - 2.0 / 3.0 * (1.0 + np.log(1.5))
     np.testing.assert_allclose(end["interface_slipping_load"], [1.0, right], rtol=1e-6)
     np.testing.assert_allclose(end["interface_slip"], [1.0, 0.0])
