@@ -20,7 +20,7 @@ def test_facets_look_outwards_and_their_nodes_share_the_area():
             assert np.all(sign * normal[:, axis] > 0.0)
             values, areas = face_points(displacement_basis(mesh, mesh.elem()), side)
             np.testing.assert_array_equal(values.indices, face.nodes)
-            # facets of distorted hexahedra are warped: their area exceeds their normals
+            # facets of distorted hexahedra are warped: their area exceeds the normals' length
             assert areas.sum() == pytest.approx(np.linalg.norm(normal, axis=1).sum(), rel=2e-2)
 
 

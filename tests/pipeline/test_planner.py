@@ -97,7 +97,7 @@ class Sizes:
 
 
 @pytest.mark.parametrize("target", [0.1, 0.05, 0.02])
-def test_targets_are_met_and_stated_errors_are_near_the_best_fixed_setting(target):
+def test_targets_and_stated_errors_are_met_near_the_best_fixed_setting(target):
     below, fixed, times = 0, 0, []
     for seed in range(20):
         stage = Synthetic(seed)

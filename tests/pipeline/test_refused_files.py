@@ -177,7 +177,7 @@ def test_files_that_grow_too_large_for_the_user_are_a_sentence(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
-def test_a_full_terminal_is_a_sentence(tmp_path):
+def test_a_full_terminal_ends_in_a_sentence(tmp_path):
     program = "from multiscale.cli import main; main()"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Insufficient data are refused in a sentence that states sufficient data."""
+"""Insufficient data are refused in a sentence that states which data would be sufficient."""
 
 import re
 

@@ -33,8 +33,8 @@ def lattice(friction, rate):
 
 @pytest.mark.parametrize("friction", [*slow(0.0, 0.2), 0.4])
 def test_a_triangular_lattice_of_discs_follows_rowes_closed_form(friction):
-    # rows part along x, so that contacts inclined at the angle t bear all: where they slip, the
-    # stress ratio is tan(t) tan(t + atan(mu)) (Rowe, 1962). Rows that roll keep below it.
+    # rows part along x, so that contacts inclined at the angle t bear the load: where they slip,
+    # the stress ratio is tan(t) tan(t + atan(mu)) (Rowe, 1962). Rows that roll keep below it.
     model, step = lattice(friction, 1e-5)
     result = simulate_grains(model, 40 * step, step, solver=Solver(1e-8, 20000))
     assert result["converged"].values.all()

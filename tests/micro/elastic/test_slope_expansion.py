@@ -17,12 +17,12 @@ def bumps(slope):
 
 
 def correction(surface, poissons_ratio):
-    """Only C_1, of an elastic body with the shear modulus 1/2."""
+    """Correction C_1, without C_0, of an elastic body with the shear modulus 1/2."""
     return of_pair((surface, flat(len(surface.heights))), (0.5, np.inf), (poissons_ratio, 0.0))
 
 
 def of_pair(surfaces, shear, poissons_ratio):
-    """Only C_1, of two bodies."""
+    """Correction C_1, without C_0, of two bodies."""
     nx, ny = surfaces[0].heights.shape
     return expanded_compliance(surfaces, np.zeros((nx, ny // 2 + 1)), shear, poissons_ratio)
 
