@@ -100,7 +100,7 @@ class View:
         if show.unit == "%" and abs(value) < NEGLIGIBLE:
             return format_share(value)
         if half > NEGLIGIBLE * abs(value):
-            return round_by(unit.scale * value, unit.scale * half)
+            return round_by(unit.scale * value, unit.scale * min(half, abs(value)))
         return f"{unit.shown(value):.{show.digits}g}"
 
     def phrase(self, step: Dataset, name: str, form: str = "") -> str:

@@ -154,6 +154,11 @@ def test_digits_do_not_exceed_the_error():
     assert format_interval(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16])) == ""
     assert format_interval(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16]), bound) == "unknown"
     assert round_by(445.9496, 0.0034) == "445.9"
+    wide = joint(0.5).assign(
+        joint_stiffness=("step", [2.4e11]),
+        joint_stiffness_mean_law=(("step", "bound"), [[0.0, 9e12]]),
+    )
+    assert View(wide).text(wide.isel(step=0), "joint_stiffness") == "0.24"  # not 0
     unsure = budgeted({"fit": 1e-4, "macro discretisation": None})
     assert say(unsure, "±") == "23 MPa/µm ± 0.01 % or more"
 
