@@ -39,8 +39,8 @@ def grow(method: str, size: int) -> Growth:
     if method in BODIES:
         from multiscale.bench.stability_cases import large_blocks
 
-        blocks, path = large_blocks(1.0, 0.2, size), np.array([[1.0, 0.0], [1.0, 1.0]])
-        result = solve_assembly(blocks, path, method=BODIES[method])
+        blocks, loads = large_blocks(1.0, 0.2, size), np.array([[1.0, 0.0], [1.0, 1.0]])
+        result = solve_assembly(blocks, loads, method=BODIES[method])
         solved, steps = bool(result["converged"].all()), float(result["iterations"].sum())
         return Growth(int(result.attrs["unknowns"]), solved, steps)
     if method == "sweeps":

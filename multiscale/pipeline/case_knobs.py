@@ -41,6 +41,8 @@ def cell_knobs(case: Case) -> Iterator[Knob]:
         fine = LAYERED if case.cell.geometry != "flat" else PLANE
         finer, larger = {CELLS: fine, SHEAR: LAYERED}, dict.fromkeys(each, PLANE)
         yield Knob("points of the cells", _finer, ("micro discretisation",), costs=finer)
+        if case.way == "direct":  # cells are as wide as the blocks
+            return
         yield Knob(
             "size of the cells",
             _larger,

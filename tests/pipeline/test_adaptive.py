@@ -7,6 +7,7 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.macro.data_range import further_pressures, pressures_of_points
 from multiscale.pipeline import load_case, run, run_macro
+from multiscale.pipeline.case_knobs import cell_knobs
 from multiscale.upscaling import law_from_dataset
 from multiscale.upscaling.response_observations import join_pressures
 from tests.support import case_text, response_of, small_steel, steel_text, write_law, write_scene
@@ -124,6 +125,16 @@ def test_direct_blocks_are_as_wide_as_their_cells(tmp_path):
     low, high = of_cells["joint_stiffness_one_part"].values
     assert np.all((low < wide["joint_stiffness"]) & (wide["joint_stiffness"] < high))
     np.testing.assert_allclose(wide["joint_stiffness"], of_cells["joint_stiffness"], rtol=0.1)
+
+
+@pytest.mark.parametrize(("width", "points"), [("2.4 mm", 108), ("2.45 mm", 112)])
+def test_direct_cells_are_as_fine_as_asked_and_keep_their_width(width, points, tmp_path):
+    text = STEEL.replace('"10 mm"', f'"{width}"')
+    case = load_case(write_scene(tmp_path, text, ("[structure]", DIRECT)))
+    assert case.cell.points == (points, points)  # even, for coarser cells
+    (tmp_path / "again.toml").write_text(case.to_toml())
+    assert load_case(tmp_path / "again.toml").cell == case.cell
+    assert "size of the cells" not in [knob.name for knob in cell_knobs(case)]
 
 
 @pytest.mark.parametrize(

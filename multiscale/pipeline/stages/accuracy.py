@@ -83,7 +83,7 @@ class Asked:
                 f"at in [accuracy] is a pressure, and the {self.label} does not depend on one; "
                 f"leave it out"
             )
-        near = np.abs(np.log(pressures / asked)) < SAME
+        near = np.abs(pressures / asked - 1.0) < SAME  # zero may be among them
         if not near.any():
             listed = ", ".join(f"{1e-6 * p:.4g}" for p in pressures)
             raise CaseError(

@@ -92,7 +92,7 @@ class Blocks(StructureKind):
         return result["preload"].to_numpy()[:, None], np.ones(1), np.zeros(1, int)
 
     def with_wide_cells(self, case: "Case") -> "Case":
-        """Return the case with cells as wide as the blocks, of the same spacing."""
+        """Return the case with cells as wide as the blocks, of at most the same spacing."""
         if not case.has_cells or case.cell.geometry != "flat" or case.from_maps:
             raise CaseError(
                 'way = "direct" in [interface] resolves the roughness of the blocks by cells as '
@@ -100,7 +100,8 @@ class Blocks(StructureKind):
                 '[cell] with geometry = "flat", or take "adaptive" or "concurrent"'
             )
         edges = zip(case.cell.points, case.cell.size, strict=True)
-        points = tuple(round(n * self.width / edge) for n, edge in edges)
+        # even numbers, as coarser cells have half of the points
+        points = tuple(2 * ceil(0.5 * n * self.width / edge - 1e-9) for n, edge in edges)
         size = {"size": (self.width, self.width), "points": points}
         return case.model_copy(update={"cell": case.cell.model_copy(update=size)})
 
