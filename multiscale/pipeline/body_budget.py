@@ -406,11 +406,13 @@ def _draw(
     value: np.ndarray,
     rests: np.ndarray,
 ) -> list[np.ndarray] | None:
-    """Return the answers at rest by the samples of a law, (samples, answers, steps), else NaN."""
+    """Return answers by the samples of a law, (samples, answers, steps), NaN if no tangent does."""
     normals = upscaling.fitted_laws(group.law, range(group.law.sizes.get("sample", 0)))
-    if asked.first_order is None or len(normals) < FEWEST_SAMPLES:
+    if len(normals) < FEWEST_SAMPLES:
         return None
-    changes = asked.first_order([Change(group.joints, normal) for normal in normals])
+    changes: Mapping[str, np.ndarray] = {}
+    if asked.first_order is not None:
+        changes = asked.first_order([Change(group.joints, normal) for normal in normals])
     drawn = np.full((len(normals), *value.shape), np.nan)
     for row, name in enumerate(names):
         if name in changes:  # a preload is the step of its number

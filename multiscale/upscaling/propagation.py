@@ -390,10 +390,11 @@ def law_sources(
         changes = [change(sample) for sample in draws] if drawn is None else ()
         inputs = Samples(name="samples", of=of, changes=changes, answers=drawn, how=how)
         solved = np.asarray(False if drawn is None else np.isnan(drawn).any(axis=0))
-        sampled.append(replace(inputs, counts=~solved))
+        if not solved.all():
+            sampled.append(replace(inputs, counts=~solved))
         if solved.any():
             few, weights = _spanning(fitted_laws(law, range(count)), mean_law, data)
-            few_how = f"{how}, by {len(few)} of them to first order"
+            few_how = f"{len(few)} of {how}, to first order"
             changes = [change(sample) for sample in few]
             inputs = Samples(name="few samples", of=of, changes=changes, how=few_how)
             sampled.append(replace(inputs, weights=weights, counts=solved))

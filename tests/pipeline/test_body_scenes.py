@@ -286,7 +286,7 @@ def test_a_scene_reports_its_real_pressure_and_the_size_of_its_cells(blocks, tmp
 def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load(tmp_path, blocks):
     scene = write_scene(tmp_path, BLOCKS + '[cycles]\nshear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
     out = tmp_path / "slid.nc"
-    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
+    done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out), "--details"])
     assert done.exit_code == 1
     match = re.search(r"load of (\S+) N, .* carries about (\S+) N", str(done.exception))
     np.testing.assert_allclose(
@@ -314,7 +314,7 @@ def test_steps_before_a_step_that_slides_away_keep_their_errors_in_the_print(tmp
         scene = write_scene(
             tmp_path, BLOCKS + f'[cycles]\nshear = "{shear}"\ncycles = 1\nsteps = 2\n'
         )
-        arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc")]
+        arguments = ["macro", str(scene), "-o", str(tmp_path / "blocks.nc"), "--details"]
         done = CliRunner().invoke(app, arguments)
         printed.append(done.stdout.splitlines()[:5])
     assert done.exit_code == 1
