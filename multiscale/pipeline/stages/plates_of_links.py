@@ -85,7 +85,8 @@ def _needs(plate: EquivalentPlate, case: Case) -> Needs:
     resolved = Choice(
         "links", "solved at the same loads, for the error of the plate", plate.resolve
     )
-    return Needs(memory=links.memory, seconds=links.seconds, choices=(resolved,))
+    moved = Choice("moved positions", "lengths and directions of displaced links", built=False)
+    return Needs(memory=links.memory, seconds=links.seconds, choices=(resolved, moved))
 
 
 EQUIVALENT_PLATE = structure_stage(
