@@ -254,7 +254,7 @@ def fit_command(
         typer.Option(help='Pressure such as "5 MPa" at which the law of a table is printed.'),
     ] = None,
     measured: Annotated[
-        str, typer.Option(help="Case of the cells with [[measured]] joints that calibrate the law.")
+        str, typer.Option(help="Case of the cells with tables `measured` that calibrate the law.")
     ] = "",
 ) -> None:
     """Fit the interface law to a response, or to a table of measurements."""

@@ -29,7 +29,8 @@ from multiscale.upscaling.budget import (
     interval_errors,
     known_terms,
 )
-from multiscale.upscaling.propagation import FEWEST_SAMPLES, STRETCH
+from multiscale.upscaling.propagation import FEWEST_SAMPLES, FIRST_ORDER, STRETCH
+from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.scales import compare_scales, effective_cells, pressure_length_of_points
 from multiscale.upscaling.shear_budget import loss_term, shear_errors
 
@@ -416,8 +417,10 @@ def _draw(
     drawn = np.full((len(normals), *value.shape), np.nan)
     for row, name in enumerate(names):
         if name in changes:  # a preload is the step of its number
-            changed = value[row, : rests.size] * (1.0 + changes[name][:, rests])
-            drawn[:, row, : rests.size] = changed
+            changed = changes[name][:, rests]
+            near = half_range(changed) < FIRST_ORDER
+            changed = value[row, : rests.size] * (1.0 + changed)
+            drawn[:, row, : rests.size] = np.where(near, changed, np.nan)
     return list(drawn)
 
 

@@ -176,8 +176,8 @@ class Table:
         view = View(data, {name: label for name, label in self.heads.items() if ":" not in name})
         columns = [
             (name, form)
-            for name, _, form in (column.partition(":") for column in self.columns)
-            if name in data and (name == self.answer or data[name].notnull().any())
+            for k, (name, _, form) in enumerate(column.partition(":") for column in self.columns)
+            if name in data and (name == self.answer or k == self.at or data[name].notnull().any())
         ]
         head = tuple(self._head(view, name, form) for name, form in columns)
         rows: list[tuple[str, ...]] = []

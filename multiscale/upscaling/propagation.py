@@ -54,6 +54,10 @@ FEWEST_SAMPLES = 40  # for a percentile interval
 SOLVED_SAMPLES = 4
 """Number of samples of a law with which answers are solved that no tangent gives."""
 
+FIRST_ORDER = 0.5
+"""Relative half-width by samples above which changes of first order are no estimate: the samples of
+a law then differ too much at the pressures of an answer, such as beyond the data."""
+
 ALIKE = 0.05  # scatter of samples, over the largest, below which they span nothing more
 
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
@@ -158,12 +162,14 @@ class Samples(Source):
     counts: np.ndarray | bool = True
 
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
-        """Return half the distance of the percentiles; NaN where an answer is unknown."""
+        """Return half the distance of the percentiles; NaN where it is unknown or no estimate."""
         drawn = np.array(changed)
         if self.weights is not None:
             drawn = value + np.tensordot(self.weights, drawn - value, axes=1)
         known = np.isfinite(drawn).all(axis=0)
         half = half_range(np.where(known, drawn, 0.0)) / np.abs(value)
+        if self.weights is not None:
+            known = known & (half < FIRST_ORDER)
         half = np.where(self.counts, np.where(known, half, np.nan), 0.0 * value)
         return {"sampling": Term(self.how, half)}
 

@@ -668,6 +668,13 @@ def test_every_kind_of_source_adds_its_known_error():
         propagate("ab", sources)
 
 
+def test_samples_that_change_an_answer_by_more_than_first_order_holds_are_unknown():
+    weights = np.linspace(-1.0, 1.0, 41)[:, None]
+    samples = Samples(name="few", changes=[None], how="few", weights=weights)
+    (term,) = samples.terms(np.ones((1, 2)), [np.array([[1.3, 1.9]])]).values()
+    np.testing.assert_allclose(term.half_width, [[0.95 * 0.3, np.nan]])
+
+
 def test_a_budget_of_an_earlier_version_is_refused_in_a_sentence():
     response = ensemble()
     law = fit_law(response, n_samples=0)
