@@ -163,13 +163,13 @@ class Samples(Source):
 
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
         """Return half the distance of the percentiles; NaN where it is unknown or no estimate."""
-        drawn = np.array(changed)
+        drawn, largest = np.array(changed), np.inf
         if self.weights is not None:
             drawn = value + np.tensordot(self.weights, drawn - value, axes=1)
+            largest = FIRST_ORDER
         known = np.isfinite(drawn).all(axis=0)
         half = half_range(np.where(known, drawn, 0.0)) / np.abs(value)
-        if self.weights is not None:
-            known = known & (half < FIRST_ORDER)
+        known = known & (half < largest)
         half = np.where(self.counts, np.where(known, half, np.nan), 0.0 * value)
         return {"sampling": Term(self.how, half)}
 

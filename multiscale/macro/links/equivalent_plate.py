@@ -29,8 +29,9 @@ OF_PLATE = "the stiffness of the plate"
 class EquivalentPlate:
     """A rectangular structure of links that repeats a cell, as a plate.
 
-    Loads and masses are those of the nodes of the structure, which move with the sections of the
-    plate. An edge at which all nodes at z = 0 are fixed along an axis is fixed so, free to turn.
+    The plate carries the loads and masses of the structure at its nodes, which move with the
+    sections of the plate. An edge at which all nodes at z = 0 are fixed along an axis is fixed so,
+    free to turn.
 
     Parameters
     ----------

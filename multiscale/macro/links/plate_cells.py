@@ -157,7 +157,7 @@ def plate_cell(system: LinkSystem, periods: tuple[float, float]) -> PlateCell:
             f"all nodes of the cell lie at z = {height[0]:g} m, and without a height it has no "
             f"bending stiffness; give it two layers"
         )
-    # elongation by displacements of the nodes of the system, and by those of the cell
+    # elongation by displacements of all nodes, with those that repeat a node merged into it
     n, links, count = system.n_nodes, np.arange(system.n_links), height.size
     elongate = np.zeros((system.n_links, n, 3))
     elongate[links, system.ends[:, 1]] = system.direction

@@ -20,7 +20,8 @@ from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.tables import assembly_parts, joint_settings
 from multiscale.pipeline.tables import toml_model as toml
-from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts, check_bodies
+from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts
+from multiscale.pipeline.tables.body_checks import check_bodies
 from multiscale.pipeline.tables.link_settings import Statics
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import (
