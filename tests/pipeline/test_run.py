@@ -207,7 +207,11 @@ def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     assert of_mesh.startswith("the error of the mesh is unknown")  # one element a block
     # one cell of .8 mm in a joint of 20 mm, and the parts of the law that are computed in a run
     total = result["error_total"].drop_sel(quantity="solid_stiffness")  # hangs on no law
-    assert np.all((total > 0.0) & (total < 1.0))
+    # few coarse samples may differ by more than first order holds: the interval is not known there
+    known = total.notnull()
+    assert known.drop_sel(quantity="interface_stiffness").all()
+    assert known[:, -1].all()
+    assert np.all((total > 0.0) & (total < 1.0) | ~known)
     assert "cell 0.04 of the interface" in result.attrs["how_scale_separation"]
     # one layer of elements cannot be made coarser
     unknown = ["cell size", "micro discretisation", "macro discretisation"]
