@@ -1,13 +1,13 @@
 """Tables of bodies in a case: meshes, interfaces, stated laws, bolts and named loads."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
@@ -116,21 +116,17 @@ class Material(toml.Settings):
     """Directions of the x and the y axis of the volume in the body; the axes of the body if
     not given."""
 
-    @model_validator(mode="after")
-    def _check_material(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.youngs_modulus is None) != (self.poissons_ratio is None):
-            raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
+            yield "youngs_modulus and poissons_ratio belong together; give both or none"
         if not self.porous and self.rve is not None:
-            raise ValueError(
-                "takes either its moduli or rve, a volume with the moduli of its solid"
-            )
+            yield "takes either its moduli or rve, a volume with the moduli of its solid"
         if self.rve_axes is not None:
             first, second = np.array(self.rve_axes, dtype=float)
             norms = np.linalg.norm(first) * np.linalg.norm(second)
             if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
                 directions = " and ".join(f"{list(direction)}" for direction in self.rve_axes)
-                raise ValueError(f"rve_axes are two directions at right angles, got {directions}")
-        return self
+                yield f"rve_axes are two directions at right angles, got {directions}"
 
     @property
     def moduli(self) -> tuple[float, float]:
@@ -191,17 +187,16 @@ class MeshedBody(Material):
     """Faces that are fixed: `"clamped"`, or the axes along which they do not move, such as `"z"` or
     `"xy"`."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if (self.element is not None) != (self.mesh.suffix == ".geo"):
-            raise ValueError(
+            yield (
                 "a geometry, in a file that ends in .geo, needs the size of its elements by element"
                 if self.element is None
                 else "element is the size of the elements of a geometry, and mesh has its elements"
             )
         if self.element is not None and self.coarser is not None:
-            raise ValueError("coarser belongs to a mesh; a geometry is meshed twice anyway")
-        return self
+            yield "coarser belongs to a mesh; a geometry is meshed twice anyway"
 
     @property
     def worst_damage(self) -> float:
@@ -391,14 +386,12 @@ class BodyInterface(toml.Settings):
     """Whether sections of the representative volumes of its bodies, normal to the interface, damage
     it too: it carries 1 - D(n) of the law for each of them."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         stated = self.exponential, self.linear, self.asperities
         if sum(law is not None for law in (self.law, *stated)) > 1:
-            raise ValueError("an interface takes one of law, exponential, linear and asperities")
+            yield "an interface takes one of law, exponential, linear and asperities"
         if self.law_error is not None and self.law is None:
-            raise ValueError("law_error is of a table that law names, and the interface has no law")
-        return self
+            yield "law_error is of a table that law names, and the interface has no law"
 
     @property
     def is_stated(self) -> bool:
@@ -447,18 +440,16 @@ class BodyBolt(toml.Settings):
     stiffness: Stiffness | None = None
     """Axial stiffness of the shank, N/m, in place of its diameter."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.meshed and (self.diameter or self.stiffness or self.length):
-            raise ValueError("a bolt that is meshed must not have a diameter, length or stiffness")
+            yield "a bolt that is meshed must not have a diameter, length or stiffness"
         if not self.meshed and (self.diameter is None) == (self.stiffness is None):
-            raise ValueError("a bolt takes either the diameter of its shank or its stiffness")
+            yield "a bolt takes either the diameter of its shank or its stiffness"
         if len({side.partition(".")[0] for side in self.sides}) == 1:
-            raise ValueError(
+            yield (
                 f"a bolt between two faces of one body clamps nothing, got {self.sides[0]!r} and "
                 f"{self.sides[1]!r}; name a face of another body in sides"
             )
-        return self
 
     def build(
         self, sides: tuple[int, int], boundaries: tuple[str, str], bodies: "Sequence[macro.Body]"
@@ -492,14 +483,12 @@ class NamedLoad(toml.Settings):
     pressure: Stress | None = None
     """Pressure on a plane face at the factor 1, Pa."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         given = [value for value in (self.traction, self.force, self.pressure) if value is not None]
         if len(given) != 1:
-            raise ValueError("a load is either a traction, a force or a pressure")
+            yield "a load is either a traction, a force or a pressure"
         if not np.any(given[0]):
-            raise ValueError("the load is zero")
-        return self
+            yield "the load is zero"
 
     def traction_on(self, mesh: "Mesh", boundary: str) -> tuple[np.ndarray, float]:
         """Return the traction at the factor 1, Pa, and the area of the face, m²."""

@@ -1,13 +1,13 @@
 """Tables of elastic bodies with meshes of the user, interfaces, bolts and named loads."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError, suggest
@@ -15,7 +15,7 @@ from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import assembly_parts
-from multiscale.pipeline.tables.body_checks import check_bodies
+from multiscale.pipeline.tables.body_faults import body_faults
 from multiscale.pipeline.tables.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import Face, Pressed, StructureKind, highest_pressure
@@ -102,22 +102,16 @@ class Bodies(StructureKind):
             raise ValueError(f"names must differ, and {twice[0]!r} is given {len(twice)} times")
         return parts
 
-    @model_validator(mode="after")
-    def _check_names(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not (self.bolts or self.loads):
-            raise ValueError("nothing loads the bodies: give [[structure.loads]] or bolts")
+            yield "nothing loads the bodies: give [[structure.loads]] or bolts"
         if any(load.name == PRELOAD for load in self.loads):
-            raise ValueError(
-                f"a load is named {PRELOAD!r}, which is the tightening of the bolts; rename it"
-            )
+            yield f"a load is named {PRELOAD!r}, which is the tightening of the bolts; rename it"
         for user, face in self._faces():
             self._find(user, face)
         pairs = [set(interface.sides) for interface in self.interfaces]
         if double := [pair for pair, other in combinations(pairs, 2) if pair == other]:
-            raise ValueError(
-                f"{' and '.join(sorted(double[0]))} meet in two interfaces; delete one of them"
-            )
-        return self
+            yield f"{' and '.join(sorted(double[0]))} meet in two interfaces; delete one of them"
 
     def _faces(self) -> list[tuple[str, str]]:
         """Return every user of a face outside the bodies, and the face."""
@@ -147,27 +141,27 @@ class Bodies(StructureKind):
         """Names of all loads, the tightening of the bolts first."""
         return (PRELOAD,) * bool(self.bolts) + tuple(load.name for load in self.loads)
 
-    def check(self, case: "Case") -> None:
-        """Refuse a path over loads that do not exist, and joints without a friction."""
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report a path over loads that do not exist, and joints without a friction."""
         names = self.load_names
         given = [name for step in case.statics.steps for name in step]
         given += [case.cycles.load] if case.cycles else []
         if unknown := [name for name in given if name not in names]:
-            raise ValueError(
+            yield (
                 f"the path names the load {unknown[0]!r}, which does not exist; there are "
                 f"{', '.join(names)}"
             )
         if self.bolts and not case.statics.steps[0].get(PRELOAD, 0.0) > 0.0:
-            raise ValueError(
+            yield (
                 f"the first of steps in [statics] must tighten the bolts, such as "
                 f"{{ {PRELOAD} = 1 }}, got {case.statics.steps[0]}"
             )
         if case.cycles and case.cycles.load == PRELOAD:
-            raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened only by steps")
-        check_bodies(self.bodies, case)
+            yield f"[cycles] load is {PRELOAD!r}; bolts are tightened only by steps"
+        yield from body_faults(self.bodies, case)
         several = len(self.bodies) > 1 or self.interfaces or self.bolts
         if case.growth is not None and (case.cycles or case.vibration or several):
-            raise ValueError(
+            yield (
                 "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
                 "[growth], or the others"
             )
@@ -175,7 +169,7 @@ class Bodies(StructureKind):
             if interface.surface_damage and not any(
                 self.bodies[self._find("interface", face)[0]].porous for face in interface.faces
             ):
-                raise ValueError(
+                yield (
                     f"surface_damage of interface {number} is of representative volumes, and "
                     f"neither body has a volume; leave it out, or give damage"
                 )
@@ -186,7 +180,7 @@ class Bodies(StructureKind):
                 if interface.law is None and (
                     missing := law.report_missing(measured, case.strict, f"interface {number}")
                 ):
-                    raise ValueError(missing)
+                    yield missing
 
     def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
         """Return the named law of every interface; None for a stated law, and for cells."""

@@ -1,12 +1,13 @@
 """Tables of cells in a case: cells, ensemble, shear, law, measured joints, sliding and accuracy."""
 
 import re
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, Strict, field_validator, model_validator
+from pydantic import Field, Strict, field_validator
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Recipe
@@ -125,47 +126,40 @@ class CellSettings(GridSettings):
         """Depth of the layer, m."""
         return self.depth if self.depth is not None else max(self.size)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.slope_order != 1 and self.geometry != "flat":
-            raise ValueError(
+            yield (
                 "slope_order belongs to flat cells, as conforming cells follow the surface; leave "
                 'it out, or set geometry = "flat"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _check_mesh(self) -> Self:
-        """Refuse keys that do not apply to the geometry."""
         of_file = ("unit", "contact_face", "base_face", "volumes")
         of_mesh = ("element", "mesh", "sides", "pores", *of_file)
         given = [name for name in of_mesh if getattr(self, name) is not None]
         if self.geometry != "mesh" and given:
-            raise ValueError(
+            yield (
                 f'{given[0]} means nothing to {self.geometry} cells; set geometry = "mesh", or '
                 f"leave it out"
             )
         stray = [name for name in of_file if name in given]
         if self.mesh is None and stray:
-            raise ValueError(f"{stray[0]} describes a file; name it by mesh")
+            yield f"{stray[0]} describes a file; name it by mesh"
         if self.mesh is not None and self.depth is not None:
-            raise ValueError("the file mesh determines the depth; leave out depth")
+            yield "the file mesh determines the depth; leave out depth"
         if self.mesh is not None and self.pores is not None:
-            raise ValueError("the file mesh determines the pores; leave out [cell.pores]")
+            yield "the file mesh determines the pores; leave out [cell.pores]"
         if self.pores is not None and self.pores.radius < 1.5 * self.spacing:
-            raise ValueError(
+            yield (
                 f"pores with a radius of {self.pores.radius:.3g} m are smaller than three elements "
                 f"of {self.spacing:.3g} m; give more points, or larger pores"
             )
         if self.mesh is not None and self.unit is None:
-            raise ValueError('the file mesh needs the length of its unit, such as unit = "1 um"')
+            yield 'the file mesh needs the length of its unit, such as unit = "1 um"'
         uneven = any(n % 4 for n in self.points) or self.layers % 2
         if self.mesh is None and self.second_order and uneven:
-            raise ValueError(
+            yield (
                 f"{self.element} elements span two spacings: points must be multiples of four and "
                 f"layers even, got {self.scope} and {self.layers} layers"
             )
-        return self
 
     @property
     def second_order(self) -> bool:
@@ -246,56 +240,54 @@ class MicroSettings(toml.Settings):
             raise ValueError(f"should be true, or a list of pressures that falls, got {value!r}")
         return value
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         down = (self.pressures[-1], *self.unloading)
         if any(late >= early for early, late in pairwise(down)):
-            raise ValueError(
+            yield (
                 f"unload must fall from one pressure to the next, below the largest of pressures, "
                 f"{1e-6 * down[0]:g} MPa"
             )
         if self.coarser > self.realisations:
-            raise ValueError(
+            yield (
                 f"coarser is {self.coarser}, more than the {self.realisations} realisations of "
                 f"which it is a part"
             )
-        self._check_control()
+        yield from self._control_faults()
         if self.shear is not None:
-            self._check_shear(self.shear)
-        return self
+            yield from self._shear_faults(self.shear)
 
-    def _check_control(self) -> None:
-        """Refuse too few realisations or control cells."""
+    def _control_faults(self) -> Iterator[str]:
+        """Report too few realisations or control cells."""
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
-            raise ValueError(
+            yield (
                 f"control follows the scatter of {FEWEST_PAIRS} realisations or more, got "
                 f"{self.realisations}; give more, or leave control out"
             )
         if self.control_realisations is None:
             return
         if self.control is False:
-            raise ValueError(
+            yield (
                 "control_realisations counts cells that control = false turns off; leave out one "
                 "of them"
             )
         if self.control_realisations <= self.realisations:
-            raise ValueError(
+            yield (
                 f"control_realisations is {self.control_realisations}, of which the first "
                 f"{self.realisations} have the surfaces of the realisations; give more"
             )
 
-    def _check_shear(self, shear: ShearSettings) -> None:
-        """Refuse shear outside the pressures of the normal law."""
+    def _shear_faults(self, shear: ShearSettings) -> Iterator[str]:
+        """Report shear outside the pressures of the normal law."""
         low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
         if shear.pressures[0] < low or shear.pressures[-1] > high:
-            raise ValueError(
+            yield (
                 f"pressures in [micro.shear] should lie from {FEWEST_BELOW:g} times the lowest of "
                 f"pressures, {1e-6 * low:g} MPa, to the highest, {1e-6 * high:g} MPa, since "
                 f"springs that slip last belong to lower pressures"
             )
         if shear.realisations > self.realisations:
-            raise ValueError(
+            yield (
                 f"realisations in [micro.shear] is {shear.realisations}, more than the "
                 f"{self.realisations} cells with these surfaces"
             )
@@ -358,14 +350,12 @@ class SealSettings(toml.Settings):
     """Axis of the cells across the ring, along which the liquid leaks; both are taken as alike if
     not given."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.width >= self.diameter:
-            raise ValueError(
+            yield (
                 f"width is {1e3 * self.width:g} mm, which no ring of a mean diameter of "
                 f"{1e3 * self.diameter:g} mm has; correct one of them"
             )
-        return self
 
     def leak_rate(self, aperture: np.ndarray) -> np.ndarray:
         r"""Volume that leaks in a time through a hydraulic aperture, m, in m3/s.
@@ -423,13 +413,11 @@ class AccuracySettings(toml.Settings):
     time: toml.Duration | None = None
     """Time of the planner, s; it ends with the answer that it has."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.target is None and self.time is None:
-            raise ValueError("neither target nor time is given; give one of them or both")
+            yield "neither target nor time is given; give one of them or both"
         if self.of is not None and self.quantity is not None:
-            raise ValueError("of and quantity name an answer twice; leave out quantity")
-        return self
+            yield "of and quantity name an answer twice; leave out quantity"
 
     @property
     def answer(self) -> str:

@@ -1,9 +1,10 @@
 """Tables of bodies under cycles: their vibration, their fatigue, and cracks that grow."""
 
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
@@ -61,14 +62,12 @@ class VibrationSettings(toml.Settings):
 
     _rise = field_validator("amplitudes", "modal_amplitudes")(toml.must_rise)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if bool(self.amplitudes) == bool(self.modal_amplitudes):
             given = "both are given" if self.amplitudes else "neither is given"
-            raise ValueError(f"either amplitudes or modal_amplitudes should be given, and {given}")
+            yield f"either amplitudes or modal_amplitudes should be given, and {given}"
         if twice := [mode for mode in self.modes if self.modes.count(mode) > 1]:
-            raise ValueError(f"modes should name mode {twice[0]} once, got {list(self.modes)}")
-        return self
+            yield f"modes should name mode {twice[0]} once, got {list(self.modes)}"
 
     def reach(
         self, largest: np.ndarray, *, coarse: bool = False
@@ -146,15 +145,13 @@ class FatigueSettings(toml.Settings):
     max_cycles: Annotated[toml.Number, Field(ge=1.0, le=1e12)] = 1e9
     """Number of cycles up to which the life is followed."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.strength <= self.fatigue_limit:
-            raise ValueError(
+            yield (
                 f"strength is {1e-6 * self.strength:g} MPa and fatigue_limit "
                 f"{1e-6 * self.fatigue_limit:g} MPa; fatigue is damage between both, so that the "
                 f"strength must be larger"
             )
-        return self
 
     def material(self, youngs_modulus: float, poissons_ratio: float) -> FatigueMaterial:
         """Return the two-scale material of a body with these moduli, Pa and dimensionless."""
@@ -185,11 +182,9 @@ class GrowthSettings(toml.Settings):
     """Whether a crack that reaches another crack grows on as an isolated crack; otherwise its
     volume has no softening law."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if bool(self.rise) != (self.bridging is not None):
-            raise ValueError("rise and bridging belong together; give both or none")
-        return self
+            yield "rise and bridging belong together; give both or none"
 
     def volumes(self, rve: RveSettings) -> list[tuple[float, Microcracks]]:
         """Return the size over the whole volume, and the cracks, of all periodic volumes."""

@@ -1,10 +1,11 @@
 """Tables of grains: where they fall, their radii and contacts, and their motion."""
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
@@ -39,11 +40,9 @@ class GrainSettings(toml.Settings):
     )
     seed: toml.Natural = Field(0, description="Seed of radii and places.")
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.radius[0] > self.radius[1]:
-            raise ValueError("radius should be the smallest and then the largest")
-        return self
+            yield "radius should be the smallest and then the largest"
 
     @property
     def law(self) -> "granulate.ContactLaw":
@@ -119,17 +118,15 @@ class ThirdBody(toml.Settings):
         ]
 
 
-def check_third_body(case: "Case") -> None:
-    """Refuse a third body without grains, or with cells of two surfaces."""
+def third_body_faults(case: "Case") -> Iterator[str]:
+    """Report a third body without grains, or with cells of two surfaces."""
     if case.grains is None:
-        raise ValueError("[third_body] presses and shears [grains]; give them")
+        yield "[third_body] presses and shears [grains]; give them"
     stray = [name for name in ("cell", "micro", "slide", "seal", "measured") if getattr(case, name)]
     if stray:
-        raise ValueError(
-            f"[third_body] and [{stray[0]}] give the law of an interface both; leave out one"
-        )
+        yield f"[third_body] and [{stray[0]}] give the law of an interface both; leave out one"
     if case.structure is not None and "grains" in case.structure.asks[0]:
-        raise ValueError(
+        yield (
             f"a structure of kind {case.structure.kind!r} is made of [grains], and [third_body] "
             f"too; leave out one of them"
         )

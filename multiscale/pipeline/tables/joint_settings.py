@@ -1,12 +1,12 @@
 """Tables of interfaces: their law, asperities, loading, and the cut and solver of the bodies."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from multiscale import macro, upscaling
 from multiscale.errors import CaseError
@@ -61,16 +61,14 @@ class StatedAsperities(toml.Settings):
 
     _rise = field_validator("heights")(toml.must_rise)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.rms_height is None) == (not self.heights):
-            raise ValueError("asperities take either rms_height or heights with their weights")
+            yield "asperities take either rms_height or heights with their weights"
         if len(self.heights) != len(self.weights):
-            raise ValueError(
+            yield (
                 f"asperities take a weight for each height, got {len(self.heights)} heights and "
                 f"{len(self.weights)} weights"
             )
-        return self
 
     def build(self, friction: float, stiffness_ratio: float | None, damage: float) -> AsperityLaw:
         """Return the law of an interface, with fewer asperities by its damage."""
@@ -327,15 +325,13 @@ class Cycles(toml.Settings):
     steps: Annotated[toml.Positive, toml.at_most(2)] = 10
     """Load steps from zero to the amplitude."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if any(low >= high for low, high in pairwise(self.all_amplitudes)):
             listed = ", ".join(f"{1e-6 * amplitude:g}" for amplitude in self.amplitudes)
-            raise ValueError(
+            yield (
                 f"amplitudes ({listed} MPa) should rise and stay below shear "
                 f"({1e-6 * self.shear:g} MPa), which is solved in any case"
             )
-        return self
 
     @property
     def all_amplitudes(self) -> tuple[float, ...]:

@@ -1,14 +1,14 @@
 """Tables of bars and cables: their structures, loads and motion."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, field_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
@@ -75,30 +75,28 @@ class Statics(toml.Settings):
     """Mass of each node, kg, for the first frequencies of small vibration at every load factor. See
     `multiscale.macro.links.natural_frequencies`."""
 
-    @model_validator(mode="after")
-    def _check_path(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.exact and self.mass is not None:
-            raise ValueError("frequencies are of small displacements: leave out exact or mass")
+            yield "frequencies are of small displacements: leave out exact or mass"
         if not self.past_limit:
-            return self
+            return
         if not self.exact or self.stability:
-            raise ValueError(
+            yield (
                 "past_limit follows exact positions and has the smallest eigenvalue: set exact to "
                 "true, and leave out stability"
             )
         if len(self.load_factors) != 1 or self.load_factors[0] == 0.0:
-            raise ValueError(
+            yield (
                 f"past_limit goes from rest to a single load factor that is not zero, got "
                 f"{list(self.load_factors)}"
             )
-        return self
 
-    def refuse_uncut(self) -> None:
-        """Refuse options of bars and cables that are not cut."""
+    def uncut_options(self) -> Iterator[str]:
+        """Report options of bars and cables that are not cut."""
         if self.exact or self.stability:
-            raise ValueError("substructures move little: leave out exact and stability")
+            yield "substructures move little: leave out exact and stability"
         if self.mass is not None:
-            raise ValueError("substructures have no frequencies at rest: leave out mass")
+            yield "substructures have no frequencies at rest: leave out mass"
 
 
 class LinkStructure(StructureKind):
@@ -117,16 +115,14 @@ class LinkStructure(StructureKind):
         system = self.build()
         return macro.cut_links(system, substructures.split_grid(system, case.cut.parts))
 
-    def check(self, case: "Case") -> None:
-        """Refuse options that a cut structure does not have."""
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report options that a cut structure does not have."""
         if case.substructures is None:
             return
         if case.dynamics and (case.dynamics.theta, case.dynamics.restitution) != (1.0, 0.0):
-            raise ValueError(
-                "substructures move by implicit steps: leave out theta and restitution"
-            )
+            yield "substructures move by implicit steps: leave out theta and restitution"
         if case.statics:
-            case.statics.refuse_uncut()
+            yield from case.statics.uncut_options()
 
 
 class TensegrityGrid(LinkStructure):
@@ -177,12 +173,12 @@ class EquivalentPlate(StructureKind):
         elements = self.elements or (grid.n, grid.m or grid.n)
         return macro.links.EquivalentPlate(grid.build(), cell, elements)
 
-    def check(self, case: "Case") -> None:
-        """Refuse links of fixed length and large displacements."""
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report links of fixed length and large displacements."""
         if inf in (self.links.cable_rigidity, self.links.bar_rigidity):
-            raise ValueError("an equivalent plate has extensible links: give a finite rigidity")
+            yield "an equivalent plate has extensible links: give a finite rigidity"
         if case.statics.exact or case.statics.stability:
-            raise ValueError("an equivalent plate moves little: leave out exact and stability")
+            yield "an equivalent plate moves little: leave out exact and stability"
 
 
 class CableNet(LinkStructure):
@@ -223,17 +219,13 @@ class LinkLawSettings(toml.Settings):
     """Vector that spans, with the axis of a beam, the plane of its third local axis; z if not
     given."""
 
-    @model_validator(mode="after")
-    def _check_section(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         section = {name: getattr(self, name) for name in ("torsion", "bending_y", "bending_z")}
         if self.kind == "beam":
             if missing := [name for name, value in section.items() if value is None]:
-                raise ValueError(
-                    f"a beam needs its section: give {', '.join(missing)} in N m^2, or take a bar"
-                )
+                yield f"a beam needs its section: give {', '.join(missing)} in N m^2, or take a bar"
         elif self.up is not None or any(value is not None for value in section.values()):
-            raise ValueError(f"a {self.kind} does not bend: leave out the section, or take a beam")
-        return self
+            yield f"a {self.kind} does not bend: leave out the section, or take a beam"
 
     def build(self) -> LinkLaw:
         """Return the law."""
@@ -258,24 +250,22 @@ class GivenLinks(LinkStructure):
     prestress: Size | None = None
     """Largest force in a link at load factor zero, N; with `self_stress`."""
 
-    @model_validator(mode="after")
-    def _check_self_stress(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.self_stress != (self.prestress is not None):
-            raise ValueError("give both self_stress = true and prestress, or neither")
-        return self
+            yield "give both self_stress = true and prestress, or neither"
 
-    def check(self, case: "Case") -> None:
-        """Refuse beams in substructures and in motion."""
-        super().check(case)
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report beams in substructures and in motion."""
+        yield from super().faults_with(case)
         if not any(law.kind == "beam" for law in self.laws.values()):
             return
         if case.substructures is not None:
-            raise ValueError(
+            yield (
                 "substructures are cut through bars and cables: leave out [substructures], or take "
                 "bars for the beams"
             )
         if case.dynamics:
-            raise ValueError(
+            yield (
                 "[dynamics] has masses but no rotational inertias, which the nodes of beams need: "
                 "solve beams by [statics], or take bars"
             )

@@ -1,14 +1,14 @@
 """Bodies that a case defines by dimensions: blocks, plate, stacked blocks and lap joint."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from math import ceil, pi, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from multiscale import macro
 from multiscale.errors import CaseError
@@ -21,14 +21,14 @@ from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.tables import assembly_parts, joint_settings
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts
-from multiscale.pipeline.tables.body_checks import check_bodies
+from multiscale.pipeline.tables.body_faults import body_faults
 from multiscale.pipeline.tables.link_settings import Statics
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import (
     SPREAD,
     Pressed,
     StructureKind,
-    refuse_far_cells,
+    far_cells,
 )
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 from multiscale.upscaling.branches import with_damage
@@ -69,16 +69,16 @@ class Blocks(StructureKind):
         """Edge of the interface, m."""
         return self.width
 
-    def check(self, case: "Case") -> None:
-        """Refuse preloads far outside the pressures of the cells."""
-        refuse_far_cells(self, case)
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report preloads far outside the pressures of the cells."""
+        yield from far_cells(self, case)
         if case.accuracy is None or case.accuracy.answer not in ("", "joint_stiffness"):
             return
         p = case.micro.pressures
         low, high = p[0] / FAR_FACTOR, p[-1] * FAR_FACTOR
         if far := [preload for preload in case.statics.preloads if not low <= preload <= high]:
             listed = ", ".join(f"{1e-6 * preload:g}" for preload in far)
-            raise ValueError(
+            yield (
                 f"preloads in [statics] of {listed} MPa lie more than a factor of {FAR_FACTOR:g} "
                 f"outside the pressures in [micro], {1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: the "
                 "joint would be unknown there; press the cells at such pressures"
@@ -143,9 +143,9 @@ class Plate(StructureKind):
         x, y, z = self.elements
         return (x + 1) * (y + 1) * (z + 1)
 
-    def check(self, case: "Case") -> None:
-        """Refuse large displacements."""
-        case.statics.refuse_uncut()
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report large displacements."""
+        yield from case.statics.uncut_options()
 
 
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
@@ -259,34 +259,33 @@ class RoughBodies(StructureKind, assembly_parts.Material):
         laws = bodies.sliders(case, bodies.read_laws(case, datasets, job.read_law))
         return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
 
-    @model_validator(mode="after")
-    def _check_damage(self) -> Self:
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if self.damage and len(self.damage) != self.joints + 1:
-            raise ValueError(
+            yield (
                 f"damage should have one entry for each body ({self.joints + 1}), got "
                 f"{len(self.damage)}"
             )
-        return self
 
-    def check(self, case: "Case") -> None:
-        """Refuse a wrong number of damages, and joints without a friction."""
-        check_bodies(self.bodies, case)
-        refuse_far_cells(self, case)
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Report a wrong number of damages, and joints without a friction."""
+        yield from body_faults(self.bodies, case)
+        yield from far_cells(self, case)
         if case.has_cells:
             slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
             measured = {"friction"} if slid else set()
             if case.micro.shear is not None:
                 measured = {"friction", "stiffness_ratio"}
             if missing := case.interface.report_missing(measured, case.strict):
-                raise ValueError(missing)
+                yield missing
         damage = case.interface.damage
         if damage and case.interface.damage_file is not None:
-            raise ValueError(
+            yield (
                 "[interface] has damage and damage_file, which both state the damage of the "
                 "interfaces; leave out one of them"
             )
         if damage and len(damage) != self.joints:
-            raise ValueError(
+            yield (
                 f"[interface] damage should have one entry for each joint ({self.joints}), got "
                 f"{len(damage)}"
             )
@@ -436,19 +435,18 @@ class LapJoint(RoughBodies):
         ratio = sqrt(fine / coarse)
         return {ratio: larger} if ratio >= assembly_parts.COARSER else {}
 
-    @model_validator(mode="after")
-    def _check_bolt(self) -> Self:
+    def _faults(self) -> Iterator[str]:
+        yield from super()._faults()
         if self.bolt is not None and self.bolt > self.hole:
-            raise ValueError(
+            yield (
                 f"bolt of {1e3 * self.bolt:g} mm does not go through a hole of "
                 f"{1e3 * self.hole:g} mm; give the diameter of its shank"
             )
         if self.bolt is not None and self.porous:
-            raise ValueError(
+            yield (
                 "bolt takes the modulus of the plates, and a representative volume has none; "
                 "leave it out, and the force of the bolt is constant"
             )
-        return self
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate pressures of the joint: over the overlap, and within the cone of the washer."""

@@ -1,10 +1,11 @@
 """Tables of the two bodies of a case: their surfaces and materials."""
 
+from collections.abc import Iterator
 from math import pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator
 
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.surfaces import Anisotropy
@@ -54,16 +55,14 @@ class SyntheticSurface(toml.Settings):
     anisotropy: AnisotropySettings | None = None
     """Lay, across which the wavelengths above hold; none if not given."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.rms_height is None) == (self.rms_slope is None):
-            raise ValueError("give either rms_height or rms_slope")
+            yield "give either rms_height or rms_slope"
         if self.short_cutoff > self.long_cutoff:
-            raise ValueError(
+            yield (
                 f"short_cutoff ({self.short_cutoff:g} m) must not be longer than long_cutoff "
                 f"({self.long_cutoff:g} m)"
             )
-        return self
 
     @property
     def longest_wave(self) -> float:
@@ -109,17 +108,15 @@ class InstrumentSurface(toml.Settings):
     """Shortest wavelength, m; eight points of the grid of the cell if not given, so that another
     grid has another surface."""
 
-    @model_validator(mode="after")
-    def _check_turn(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         quarters = self.rotate / (0.5 * pi)
         if self.profile == "isotropic" and self.rotate != 0.0:
-            raise ValueError("rotate means nothing to isotropic surfaces; leave it out")
+            yield "rotate means nothing to isotropic surfaces; leave it out"
         if self.profile == "one_directional" and abs(quarters - round(quarters)) > 1e-9:
-            raise ValueError(
+            yield (
                 "rotate of a line scan is a multiple of 90 degrees; grooves along an edge of the "
                 "cell stay straight where it repeats itself"
             )
-        return self
 
 
 def _kind_of_surface(value: Any) -> str:
@@ -178,18 +175,16 @@ class RoughBody(toml.Settings):
             )
         return value
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.hardening_modulus is not None and self.hardness is None:
-            raise ValueError("hardening_modulus needs a hardness, from which a metal yields")
+            yield "hardening_modulus needs a hardness, from which a metal yields"
         if self.hardness is not None and not (self.yield_stress or 0.0) > 0.0:
             hardening, given = (1e-9 * (v or 0.0) for v in (self.hardening_modulus, self.hardness))
-            raise ValueError(
+            yield (
                 f"a hardening_modulus of {hardening:g} GPa already gives more than the hardness of "
                 f"{given:g} GPa and leaves no yield stress; give less than "
                 f"{given / TABOR / INDENTED:.3g} GPa"
             )
-        return self
 
     @property
     def surface_hardness(self) -> float | None:

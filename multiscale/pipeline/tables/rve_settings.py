@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -89,16 +89,14 @@ class RecipeSettings(toml.Settings):
     def _point(cls, value: Direction | None) -> Direction | None:
         return None if value is None else read_direction(value)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         for share, radius in (("porosity", "pore_radius"), ("crack_density", "crack_radius")):
             if bool(getattr(self, share)) != (getattr(self, radius) is not None):
-                raise ValueError(f"{share} and {radius} belong together; give both or none")
+                yield f"{share} and {radius} belong together; give both or none"
         if not self.porosity and not self.crack_density:
-            raise ValueError("has neither porosity nor crack_density, and so the solid is sound")
+            yield "has neither porosity nor crack_density, and so the solid is sound"
         if self.porosity >= 1.0:
-            raise ValueError(f"porosity must be below 1, got {self.porosity:g}")
-        return self
+            yield f"porosity must be below 1, got {self.porosity:g}"
 
     def counts(self, size: tuple[float, float, float]) -> dict[str, float]:
         """Return how many pores and cracks a volume of a size, m, holds in the mean."""
@@ -112,25 +110,25 @@ class RecipeSettings(toml.Settings):
             counts["cracks"] = float(self.crack_density * volume / crack)
         return counts
 
-    def check_size(self, size: tuple[float, float, float]) -> None:
-        """Refuse a volume that is too small, or has too many pores and cracks."""
+    def size_faults(self, size: tuple[float, float, float]) -> Iterator[str]:
+        """Report a volume that is too small, or has too many pores and cracks."""
         widest = {"pores": self.pore_radius, "cracks": self.crack_radius}
         for name, count in self.counts(size).items():
             across = 2.0 * (widest[name] or 0.0)
             enough = _length(edge_for(FEWEST, count, size))
             if across > min(size):
-                raise ValueError(
+                yield (
                     f"{name} {_length(across)} across do not fit into a volume with a shortest "
                     f"edge of {_length(min(size))}; {FEWEST} of them need edges of about {enough}"
                 )
             if count < 1.0:
-                raise ValueError(
+                yield (
                     f"a volume holds {count:.2g} {name} in the mean, fewer than one, and a volume "
                     f"with one has {1.0 / count:.3g} times the density asked for; {FEWEST} of them "
                     f"need edges of about {enough}"
                 )
         if not (total := sum(self.counts(size).values())) <= MOST:
-            raise ValueError(
+            yield (
                 f"size holds {total:.3g} pores and cracks of [rve.recipe], more than {MOST:g}; "
                 f"give a smaller size, or larger radii"
             )
@@ -201,8 +199,7 @@ class RveSettings(toml.Settings):
 
     _rise = field_validator("parts")(toml.must_rise)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         kinds = {
             "recipe": self.recipe is not None,
             "pores or cracks": bool(self.pores or self.cracks),
@@ -210,19 +207,18 @@ class RveSettings(toml.Settings):
         }
         given = [name for name, there in kinds.items() if there]
         if len(given) != 1:
-            raise ValueError(
+            yield (
                 f"takes either [rve.recipe], a list of pores and cracks, or [rve.image], got "
                 f"{' and '.join(given) or 'none of them'}"
             )
         if (self.size is None) != (self.image is not None):
-            raise ValueError(
+            yield (
                 "size is given by the voxels of an image; leave it out"
                 if self.size
                 else "size is missing"
             )
         if self.recipe is not None and self.size is not None:
-            self.recipe.check_size(self.size)
-        return self
+            yield from self.recipe.size_faults(self.size)
 
     @property
     def grid(self) -> tuple[int, int, int]:

@@ -1,6 +1,6 @@
 """The case, with all tables and the checks of tables against each other."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 
@@ -11,7 +11,7 @@ from multiscale.micro.layer import depth_caution
 from multiscale.pipeline.tables import case_tables, grain_settings, link_settings, tyre_settings
 from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.tables.case_tables import ABSENT, MeasuredTable
-from multiscale.pipeline.tables.cell_checks import check_cells
+from multiscale.pipeline.tables.cell_faults import cell_faults
 from multiscale.pipeline.tables.cycled_settings import (
     FatigueSettings,
     GrowthSettings,
@@ -144,91 +144,87 @@ class Case(Settings):
         model = structure.models.get(str(info.field_name)) if structure else None
         return given if model is None else model.model_validate(given)
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.measured is None and self.law is not None and (given := self.law.of_calibration):
-            raise ValueError(
+            yield (
                 f"{' and '.join(given)} in [law] belong to the calibration by measured joints; "
                 f"give their tables by [[measured]], or leave them out"
             )
         if self.law is not None and self.micro is not None and self.micro.shear is not None:
             for name in {"friction", "stiffness_ratio"}.intersection(self.law.of_calibration):
-                raise ValueError(
+                yield (
                     f"{name} in [law] is of cells that are not sheared, and [micro.shear] measures "
                     f"it; leave out one of them"
                 )
         if any(self._has(name) for name in OF_RUBBER):
-            tyre_settings.check_rubber(self)
-            return self
+            yield from tyre_settings.rubber_faults(self)
+            return
         if self.growth is not None and self.rve is None:
-            raise ValueError(
-                "[growth] takes the cracks of [rve], and the case has no [rve]; give it"
-            )
+            yield "[growth] takes the cracks of [rve], and the case has no [rve]; give it"
         asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
         if self.third_body is not None:
-            grain_settings.check_third_body(self)
+            yield from grain_settings.third_body_faults(self)
             asked, missing = [], []
         if missing and (asked or (self.structure is None and self.rve is None)):
-            raise ValueError(
+            yield (
                 f"without {list_tables(missing)} there are no cells, which take "
                 f"{list_tables(CELLS)}"
             )
         if self.has_cells:
-            check_cells(self)
+            yield from cell_faults(self)
         if self.structure is not None:
-            self._check_structure(self.structure)
+            yield from self._structure_faults(self.structure)
         if self.growth is not None and self.structure and not self.structure.may_tire:
-            raise ValueError(
+            yield (
                 '[growth] cracks a body of [structure] kind = "bodies"; leave out one of them, or '
                 "give such a structure"
             )
         if self.fatigue is not None and not (self.structure and self.structure.may_tire):
-            raise ValueError(
+            yield (
                 '[fatigue] follows the elements of [structure] kind = "bodies", "lap_joint" or '
                 '"stacked_blocks"; leave it out, or give such a structure'
             )
-        return self
 
     def _has(self, name: str) -> bool:
         return getattr(self, name) is not None
 
-    def _check_structure(self, kind: Structure) -> None:
-        """Refuse tables that do not go with the kind of structure."""
+    def _structure_faults(self, kind: Structure) -> Iterator[str]:
+        """Report tables that do not go with the kind of structure."""
         given = {name for name in WITH_STRUCTURE if self._has(name)}
         if self.third_body is not None:
             given.discard("grains")
         if given not in [set(tables) for tables in kind.asks]:
             asked = " or ".join(list_tables(tables) for tables in kind.asks)
-            raise ValueError(
+            yield (
                 f"a structure of kind {kind.kind!r} takes {asked}, got {list_tables(sorted(given))}"
             )
         if self.substructures is not None and not kind.may_be_cut:
-            raise ValueError(
+            yield (
                 f"[substructures] cut grids, tables and meshes of links, plates and bodies with "
                 f"joints, not a structure of kind {kind.kind!r}"
             )
         if self.cut.model != "resolved" and kind.stage != "links":
-            raise ValueError(
+            yield (
                 f"homogenised substructures consist of links, unlike a structure of kind "
                 f"{kind.kind!r}; leave out model in [substructures]"
             )
         if kind.of_bodies and not (self._has("body_1") and self._has("body_2")):
-            raise ValueError(
+            yield (
                 f"a structure of kind {kind.kind!r} is made of [body_1] and [body_2]; give the "
                 f"youngs_modulus and the poissons_ratio of both"
             )
         if self.makes_law and self.interface is not None and self.interface.law is not None:
-            raise ValueError(
+            yield (
                 "[interface] law names a file, and the structure takes the law of the cells; leave "
                 "out law, or the cells"
             )
         if self.makes_law and self.interface is not None and self.interface.law_error is not None:
-            raise ValueError(
+            yield (
                 "[interface] law_error is of a table, and the law of the cells has an error "
                 "budget; leave out law_error"
             )
-        kind.check(self)
+        yield from kind.faults_with(self)
 
     @property
     def conductivities(self) -> dict[str, tuple[float, float]]:

@@ -1,6 +1,6 @@
 """Base class of the kinds of structures, and the pressures of their interfaces."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import pi, radians, sqrt, tan
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
@@ -91,8 +91,8 @@ def report_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
     )
 
 
-def refuse_far_cells(kind: "StructureKind", case: "Case") -> None:
-    """Refuse loads that press every step far outside the pressures of the cells of the case."""
+def far_cells(kind: "StructureKind", case: "Case") -> Iterator[str]:
+    """Report loads that press every step far outside the pressures of the cells of the case."""
     if not case.has_cells or case.extrapolate or case.adaptive:
         return
     for pressed in kind.pressed(case):
@@ -102,7 +102,7 @@ def refuse_far_cells(kind: "StructureKind", case: "Case") -> None:
             and pressed.stated is None
             and (message := report_far(pressed, data, *OF_CELLS))
         ):
-            raise ValueError(message)
+            yield message
 
 
 def _format_range(ends: Range) -> str:
@@ -126,8 +126,9 @@ class StructureKind(Settings):
         """Edge of an interface under even pressure, m; None for other structures."""
         return None
 
-    def check(self, case: "Case") -> None:
-        """Refuse other tables that the structure does not support."""
+    def faults_with(self, case: "Case") -> Iterator[str]:
+        """Yield sentences on other tables that the structure does not support."""
+        yield from ()
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""

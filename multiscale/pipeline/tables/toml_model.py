@@ -131,6 +131,16 @@ class Settings(BaseModel):
         """Tables and keys that are given or have a default."""
         return frozenset(name for name, value in self if value is not None)
 
+    def _faults(self) -> Iterator[str]:
+        """Yield sentences on values that do not go together; the first refuses the table."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _refuse(self) -> Self:
+        for fault in self._faults():
+            raise ValueError(fault)
+        return self
+
     def checksum(
         self,
         *,
@@ -186,13 +196,9 @@ class TimeSteps(Settings):
     step: Duration = Field(description="Time step, s; shortened to a whole part of the duration.")
     duration: Duration = Field(description="Duration of the motion, s.")
 
-    @model_validator(mode="after")
-    def _check_step(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.step > self.duration:
-            raise ValueError(
-                f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
-            )
-        return self
+            yield f"step ({self.step:g} s) must not be longer than duration ({self.duration:g} s)"
 
 
 @dataclass(frozen=True)

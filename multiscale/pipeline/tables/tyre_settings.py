@@ -1,9 +1,10 @@
 """Tables of a case of rubber that slides on a road."""
 
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.elastic.viscoelastic import RelaxingSolid
@@ -45,19 +46,17 @@ class Rubber(toml.Settings):
     wlf_c1: toml.Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
     wlf_c2: Temperature = Field(description="Second constant, K; see `multiscale.laws.wlf_shift`.")
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not self.moduli:
-            raise ValueError(
+            yield (
                 "moduli names nothing that relaxes: rubber that slides without viscosity has no "
                 "friction by hysteresis; give moduli and times"
             )
         if len(self.moduli) != len(self.times):
-            raise ValueError(
+            yield (
                 f"give as many times as moduli, got {len(self.times)} times and "
                 f"{len(self.moduli)} moduli"
             )
-        return self
 
     @property
     def solid(self) -> RelaxingSolid:
@@ -99,10 +98,10 @@ class Tread(toml.Settings):
     """Elements along the motion, across and upwards."""
 
 
-def check_rubber(case: "Case") -> None:
-    """Refuse missing tables of rubber on a road, and tables and keys of joints."""
+def rubber_faults(case: "Case") -> Iterator[str]:
+    """Report missing tables of rubber on a road, and tables and keys of joints."""
     if missing := [name for name in TABLES if getattr(case, name) is None]:
-        raise ValueError(
+        yield (
             f"rubber on a road takes {toml.list_tables(TABLES)}, and there is no "
             f"{toml.list_tables(missing)}"
         )
@@ -110,20 +109,20 @@ def check_rubber(case: "Case") -> None:
         name for name, value in case if value and name not in ("title", "law", "accuracy", *TABLES)
     ]
     if stray:
-        raise ValueError(f"{stray[0]} means nothing to rubber on a road; leave it out")
+        yield f"{stray[0]} means nothing to rubber on a road; leave it out"
     for name, keys in KEYS.items():
         table = getattr(case, name)
         defaults = {key: field.default for key, field in type(table).model_fields.items()}
         strange = [key for key, value in table if key not in keys and value != defaults[key]]
         if strange:
-            raise ValueError(
+            yield (
                 f"{strange[0]} in [{name}] means nothing to rubber on a road, and its [{name}] "
                 f"takes only {' and '.join(keys)}; leave it out"
             )
     rubber, slides = case.rubber, case.sliding
     coldest = rubber.reference_temperature - rubber.wlf_c2
     if slides.temperatures[0] <= coldest:
-        raise ValueError(
+        yield (
             f"temperatures in [sliding] begin at {slides.temperatures[0]:g} K, where the shift of "
             f"[rubber] has no meaning; stay above {coldest:g} K"
         )
@@ -135,7 +134,7 @@ def check_rubber(case: "Case") -> None:
         "give such pressures in [sliding], or set extrapolate = true in [law]",
     )
     if message and not case.extrapolate:
-        raise ValueError(message)
+        yield message
 
 
 def caution_road(case: "Case") -> list[str]:

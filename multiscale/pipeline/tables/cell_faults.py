@@ -1,5 +1,6 @@
 """Checks of the tables of cells against each other."""
 
+from collections.abc import Iterator
 from operator import truediv
 from typing import TYPE_CHECKING
 
@@ -13,80 +14,78 @@ if TYPE_CHECKING:
 HARDEST = 0.1  # largest hardness over Young's modulus; the hardness of diamond is about as large
 
 
-def check_cells(case: "Case") -> None:
-    """Refuse tables and keys that cells cannot have."""
+def cell_faults(case: "Case") -> Iterator[str]:
+    """Report tables and keys that cells cannot have."""
     rough = [k for k, body in enumerate(case.bodies, 1) if body.surface is not None]
     if case.cell.mesh is not None and rough:
-        raise ValueError(
+        yield (
             f"mesh in [cell] is a body with its roughness, and body_{rough[0]} has a [surface] "
             f"beside it; leave out one of them"
         )
     if case.cell.mesh is None and not rough:
-        raise ValueError("both bodies are smooth; give one of them a [surface] table")
+        yield "both bodies are smooth; give one of them a [surface] table"
     if case.cell.geometry == "mesh":
-        _check_mesh(case)
-    _check_metal(case)
-    _check_coating(case)
-    _check_conductivities(case)
-    _check_shear(case)
-    _check_coarser(case)
-    _check_control(case)
-    _check_leakage(case)
+        yield from _mesh_faults(case)
+    yield from _metal_faults(case)
+    yield from _coating_faults(case)
+    yield from _conductivity_faults(case)
+    yield from _shear_faults(case)
+    yield from _coarser_faults(case)
+    yield from _control_faults(case)
+    yield from _leakage_faults(case)
     if case.slide is not None:
-        _check_slide(case)
+        yield from _slide_faults(case)
 
 
-def _check_mesh(case: "Case") -> None:
-    """Refuse tables and keys that cells on meshes cannot have."""
+def _mesh_faults(case: "Case") -> Iterator[str]:
+    """Report tables and keys that cells on meshes cannot have."""
     if case.cell.mesh is not None and case.micro.realisations != 1:
-        raise ValueError(
+        yield (
             f"mesh in [cell] is one cell, and [micro] asks for {case.micro.realisations} "
             f"realisations; set realisations = 1"
         )
     if case.cell.mesh is not None and case.micro.shear is not None:
-        raise ValueError(
+        yield (
             "[micro.shear] shears cells on surfaces of two bodies, and mesh in [cell] has no "
             "surfaces; leave out one of them"
         )
     if case.hardness is not None and case.cell.volumes:
-        raise ValueError(
+        yield (
             "named volumes in [cell] are elastic, and a body has a hardness, by which all of a "
             "mesh flows; leave out one of them"
         )
     if case.slide is not None:
-        raise ValueError(
+        yield (
             'cells on meshes do not slide; set geometry = "conforming" in [cell], or leave '
             "[slide] out"
         )
 
 
-def _check_slide(case: "Case") -> None:
-    """Refuse slides that cells cannot have, or that are too long."""
+def _slide_faults(case: "Case") -> Iterator[str]:
+    """Report slides that cells cannot have, or that are too long."""
     if case.cell.geometry == "flat":
-        raise ValueError(
-            'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] out'
-        )
+        yield 'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] out'
     periods = case.slide.distance / case.cell.size[0]
     if periods > LONGEST_SLIDE:
-        raise ValueError(
+        yield (
             f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
             "after one and is run in after a few where it flows: slide at most "
             f"{LONGEST_SLIDE:g}"
         )
 
 
-def _check_shear(case: "Case") -> None:
-    """Refuse cells that cannot be sheared, and options of sheared cells without shear."""
+def _shear_faults(case: "Case") -> Iterator[str]:
+    """Report cells that cannot be sheared, and options of sheared cells without shear."""
     shear = case.micro.shear
     if shear is None:
         if case.law.apart is not None:
-            raise ValueError(
+            yield (
                 "apart in [law] is an option of the fit to sheared cells, and no cells are "
                 "sheared; give [micro.shear], or leave it out"
             )
         return
     if case.hardness is not None:
-        raise ValueError(
+        yield (
             "[micro.shear] shears elastic bodies, which forget one shear before the next, and "
             "a body has a hardness; leave out one of them"
         )
@@ -94,49 +93,49 @@ def _check_shear(case: "Case") -> None:
     if any(
         n_sheared > all_cells for n_sheared, all_cells in zip(points, case.cell.points, strict=True)
     ):
-        raise ValueError(
+        yield (
             f"points in [micro.shear] are {points[0]} x {points[1]}, more than the "
             f"{case.cell.scope} in [cell]; cells that are sheared may be coarser"
         )
 
 
-def _check_control(case: "Case") -> None:
-    """Refuse control cells that cannot be built, or are flat already."""
+def _control_faults(case: "Case") -> Iterator[str]:
+    """Report control cells that cannot be built, or are flat already."""
     if not (case.micro.control or case.micro.control_realisations):
         return
     if case.cell.geometry == "flat" or case.cell.mesh is not None:
         here = "flat already" if case.cell.mesh is None else "on a mesh without a surface"
-        raise ValueError(
+        yield (
             f"control in [micro] has flat cells on the surfaces of dearer cells, and the cells "
             f"are {here}; leave it out"
         )
 
 
-def _check_leakage(case: "Case") -> None:
-    """Refuse a ring without leakage, and leakage of cells that have no gap."""
+def _leakage_faults(case: "Case") -> Iterator[str]:
+    """Report a ring without leakage, and leakage of cells that have no gap."""
     if not case.micro.leakage:
         if case.seal is not None:
-            raise ValueError(
+            yield (
                 "[seal] leaks through the gap of the cells, and leakage = false in [micro] "
                 "leaves that out; leave out one of them"
             )
         return
     if case.cell.mesh is not None:
-        raise ValueError(
+        yield (
             "leakage in [micro] is of the gap above a surface, and mesh in [cell] may overhang "
             "or have pores; leave out one of them"
         )
 
 
-def _check_coarser(case: "Case") -> None:
-    """Refuse cells that half of the points cannot resolve."""
+def _coarser_faults(case: "Case") -> Iterator[str]:
+    """Report cells that half of the points cannot resolve."""
     if not case.micro.coarser:
         return
     shear = case.micro.shear
     grids = {case.cell.points, (shear and shear.points) or case.cell.points}
     for points in sorted(grids):
         if any(n % 4 for n in points):
-            raise ValueError(
+            yield (
                 f"coarser in [micro] halves the points, and half of them should be even, got "
                 f"{points[0]} x {points[1]}; give multiples of 4"
             )
@@ -146,19 +145,19 @@ def _check_coarser(case: "Case") -> None:
                 continue
             cutoff = body.surface.short_cutoff
             if cutoff is None or cutoff <= 2.0 * spacing * (1.0 + 1e-9):
-                raise ValueError(
+                yield (
                     f"coarser in [micro] leaves {1e6 * spacing:.4g} um between points, and the "
                     f"same surface needs a short_cutoff of body_{number} of more than twice "
                     f"that; give a longer one, or more points"
                 )
 
 
-def _check_metal(case: "Case") -> None:
-    """Refuse metals and unloading that the cells do not support."""
+def _metal_faults(case: "Case") -> Iterator[str]:
+    """Report metals and unloading that the cells do not support."""
     flat = case.cell.geometry == "flat"
     for number, body in enumerate(case.bodies, start=1):
         if flat and body.hardening_modulus is not None:
-            raise ValueError(
+            yield (
                 f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
                 f'the pressure; set geometry = "conforming" in [cell], or leave it out'
             )
@@ -167,65 +166,61 @@ def _check_metal(case: "Case") -> None:
             ratio = (material.hardness or 0.0) / material.youngs_modulus
             where = f"body_{number}" if material is body else f"a coating of body_{number}"
             if ratio > HARDEST:
-                raise ValueError(
+                yield (
                     f"hardness of {where} is {1e-9 * (material.hardness or 0.0):g} GPa, "
                     f"{ratio:.2g} of its youngs_modulus, and nothing is harder than "
                     f"{HARDEST:g}; the hardness of a metal is about a hundredth, and a body "
                     f"that does not flow has no hardness"
                 )
     if case.elastic and case.hardness is not None:
-        raise ValueError("elastic = true and a hardness exclude each other; leave one out")
+        yield "elastic = true and a hardness exclude each other; leave one out"
     if case.micro.unload is not False and (flat or case.hardness is None):
-        raise ValueError(
+        yield (
             "unload in [micro] needs conforming cells and the hardness of a body: without "
             "flow an interface unloads as it was loaded"
         )
 
 
-def _check_coating(case: "Case") -> None:
-    """Refuse coatings where the theory is not derived for them."""
+def _coating_faults(case: "Case") -> Iterator[str]:
+    """Report coatings where the theory is not derived for them."""
     if not case.coated:
         return
     if case.cell.geometry == "mesh":
-        raise ValueError(
+        yield (
             "cells on meshes take their layers from named volumes, and a body has coatings; "
             'leave them out, or set geometry = "flat" or "conforming" in [cell]'
         )
     hard = any(body.hardness or body.surface_hardness for body in case.bodies)
     if case.cell.geometry != "flat" and hard:
-        raise ValueError(
+        yield (
             "conforming cells that flow are of one material, and there are coatings and a "
             'hardness; set geometry = "flat" in [cell], or leave out one of them'
         )
     if case.cell.slope_order != 1:
-        raise ValueError(
+        yield (
             "slope_order = 2 is derived for bodies of one material, and a body has coatings; "
             "leave out one of them"
         )
     if case.slide is not None:
-        raise ValueError(
-            "[slide] moves bodies of one material, and a body has coatings; leave out one"
-        )
+        yield "[slide] moves bodies of one material, and a body has coatings; leave out one"
     joint = case.interface
     by_theory = isinstance(joint, RoughInterface) and joint.stiffness_ratio is None
     if by_theory and case.micro.shear is None:
-        raise ValueError(
+        yield (
             "the stiffness_ratio of theory is derived for bodies of one material, and a body "
             "has coatings; shear the cells by [micro.shear], or give stiffness_ratio in "
             "[interface]"
         )
 
 
-def _check_conductivities(case: "Case") -> None:
-    """Refuse a conductivity of a single body, and of bodies with coatings."""
+def _conductivity_faults(case: "Case") -> Iterator[str]:
+    """Report a conductivity of a single body, and of bodies with coatings."""
     for name in CONDUCTIVITIES:
         given = [k for k, body in enumerate(case.bodies, 1) if getattr(body, name) is not None]
         if len(given) == 1:
-            raise ValueError(
-                f"body_{given[0]} has the {name} that body_{3 - given[0]} lacks; give both"
-            )
+            yield f"body_{given[0]} has the {name} that body_{3 - given[0]} lacks; give both"
         if given and case.coated:
-            raise ValueError(
+            yield (
                 f"the conductance of an interface is derived for bodies of one material, and a "
                 f"body has coatings; leave out the coatings or {name}"
             )
