@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field
 
 from multiscale import macro
 from multiscale.errors import CaseError
@@ -310,10 +310,8 @@ class StatedLaw(toml.Settings):
 
     pressure_scale: toml.UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
     decay_length: toml.UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
-    pressures: tuple[toml.Pressure, toml.Pressure]
+    pressures: Annotated[tuple[toml.Pressure, toml.Pressure], toml.RISE]
     """Pressures between which the law is meant to hold, Pa, rising."""
-
-    _rise = field_validator("pressures")(toml.must_rise)
 
     def build(self) -> Exponential:
         """Return the law."""

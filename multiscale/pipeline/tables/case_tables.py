@@ -183,7 +183,7 @@ class ShearSettings(toml.Settings):
 
     friction_coefficient: toml.Number = Field(gt=0.0, le=10.0)
     """Friction coefficient of points of contact."""
-    pressures: Annotated[tuple[toml.Pressure, ...], MIDDLE] = Field(min_length=1)
+    pressures: Annotated[toml.Rising[toml.Pressure], MIDDLE] = Field(min_length=1)
     """Mean pressures under which they are sheared, Pa, rising, from three times the lowest to the
     highest of the cells."""
     realisations: Annotated[toml.Positive, toml.at_most(3)] = 3
@@ -198,14 +198,12 @@ class ShearSettings(toml.Settings):
     """Whether they also go through a closed cycle of partial slip, in four more steps at each
     pressure and direction; without it the error of the loss of a joint is unknown."""
 
-    _rise = field_validator("pressures")(toml.must_rise)
-
 
 class MicroSettings(toml.Settings):
     """The ensemble of cells."""
 
     realisations: Annotated[toml.Positive, toml.at_most(4)] = Field(description="Number of cells.")
-    pressures: tuple[toml.Pressure, ...] = Field(
+    pressures: toml.Rising[toml.Pressure] = Field(
         min_length=3, description="Mean pressures, Pa, rising."
     )
     seed: toml.Natural = Field(
@@ -230,8 +228,6 @@ class MicroSettings(toml.Settings):
     """Whether the law has the hydraulic aperture of the gap along x and y, at every pressure;
     [seal] asks for it."""
     shear: ShearSettings = ABSENT
-
-    _rise = field_validator("pressures")(toml.must_rise)
 
     @field_validator("unload", mode="before")
     @classmethod
@@ -382,12 +378,10 @@ class SlideSettings(toml.Settings):
     )
     friction_coefficient: toml.Number = Field(0.0, ge=0.0, le=10.0)
     """Friction coefficient of points of contact."""
-    pressures: tuple[toml.Pressure, ...] = ()
+    pressures: toml.Rising[toml.Pressure] = ()
     """Mean pressures, Pa, rising; all pressures of the cells if not given."""
     steps: Annotated[toml.Count, toml.at_most(4)] = Field(16, ge=1, le=10_000)
     """Steps of the result over the distance."""
-
-    _rise = field_validator("pressures")(toml.must_rise)
 
     def within(self, cell: CellSettings, micro: MicroSettings) -> Self:
         """Return a quarter of a length of the cell at most, under one pressure."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator
+from pydantic import Field, PrivateAttr
 
 from multiscale import macro
 from multiscale.errors import CaseError
@@ -40,9 +40,9 @@ class VibrationSettings(toml.Settings):
     )
     """Numbers of the modes, from 1, in the order of their frequencies; rigid motions do not
     count."""
-    amplitudes: Annotated[tuple[toml.Length, ...], SOME] = ()
+    amplitudes: Annotated[toml.Rising[toml.Length], SOME] = ()
     """Amplitudes as the largest displacement of a node in the mode, m, rising."""
-    modal_amplitudes: Annotated[tuple[Annotated[toml.Number, Field(gt=0.0)], ...], SOME] = ()
+    modal_amplitudes: Annotated[toml.Rising[Annotated[toml.Number, Field(gt=0.0)]], SOME] = ()
     """Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or `amplitudes` are given."""
     material_damping: toml.Share = 0.0
     """Share of critical damping that the bodies give every mode."""
@@ -59,8 +59,6 @@ class VibrationSettings(toml.Settings):
     resolved."""
 
     _whole: "VibrationSettings | None" = PrivateAttr(None)
-
-    _rise = field_validator("amplitudes", "modal_amplitudes")(toml.must_rise)
 
     def _faults(self) -> Iterator[str]:
         if bool(self.amplitudes) == bool(self.modal_amplitudes):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
@@ -74,7 +74,7 @@ class ThirdBody(toml.Settings):
 
     size: tuple[toml.Length, toml.Length] = Field(description="Periods along x and y, m.")
     pressures: Annotated[
-        tuple[toml.Pressure, ...], toml.Quick(lambda _, all_: all_[:: max(1, len(all_) // 3)])
+        toml.Rising[toml.Pressure], toml.Quick(lambda _, all_: all_[:: max(1, len(all_) // 3)])
     ] = Field(min_length=3, description="Pressures on the plates, Pa, rising.")
     speed: SlidingSpeed = Field(description="Speed of the upper plate, m/s.")
     realisations: Annotated[toml.Positive, toml.at_most(3)] = Field(description="Number of cells.")
@@ -89,8 +89,6 @@ class ThirdBody(toml.Settings):
     )
     tolerance: toml.Tolerance = Field(1e-2, description="Error of contacts over their velocities.")
     max_iterations: toml.Positive = Field(300, description="Largest number of sweeps in a step.")
-
-    _rise = field_validator("pressures")(toml.must_rise)
 
     def cell(self, grains: GrainSettings, k: int) -> tuple[np.ndarray, dict[str, Any]]:
         """Return the radii of a realisation, m, and the options of its shear."""

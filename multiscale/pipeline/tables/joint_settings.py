@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from multiscale import macro, upscaling
 from multiscale.errors import CaseError
@@ -41,7 +41,7 @@ class StatedAsperities(toml.Settings):
     radius: toml.UncertainLength = Field(description="Composite radius of both surfaces, m.")
     rms_height: toml.UncertainLength | None = None
     """Root mean square of Gaussian heights about their mean plane, m."""
-    heights: tuple[Height, ...] = ()
+    heights: toml.Rising[Height] = ()
     """Rising heights of asperities above the plane from which the gap counts, m, in place of
     `rms_height`; contact begins at the highest."""
     weights: tuple[toml.Factor, ...] = ()
@@ -58,8 +58,6 @@ class StatedAsperities(toml.Settings):
         toml.Number, toml.quantity("Pa"), Field(ge=0.0), toml.with_unit("Pa")
     ] = 0.0
     """Slope of the stress over the strain after yield, Pa."""
-
-    _rise = field_validator("heights")(toml.must_rise)
 
     def _faults(self) -> Iterator[str]:
         if (self.rms_height is None) == (not self.heights):
@@ -305,10 +303,8 @@ class JointPreloads(SolverChoice, Preloads):
 class RisingPreloads(Preloads):
     """Even pressures between blocks."""
 
-    preloads: tuple[toml.Pressure, ...] = Field(min_length=1)
+    preloads: toml.Rising[toml.Pressure] = Field(min_length=1)
     """Nominal pressures, Pa, rising; best within the data of the law."""
-
-    _rise = field_validator("preloads")(toml.must_rise)
 
 
 class Cycles(toml.Settings):

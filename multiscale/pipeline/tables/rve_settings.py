@@ -169,7 +169,7 @@ class RveSettings(toml.Settings):
     image: ImageStack | None = None
     voxels: Annotated[Voxels, toml.at_most(24)] = 48
     """Voxels along the longest edge, for the stiffness; a crack is a voxel thick."""
-    parts: tuple[Part, ...] = (0.5,)
+    parts: toml.Rising[Part] = (0.5,)
     """Sizes of smaller volumes over `size`, rising, of the size study."""
     level: Annotated[toml.Natural, Field(le=4), toml.at_most(1)] = 2
     """Refinement of the sphere of normals: 1, 2, 3 give about 30, 90, 330."""
@@ -196,8 +196,6 @@ class RveSettings(toml.Settings):
     @classmethod
     def _read_size(cls, value: object) -> object:
         return (value,) * 3 if isinstance(value, str) else value
-
-    _rise = field_validator("parts")(toml.must_rise)
 
     def _faults(self) -> Iterator[str]:
         kinds = {

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -110,12 +111,18 @@ def list_tables(names: Iterable[str]) -> str:
     return " and ".join(f"[{name}]" for name in names) or "none of them"
 
 
-def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
+def _must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
     """Refuse values that do not rise."""
     for early, late in pairwise(values):
         if late <= early:
             raise ValueError(f"must rise from one to the next, but {late:g} follows {early:g} (SI)")
     return values
+
+
+Real = TypeVar("Real", bound=float)
+RISE = AfterValidator(_must_rise)
+Rising = Annotated[tuple[Real, ...], RISE]
+"""A list of values that rise."""
 
 
 class Settings(BaseModel):

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.elastic.viscoelastic import RelaxingSolid
@@ -72,17 +72,15 @@ class Slides(toml.Settings):
     """The ensemble of cells: each slides at every pressure, speed and temperature."""
 
     realisations: Annotated[toml.Positive, toml.at_most(4)] = Field(description="Number of cells.")
-    pressures: tuple[toml.Pressure, ...] = Field(
+    pressures: toml.Rising[toml.Pressure] = Field(
         min_length=3, description="Mean pressures, Pa, rising."
     )
-    speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
-    temperatures: tuple[Temperature, ...] = Field(min_length=3)
+    speeds: toml.Rising[Speed] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
+    temperatures: toml.Rising[Temperature] = Field(min_length=3)
     """Temperatures, K, rising; such as `"20 degC"`."""
     seed: toml.Natural = Field(
         0, description="Seed of the first realisation; realisation k has seed + k."
     )
-
-    _rise = field_validator("pressures", "speeds", "temperatures")(toml.must_rise)
 
 
 class Tread(toml.Settings):
