@@ -206,5 +206,5 @@ def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
 
 def joints_of(case, result=None):
     """Bodies of stacked blocks or a lap joint, and the law of every joint as these take it."""
-    bodies = case.structure.as_bodies(case)
+    bodies = case.structure.for_solver(case)
     return bodies, bodies.read_laws(case, result or {}, lambda file, quick: open_law(file))

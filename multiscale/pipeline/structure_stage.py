@@ -24,7 +24,6 @@ from multiscale.pipeline.stage import (
 )
 from multiscale.pipeline.tables.assembly_parts import doubt_density
 from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts
-from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Dataset, Schema, with_cautions
@@ -70,7 +69,7 @@ def choose_solver(
     return substructures.choose_method(size, case.cut.method(team) if asks else None)
 
 
-def solver_needs(structure: Bodies | RoughBodies, case: Case) -> Needs:
+def solver_needs(structure: Bodies, case: Case) -> Needs:
     """Return the needs of the chosen solver of bodies, and the reason of the choice."""
     size = structure.joint_size(case)
     chosen = choose_solver(case, size)
@@ -85,6 +84,12 @@ def solver_needs(structure: Bodies | RoughBodies, case: Case) -> Needs:
     choice = Choice("method", chosen.explain())
     seconds = (1 + SOLVES) * taken.seconds
     return replace(needs, memory=taken.memory, seconds=seconds, choices=(choice, *needs.choices))
+
+
+def structure_of(case: Case) -> Any:
+    """Return the structure of a case as its stage takes it."""
+    assert case.structure is not None  # it asks for the stage
+    return case.structure.for_solver(case)
 
 
 def structure_stage(
@@ -105,11 +110,11 @@ def structure_stage(
     """Build the stage that solves some kinds of structures, with further fields of its record."""
 
     def run(case: Case, datasets: Datasets, job: Job) -> Dataset:
-        result = solve(case.structure, case, datasets, job)
+        result = solve(structure_of(case), case, datasets, job)
         return result.assign_attrs(title=case.title, case=case.to_toml())
 
     def all_needs(case: Case) -> Needs:
-        required, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
+        required, installed = needs(structure_of(case), case), tuple(filter(find_spec, solver))
         return replace(
             required, libraries=tuple(sorted({*required.libraries, "meshio", *installed}))
         )
@@ -135,7 +140,7 @@ def structure_stage(
         "run": run,
         "write_fields": write_fields,
         "needs": all_needs,
-        "prepare": lambda case: prepare(case.structure, case),
+        "prepare": lambda case: prepare(structure_of(case), case),
         "check": require_converged,
         "sections": sections,
         "answer": sentences,
@@ -178,9 +183,7 @@ class ReadyBodies:
     structure: "substructures.CondensedProblem"
 
     @classmethod
-    def of(
-        cls, structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job: Job
-    ) -> "ReadyBodies":
+    def of(cls, structure: Bodies, case: Case, datasets: Datasets, job: Job) -> "ReadyBodies":
         """Build the structure of a case."""
         bodies = structure.with_volumes(case, datasets, job.read_rve)
         laws = bodies.read_laws(case, datasets, job.read_law)

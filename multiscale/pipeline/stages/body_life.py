@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,8 @@ from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
 from multiscale.pipeline.stages.volumes import GROWING_CRACKS
-from multiscale.pipeline.structure_stage import choose_solver
+from multiscale.pipeline.structure_stage import choose_solver, structure_of
 from multiscale.pipeline.tables.assembly_settings import Bodies
-from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
@@ -121,7 +120,7 @@ class _Cycled:
 
 def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Follow the damage of the inclusions of a body over the cycles of the previous stage."""
-    structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
+    structure: Bodies = structure_of(case)
     bodies = structure.with_volumes(case, datasets, job.read_rve)
     table, result = case.fatigue, datasets[schema.MACRO_RESULT.name]
     laws = bodies.read_laws(case, datasets, job.read_law)
@@ -336,7 +335,7 @@ def _sections_of_life(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 def _needs_of_life(case: Case) -> Needs:
     again = SOLVES if case.fatigue.scatter else 0
-    bodies = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
+    bodies: Bodies = structure_of(case)
     names = [body.name for body in bodies.bodies]
     body = bodies.bodies[names.index(case.fatigue.body or names[0])]
     inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
@@ -384,8 +383,7 @@ def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
 
 def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
-    assert isinstance(case.structure, Bodies)  # as the case has checked
-    bodies = case.structure.with_volumes(case, datasets, job.read_rve)
+    bodies: Bodies = structure_of(case).with_volumes(case, datasets, job.read_rve)
     body, load = _loaded(bodies, case)
     mean, *laws = softening_samples(datasets[schema.VOLUME_GROWTH.name])
     cracked = []
@@ -417,8 +415,7 @@ def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
 
 def _prepare(case: Case) -> None:
     """Refuse elements without a band width."""
-    assert isinstance(case.structure, Bodies)  # as the case has checked
-    body = case.structure.bodies[0]
+    body = structure_of(case).bodies[0]
     mesh = body.load()
     order, kind = body.order_on(mesh), type(mesh).__name__
     if kind not in macro.continuum.SHAPES or order != 1:
@@ -452,8 +449,7 @@ def _sections_of_crack(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 
 def _needs_of_crack(case: Case) -> Needs:
-    assert isinstance(case.structure, Bodies)  # as the case has checked
-    n = case.structure.bodies[0].load().t.shape[1]
+    n = structure_of(case).bodies[0].load().t.shape[1]
     laws = 2 + (case.rve.recipe.realisations if case.rve.recipe else 1)
     seconds = laws * 20.0 * n ** (2.0 / 3.0) * n * EVENT_SECONDS
     how = "crack band by events, for the mean law, the law of every volume and a coarser mesh"

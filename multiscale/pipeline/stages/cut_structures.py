@@ -14,7 +14,7 @@ from multiscale.needs import Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
-from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+from multiscale.pipeline.structure_stage import structure_of, structure_stage, with_too_far
 from multiscale.pipeline.tables.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.tables.made_bodies import Plate
 from multiscale.pipeline.tables.settings import Case
@@ -395,10 +395,8 @@ def _condense(case: Case, datasets: Datasets, job: Job) -> Dataset:
     result = datasets[MACRO_RESULT.name]
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
     step = int(np.flatnonzero(solved)[-1])
-    assert case.structure is not None  # it asks for the stage
-    return macro.homogenise(
-        case.structure.cut(case, datasets, job), result, step=step
-    ).assign_attrs(title=case.title)
+    cut = structure_of(case).cut(case, datasets, job)
+    return macro.homogenise(cut, result, step=step).assign_attrs(title=case.title)
 
 
 CONDENSED_PARTS = Stage(

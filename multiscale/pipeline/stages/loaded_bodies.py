@@ -19,7 +19,7 @@ from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.tables.assembly_settings import Bodies
-from multiscale.pipeline.tables.made_bodies import RoughBodies
+from multiscale.pipeline.tables.made_bodies import JointedBodies
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import joint_pictures, load_pictures
 from multiscale.plotting.figure import in_space, on_axes
@@ -73,7 +73,7 @@ LOSES = (
 """Sentences of the answer: at a preload, and in the last cycle."""
 
 
-def _press(structure: RoughBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _press(structure: JointedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     ready = structure_stage.ReadyBodies.of(structure, case, datasets, job)
     loading = cast(substructures.JointLoading, ready.parts.loading)  # joints have a joint loading
@@ -113,7 +113,7 @@ def _follow_joints(
     return substructures.measure_joint(followed, areas, extrapolate=extrapolate)
 
 
-def _needs_of_joints(bodies: RoughBodies, case: Case) -> Needs:
+def _needs_of_joints(bodies: JointedBodies, case: Case) -> Needs:
     needs, size = structure_stage.solver_needs(bodies, case), bodies.joint_size(case)
     count, path, pressed = len(case.statics.preloads), "only", "the preloads"
     if case.cycles:
@@ -130,7 +130,7 @@ def _needs_of_joints(bodies: RoughBodies, case: Case) -> Needs:
         f"of half the slabs, and the mesh",
     )
     loading = Choice("loading", pressed)
-    libraries = (*needs.libraries, *bodies.mesher)
+    libraries = (*needs.libraries, *bodies.source.mesher)
     return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
 
 

@@ -25,7 +25,6 @@ from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
 from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.cycled_settings import COARSENING
-from multiscale.pipeline.tables.made_bodies import RoughBodies
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
@@ -137,7 +136,7 @@ def _laws(
     return made
 
 
-def _solve(structure: Bodies | RoughBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _solve(structure: Bodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
     bodies = structure.with_volumes(case, datasets, job.read_rve)
@@ -246,7 +245,7 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
     return replace(still, modes=modes)
 
 
-def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
+def _needs(bodies: Bodies, case: Case) -> Needs:
     asked = case.vibration
     reached = asked.reach(np.ones(max(asked.modes)))
     grid = sum(amplitudes.curve()[0].size for amplitudes in reached.values())

@@ -1,7 +1,7 @@
 """Bodies that a case defines by dimensions: blocks, plate, stacked blocks and lap joint."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from math import ceil, pi, sqrt
 from pathlib import Path
@@ -215,7 +215,7 @@ class RoughBodies(StructureKind, assembly_parts.Material):
             for k, D in enumerate(damages)
         )
 
-    def as_bodies(self, case: "Case") -> "JointedBodies":
+    def for_solver(self, case: "Case") -> "JointedBodies":
         """Return bodies and interfaces of a case."""
         damages = case.interface.damage or (0.0,) * self.joints
         interfaces = tuple(
@@ -229,35 +229,6 @@ class RoughBodies(StructureKind, assembly_parts.Material):
     def taken_volumes(self) -> set[tuple[Path, bool]]:
         """Return the representative volume that it names, and whether a case is run quick."""
         return set() if self.rve is None else {(self.rve, self.quick_rve)}
-
-    def with_volumes(
-        self, case: "Case", datasets: "Datasets", open_rve: joint_settings.OpenLaw
-    ) -> Bodies:
-        """Return bodies and interfaces of a case with their representative volumes."""
-        return self.as_bodies(case).with_volumes(case, datasets, open_rve)
-
-    def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
-        """Refuse dimensions that do not fit, and unconstrained bodies, for any laws."""
-        self.as_bodies(case).try_to_build(case, require)
-
-    def joint_size(self, case: "Case") -> "substructures.JointSize":
-        """Count unknowns, points of joints and load steps."""
-        (nodes, face), count = self.nodes, self.joints + 1
-        n_steps = len(case.statics.preloads)
-        if case.cycles is not None:  # at the last preload, and one cycle at each amplitude
-            short = n_steps * len(case.cycles.all_amplitudes) * (1 + 4 * substructures.FEW_STEPS)
-            n_steps += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
-        return substructures.JointSize(3 * nodes * count, face * self.joints, count, n_steps)
-
-    def slabs(self, case: "Case") -> int:
-        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
-        return joint_settings.SLABS if case.cycles else joint_settings.FEW_SLABS
-
-    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
-        """Cut every body into boxes."""
-        bodies = self.with_volumes(case, datasets, job.read_rve)
-        laws = bodies.sliders(case, bodies.read_laws(case, datasets, job.read_law))
-        return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
 
     def _faults(self) -> Iterator[str]:
         yield from super()._faults()
@@ -323,13 +294,28 @@ class JointedBodies(Bodies):
 
     def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of joints and load steps, about."""
-        size: substructures.JointSize = self.source.joint_size(case)
-        return size
+        (nodes, face), joints, bodies = self.source.nodes, len(self.interfaces), len(self.bodies)
+        n_steps = len(case.statics.preloads)
+        if case.cycles is not None:  # at the last preload, and one cycle at each amplitude
+            short = n_steps * len(case.cycles.all_amplitudes) * (1 + 4 * substructures.FEW_STEPS)
+            n_steps += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
+        return substructures.JointSize(3 * nodes * bodies, face * joints, bodies, n_steps)
+
+    def slabs(self, case: "Case") -> int:
+        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
+        return joint_settings.SLABS if case.cycles else joint_settings.FEW_SLABS
+
+    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
+        """Cut every body into boxes."""
+        bodies = self.with_volumes(case, datasets, job.read_rve)
+        laws = bodies.sliders(case, bodies.read_laws(case, datasets, job.read_law))
+        return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
 
     def beds(self, case: "Case") -> dict[str, Any]:
         """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""
-        preloads, slabs = case.statics.preloads, self.source.slabs(case)
-        return {"pressures": (LEAST * min(preloads), MOST * max(preloads)), "slabs": slabs}
+        preloads = case.statics.preloads
+        ends = (LEAST * min(preloads), MOST * max(preloads))
+        return {"pressures": ends, "slabs": self.slabs(case)}
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies and joints, and the path over preload and shear."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import pi, radians, sqrt, tan
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -129,6 +129,10 @@ class StructureKind(Settings):
     def faults_with(self, case: "Case") -> Iterator[str]:
         """Yield sentences on other tables that the structure does not support."""
         yield from ()
+
+    def for_solver(self, case: "Case") -> Any:
+        """Return the structure as the stage that solves it takes it."""
+        return self
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""
