@@ -26,7 +26,7 @@ FILES = (
     *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness", "rve")),
     ("structure", "interfaces", "law"),
     ("structure", "interfaces", "gap", "file"),
-    *(("interface", key) for key in ("law", "damage_file")),
+    ("interface", "law"),
     ("cell", "mesh"),
     ("rve", "image", "file"),
     ("measured", "file"),
@@ -44,7 +44,8 @@ MOVED = {
 """Tables of earlier versions, and the present places of their keys."""
 
 GONE: dict[tuple[str, str], str] = {
-    ("motion", "domains"): "grains are not cut into domains; delete the key"
+    ("motion", "domains"): "grains are not cut into domains; delete the key",
+    ("interface", "damage_file"): "state the damage of every interface by damage",
 }
 """Removed keys of earlier versions, and the remedy."""
 

@@ -1,4 +1,4 @@
-"""Branches of a law other than the loading: unloading, shear, sliding and damage."""
+"""Branches of a law other than the loading: unloading, shear and sliding."""
 
 from typing import Any
 
@@ -8,7 +8,6 @@ from multiscale.errors import CaseError, require
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
 from multiscale.laws.interface_law import GapLaw
 from multiscale.schema import (
-    DAMAGE_SECTIONS,
     INTERFACE_LAW,
     SLIDING_RESPONSE,
     Dataset,
@@ -38,10 +37,6 @@ ALONG_LOADING, REFUSED = "along the loading curve", "refused"
 LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is as good as exponential
 
 LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
-
-PARALLEL = 0.97  # cosine of a normal to the normal of the interface, within 14 degrees
-
-SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
 
 def assume_shear(
@@ -418,28 +413,3 @@ def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> Hyst
     require_law(dataset, *names)
     ratio, exponent = (float(pick(dataset, name, [sample], of="unloading")[0]) for name in names)
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)
-
-
-def with_damage(law: Dataset, sections: Dataset) -> Dataset:
-    """Add the damage of the material near an interface to its law."""
-    DAMAGE_SECTIONS.check(sections)
-    cosine = np.abs(sections["normal"].to_numpy()[:, 2])
-    nearest = int(np.argmax(cosine))
-    if cosine[nearest] < PARALLEL:
-        raise CaseError(
-            f"no section of the volume is parallel to the interface, which has the normal "
-            f"z: the nearest section is {np.degrees(np.arccos(cosine[nearest])):.3g} "
-            f"degrees off; take more directions"
-        )
-    lost = sections["damage"].to_numpy()[nearest]
-    lost = lost[np.isfinite(lost)]
-    mean, (low, high) = float(lost.mean()), np.percentile(lost, SPAN)
-    if not mean < 1.0:
-        raise CaseError("nothing is left of the sections parallel to the interface")
-    values = {"interface_damage": mean, "interface_damage_band": [low, high]}
-    return with_cautions(
-        with_branch(law, "damage", "measured", values),
-        f"the law of the interface is reduced by a damage of {mean:.3g}, the mean of {lost.size} "
-        f"sections parallel to it, of which 95 % lie from {low:.3g} to {high:.3g}; the error "
-        f"budget does not have this range",
-    )

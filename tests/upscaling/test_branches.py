@@ -1,24 +1,20 @@
-"""Branches of a law in addition to loading: unloading and damage."""
+"""Branches of a law in addition to loading: unloading."""
 
 import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, SchemaError
-from multiscale.io import open_law, open_response, write_dataset
-from multiscale.laws import Exponential, HystereticLaw, ModifiedLaw
+from multiscale.io import open_response
+from multiscale.laws import Exponential, HystereticLaw
 from multiscale.micro import Path
-from multiscale.micro.damage import max_damage, plane_damage
-from multiscale.schema import DAMAGE_SECTIONS, HOLDING, INTERFACE_LAW, LOADING, UNLOADING
+from multiscale.schema import HOLDING, INTERFACE_LAW, LOADING, UNLOADING
 from multiscale.upscaling import (
     fit_branches,
     fit_law,
     hysteretic_from_dataset,
-    law_from_dataset,
     loading_branch,
 )
-from multiscale.upscaling.branches import with_damage, with_unloading
-from tests.micro.damage.solid import lattice
-from tests.support import TWO_BLOCKS, case_of, joints_of, write_law
+from multiscale.upscaling.branches import with_unloading
 from tests.upscaling.responses import response_of
 
 UP = np.geomspace(5e6, 160e6, 8)
@@ -106,49 +102,3 @@ def test_a_sample_that_does_not_exist_is_refused(response):
     law = with_unloading(fit_law(loading_branch(response), n_samples=0), response, n_samples=5)
     with pytest.raises(CaseError, match="no sample 9; it has 5"):
         hysteretic_from_dataset(law, 9)
-
-
-@pytest.fixture(scope="module")
-def sections():
-    return max_damage(lattice("simple cubic", 0.3, edge=1.0), level=1, sections=17)
-
-
-def test_the_branch_is_the_mean_over_parallel_sections_with_its_band(sections, tmp_path):
-    law = open_law(write_law(tmp_path / "law.nc"))
-    damaged = with_damage(law, sections)
-    along = int(np.argmax(np.abs(sections["normal"].values[:, 2])))
-    np.testing.assert_allclose(np.abs(sections["normal"].values[along]), [0.0, 0.0, 1.0], atol=1e-9)
-    volume = lattice("simple cubic", 0.3, edge=1.0)
-    each = [
-        plane_damage(volume, (0.0, 0.0, 1.0), float(at)) for at in sections["offset"].values[along]
-    ]
-    assert float(damaged["interface_damage"]) == pytest.approx(np.mean(each))
-    low, high = damaged["interface_damage_band"].values
-    assert min(each) <= low < float(damaged["interface_damage"]) < high <= max(each)
-    assert damaged.attrs["branches"].endswith("damage: measured")
-    assert "the error budget does not have this range" in damaged.attrs["cautions"]
-
-
-def test_sections_of_other_directions_and_nothing_left_are_refused(sections, tmp_path):
-    law = open_law(write_law(tmp_path / "law.nc"))
-    keep = np.abs(sections["normal"].values[:, 2]) < 0.8
-    with pytest.raises(CaseError, match=r"no section of the volume is parallel .* the normal z"):
-        with_damage(law, sections.isel(direction=keep))
-    with pytest.raises(CaseError, match="nothing is left of the sections"):
-        with_damage(law, sections.assign(damage=1.0 + 0.0 * sections["damage"]))
-
-
-def test_joints_carry_the_undamaged_share(sections, tmp_path):
-    write_law(tmp_path / "law.nc")
-    write_dataset(sections, tmp_path / "rve.nc", DAMAGE_SECTIONS)
-    keys = '[interface]\nlaw = "law.nc"\ndamage_file = "rve.nc"'
-    text = TWO_BLOCKS.replace("[interface]", keys)
-    case = case_of(tmp_path, text)
-    bodies, (law,) = joints_of(case)
-    (bed,) = bodies.sliders(case, [law])
-    assert isinstance(bed.normal, ModifiedLaw)
-    lost, sound = float(law["interface_damage"]), law_from_dataset(law)
-    gap = sound.gap_at(np.array(1e7))
-    assert float(bed.normal.pressure(gap)) == pytest.approx((1.0 - lost) * 1e7)
-    with pytest.raises(CaseError, match="damage and damage_file, which both state the damage"):
-        case_of(tmp_path, text.replace('"rve.nc"', '"rve.nc"\ndamage = [0.1]'))

@@ -340,8 +340,7 @@ class Bodies(StructureKind):
                 made.append(self._stated(case, number, beds["slabs"]))
                 continue
             sound = changed.get(number) or law_from_dataset(law)
-            damage = interface.damage or float(law.get("interface_damage", 0.0))
-            worn = ModifiedLaw(sound, damage) if damage else sound
+            worn = ModifiedLaw(sound, interface.damage) if interface.damage else sound
             bed = sliders_from_dataset(law, normal=worn, **beds)
             made.append(replace(bed, **interface.over(case.interface).given))
         return made

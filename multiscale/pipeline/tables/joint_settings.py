@@ -268,9 +268,6 @@ class RoughInterface(JointLaw):
 
     damage: tuple[Damage, ...] = ()
     """Damage of interfaces from below: each carries 1 - D of the law; 0 if not given."""
-    damage_file: Path | None = None
-    """Dataset `damage_sections` of the material near the surface, instead of damage: every
-    interface carries 1 - D of the law, with the mean of D over the sections with normal z."""
 
 
 def _lay_caution(law: Dataset) -> list[str]:

@@ -13,7 +13,6 @@ from pydantic import Field
 from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import box_mesh
-from multiscale.io import open_dataset
 from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
@@ -30,8 +29,7 @@ from multiscale.pipeline.tables.structure_kind import (
     StructureKind,
     far_cells,
 )
-from multiscale.schema import DAMAGE_SECTIONS, Dataset
-from multiscale.upscaling.branches import with_damage
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -250,11 +248,6 @@ class RoughBodies(StructureKind, assembly_parts.Material):
             if missing := case.interface.report_missing(measured, case.strict):
                 yield missing
         damage = case.interface.damage
-        if damage and case.interface.damage_file is not None:
-            yield (
-                "[interface] has damage and damage_file, which both state the damage of the "
-                "interfaces; leave out one of them"
-            )
         if damage and len(damage) != self.joints:
             yield (
                 f"[interface] damage should have one entry for each joint ({self.joints}), got "
@@ -282,14 +275,12 @@ class JointedBodies(Bodies):
     def read_laws(
         self, case: "Case", datasets: "Datasets", open_law: joint_settings.OpenLaw
     ) -> list[Dataset | None]:
-        """Read the law of all joints, with friction, and with the damage near the surface."""
+        """Read the law of all joints, with friction."""
         interface: joint_settings.RoughInterface = case.interface
         ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]
         law = interface.complete(
             case.interface_law(datasets, open_law), ratio, pressure, case.strict
         )
-        if interface.damage_file is not None:
-            law = with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
         return [law] * len(self.interfaces)
 
     def joint_size(self, case: "Case") -> "substructures.JointSize":
