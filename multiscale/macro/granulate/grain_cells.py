@@ -291,8 +291,7 @@ def _shear(
 ) -> tuple[dict[str, Any], str]:
     """Shear a layer; return its means over the second half, and why they are not steady."""
     count, step = steps
-    frames = min(FRAMES, count + 1)
-    motion = simulate_grains(model, count * step, step, solver=solver, n_frames=frames)
+    motion = simulate_grains(model, count * step, step, solver=solver, n_frames=FRAMES)
     late, upper = slice(motion.sizes["step"] // 2, None), model.walls[1]
     force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
     height = motion["wall_position"].values[:, 1, 2]

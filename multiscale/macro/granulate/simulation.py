@@ -38,7 +38,7 @@ def simulate_grains(
     solver : Solver, optional, tolerance and limit of sweeps
     n_frames : int
         Number of equidistant times, from start to end, at which positions and forces are stored:
-        at the end of the nearest step, or exactly if an accuracy is given.
+        at the end of the nearest step, once, or exactly if an accuracy is given.
     callback : callable, optional, called as ``callback(step, residual)``
 
     Returns
@@ -126,7 +126,9 @@ class Record:
         self.rows.append(row)
 
     def show(self, state: GrainState) -> None:
-        """Record positions and forces of the last step as a frame."""
+        """Record positions and forces of the last step as a frame, unless it is the last frame."""
+        if self.frames and self.frames[-1]["frame_step"] == len(self.rows) - 1:
+            return
         n, grains = self.model.grains.n, self.model.grains
         loaded = state.contacts.loaded
         ends, normal = state.contacts.ends[loaded], state.contacts.normal[loaded]

@@ -378,3 +378,15 @@ def fall(grains=ONE, walls=FLOOR, duration=1.0, step=1e-3, accuracy=None, **opti
 
 def plane(point=(0, 0, 0), normal=(0, 0, 1), **options):
     return PlaneWall(point, normal, **options)
+
+
+def test_every_frame_is_stored_once():
+    model = Model(Grains([[0.0, 0.0, 1.01]], 0.01), FLOOR, ContactLaw())
+    result = simulate_grains(model, 4e-3, 1e-3, n_frames=9)  # more frames than steps
+    np.testing.assert_array_equal(result["frame_step"], np.arange(-1, 4))
+    fast = Grains([[0.0, 0.0, 1.01]], 0.01).moved([[0.0, 0.0, 1.01]], [[9.0, 0.0, 0.0]], None)
+    ended = simulate_grains(
+        Model(fast, (), ContactLaw(), (40.0, 0.0, 0.0), (1.0, 1.0, np.inf)), 1.0, 0.01, n_frames=101
+    )
+    assert "the motion ends at" in ended.attrs["failure"]
+    assert np.all(np.diff(ended["frame_step"]) > 0)
