@@ -50,8 +50,8 @@ def test_every_fault_is_listed_at_once(changed):
 
 
 def test_cautions_name_coarse_grids_shallow_cells_and_few_realisations(changed):
-    assert load_case("ground_steel").cautions() == []
-    assert "has 4.0 points" in load_case("ground_steel").quick().cautions()[0]
+    assert not [*load_case("ground_steel").cautions()]
+    assert "has 4.0 points" in next(load_case("ground_steel").quick().cautions())
     (caution,) = load_case(changed(("layers = 14", 'layers = 14\ndepth = "200 um"'))).cautions()
     assert "makes the longest mode 37 % too stiff" in caution
     (caution,) = load_case(changed(("realisations = 5", "realisations = 2"))).cautions()

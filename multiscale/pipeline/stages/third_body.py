@@ -10,13 +10,13 @@ from multiscale.micro.slide import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.tables.case_tables import doubt_scatter
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.lines import plot_lines
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, Dataset, PlainDataset, with_cautions
 from multiscale.upscaling import error_budget, fit_law, with_budget, with_steady_friction
 from multiscale.upscaling.budget import Term
-from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 PRESSING, SWEPT = 300, 1.2e-4  # steps before the shear, and s of a step and grain, about
 NOTHING = ("micro discretisation", "increments", "small slopes", "surface")
@@ -51,10 +51,6 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
         **job.ensemble("micro", identity, count, "cells of grains"),
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
-    few = (
-        f"{count} realisation(s) are too few for the scatter: there are no bands below "
-        f"{FEWEST_REALISATIONS}"
-    )
     density, diameter = case.grains.density, 2.0 * float(np.mean(case.grains.radius))
     response = response.assign_attrs(
         title=case.title,
@@ -65,7 +61,7 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     return with_cautions(
         response,
         *(f"{line} (no shear is known there)" for line in ended),
-        few if count < FEWEST_REALISATIONS else "",
+        *doubt_scatter(count),
     )
 
 

@@ -15,7 +15,7 @@ from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.toml_model import quantity, with_unit
 from multiscale.units import readable
 from multiscale.upscaling import MeasuredJoint, read_measured
-from multiscale.upscaling.sampling import FEWEST_PAIRS
+from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 ABSENT: Any = None  # default of optional tables, which are read only where they are given
@@ -46,6 +46,23 @@ class GridSettings(toml.Settings):
     def scope(self) -> str:
         """Short description of the cases of the same run folder."""
         return f"{self.points[0]} x {self.points[1]} points"
+
+    def doubt_waves(self, shortest: float | None, name: str, needs: str) -> Iterator[str]:
+        """Caution against the shortest wavelength of a surface, m, with too few points."""
+        if shortest is not None and shortest < 0.99 * POINTS_PER_WAVE * self.spacing:
+            yield (
+                f"the shortest wavelength of {name} has {shortest / self.spacing:.1f} points; "
+                f"{needs} {POINTS_PER_WAVE} or more"
+            )
+
+
+def doubt_scatter(realisations: int) -> Iterator[str]:
+    """Caution against realisations that are too few for bands."""
+    if realisations < FEWEST_REALISATIONS:
+        yield (
+            f"{realisations} realisation(s) are too few for the scatter: there are no bands below "
+            f"{FEWEST_REALISATIONS}"
+        )
 
 
 class VolumeSettings(toml.Settings):

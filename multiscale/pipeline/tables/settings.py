@@ -39,7 +39,7 @@ from multiscale.pipeline.tables.toml_model import OneOf, Settings, list_tables
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
 from multiscale.upscaling import at_speed
-from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
+from multiscale.upscaling.sampling import FEWEST_PAIRS
 
 if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
@@ -433,35 +433,27 @@ class Case(Settings):
             changes["structure"] = small.structure.within(small)
         return small.model_copy(update=changes)
 
-    def cautions(self) -> list[str]:
-        """Return cautions about the cells, a sentence each."""
+    def cautions(self) -> Iterator[str]:
+        """Yield cautions about the cells, a sentence each."""
         if self.rubber is not None:
-            return tyre_settings.caution_road(self)
-        cautions, spacing = [], self.cell.spacing
+            yield from tyre_settings.doubt_road(self)
+            return
         for number, body in enumerate(self.bodies, start=1):
-            cutoff = body.surface.short_cutoff if body.surface else None
-            if cutoff is not None and cutoff < 0.99 * case_tables.POINTS_PER_WAVE * spacing:
-                cautions.append(
-                    f"the shortest wavelength of body_{number} has {cutoff / spacing:.1f} points; "
-                    f"gap and contact area need {case_tables.POINTS_PER_WAVE} or more"
+            if body.surface is not None:
+                shortest = body.surface.short_cutoff
+                yield from self.cell.doubt_waves(
+                    shortest, f"body_{number}", "gap and contact area need"
                 )
             if body.hardness is not None and (self.hardness or 0.0) > body.hardness:
                 thick = readable(f"{sum(layer.thickness for layer in body.coating):.3g} m")
-                cautions.append(
+                yield (
                     f"local pressures reach {readable(f'{self.hardness:.3g} Pa')}, above the "
                     f"hardness of body_{number} below its coating: spots wider than the coating is "
                     f"thick, {thick}, press that softer body, which is not computed"
                 )
-        if self.cell.depth is not None and (
-            shallow := depth_caution(self.cell.depth, max(self.cell.size))
-        ):
-            cautions.append(shallow)
-        if self.micro.realisations < FEWEST_REALISATIONS:
-            cautions.append(
-                f"{self.micro.realisations} realisation(s) are too few for the scatter: there are "
-                f"no bands below {FEWEST_REALISATIONS}"
-            )
-        return cautions
+        if self.cell.depth is not None:
+            yield from filter(None, [depth_caution(self.cell.depth, max(self.cell.size))])
+        yield from case_tables.doubt_scatter(self.micro.realisations)
 
     @property
     def scope(self) -> str:

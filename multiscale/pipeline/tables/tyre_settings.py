@@ -9,9 +9,8 @@ from pydantic import Field
 from multiscale.laws import wlf_shift
 from multiscale.micro.elastic.viscoelastic import RelaxingSolid
 from multiscale.pipeline.tables import toml_model as toml
-from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE
+from multiscale.pipeline.tables.case_tables import doubt_scatter
 from multiscale.pipeline.tables.structure_kind import Pressed, report_far
-from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
@@ -135,20 +134,10 @@ def rubber_faults(case: "Case") -> Iterator[str]:
         yield message
 
 
-def caution_road(case: "Case") -> list[str]:
-    """Return cautions about the friction law, a sentence each."""
-    cautions, spacing, slides = [], case.cell.spacing, case.sliding
-    if case.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
-        cautions.append(
-            f"the shortest wavelength of the road has {case.road.short_cutoff / spacing:.1f} "
-            f"points; its contact needs {POINTS_PER_WAVE} or more"
-        )
-    if slides.realisations < FEWEST_REALISATIONS:
-        cautions.append(
-            f"{slides.realisations} realisation(s) are too few for the scatter: there are no "
-            f"bands below {FEWEST_REALISATIONS}"
-        )
-    wide = [speed for speed, late in pairwise(slides.speeds) if late > 31.0 * speed]
+def doubt_road(case: "Case") -> Iterator[str]:
+    """Yield cautions about the friction law, a sentence each."""
+    yield from case.cell.doubt_waves(case.road.short_cutoff, "the road", "its contact needs")
+    yield from doubt_scatter(case.sliding.realisations)
+    wide = [speed for speed, late in pairwise(case.sliding.speeds) if late > 31.0 * speed]
     if wide:
-        cautions.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
-    return cautions
+        yield f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s"
