@@ -1,6 +1,6 @@
 """Stages: cycles of bodies until an element has cracked, and a body that cracks under a load."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from multiscale.micro.damage.element_fatigue import (
 )
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders
+from multiscale.pipeline.body_budget import Change, ErrorSources, JointsOfLaw, changed_sliders
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
@@ -33,8 +33,15 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
-from multiscale.upscaling import propagate
-from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, interval_errors, unknown_terms
+from multiscale.upscaling import Bound, propagate
+from multiscale.upscaling.budget import (
+    MACRO,
+    NORMAL,
+    Term,
+    has_budget,
+    interval_errors,
+    unknown_terms,
+)
 
 SOLVES = 40  # number of solves while the inclusions crack one after the other, about
 
@@ -174,17 +181,38 @@ def _with_intervals(
 ) -> schema.Dataset:
     """Add the intervals of the life of the mean part and of the next part."""
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
-    mesh = 0.0 if coarse is None else abs(float(np.log(coarse / middle)))
+    on_mesh = Term("not known: no body has a coarser mesh")
     if coarse is not None:
+        mesh = abs(float(np.log(coarse / middle)))
         life = schema.FATIGUE_LIFE.assign(life, {"mesh_error": mesh})
+        on_mesh = Term("the life on a coarser mesh", np.array([[mesh]]))
     if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
         return schema.with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
     first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
-    law_errors, places, cautions = _law_errors(cycled, result, material, middle, first, job)
-    if table.part_deviation is None:
-        cautions.append(NO_PART_SCATTER)
-    if any(body.porous for body in cycled.bodies.bodies):
-        cautions.append(NO_VOLUME_ERRORS)
+    places = list[int]()
+
+    def shortest(change: Change) -> np.ndarray:
+        """Life of the element that cracks first with a changed law."""
+        laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
+        lives = first(cycled.solve(laws), material)
+        places.append(int(np.argmin(lives)))
+        return np.array([[float(lives.min())]])
+
+    # errors by the laws of the joints and by the mesh, of logarithms of the life
+    laws = ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws
+    budget = propagate(
+        "life",
+        [
+            *(source for law in laws for source in law.sources(_pressure_on(result, law.joints))),
+            Bound(name="mesh", bounds={MACRO: on_mesh}),
+        ],
+        shortest,
+        np.array([[middle]]),
+        progress=lambda done, total: job.progress(
+            done, total, "solves for the intervals of the life"
+        ),
+    )
+    errors = {kind: np.nan_to_num(error[0, 0]) for kind, error in interval_errors(budget).items()}
     deviations = {"mean_law": table.limit_error}
     deviations["one_part"] = float(np.hypot(table.limit_error, table.part_deviation or np.nan))
     values: dict[str, Any] = {}
@@ -195,59 +223,38 @@ def _with_intervals(
             changed = replace(material, fatigue_limit=shift * material.fatigue_limit)
             lives = first(stress, changed)
             places.append(int(np.argmin(lives)))
-            limit = np.log(lives.min() / middle)
-            logs.append(sign * np.sqrt(limit**2 + law_errors[kind] ** 2 + mesh**2))
+            logs.append(sign * np.hypot(np.log(lives.min() / middle), errors[kind]))
         ends = np.exp(logs or [np.nan, np.nan])
         values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * ends
     centre = life["position"].to_numpy()[life["corners"].to_numpy().astype(int)].mean(axis=1)
     start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
     values["crack_distance"] = np.linalg.norm(centre[places] - start, axis=1).max()
-    return schema.with_cautions(schema.FATIGUE_LIFE.assign(life, values), *cautions)
+    life = schema.FATIGUE_LIFE.assign(life, values)
+    return schema.with_cautions(life, *_left_out(cycled, budget, laws))
 
 
-def _law_errors(
-    cycled: _Cycled,
-    result: schema.Dataset,
-    material: FatigueMaterial,
-    middle: float,
-    first: Callable[..., np.ndarray],
-    job: Job,
-) -> tuple[Mapping[str, float], list[int], list[str]]:
-    """Relative half-widths of the life by all laws, elements that crack first, and cautions."""
-    squares, places, cautions = {"mean_law": 0.0, "one_part": 0.0}, list[int](), list[str]()
-    cautions += [
-        NO_LAW_BUDGET.format(number=k) for k, law in enumerate(cycled.laws) if not has_budget(law)
-    ]
+def _pressure_on(result: schema.Dataset, joints: tuple[int, ...]) -> np.ndarray | None:
+    """Mean pressure on the closed points of joints at the end of the path, Pa, if there are any."""
+    pressure = -result["traction"].to_numpy()[-1, :, 0]
+    of_law = np.isin(result["point_joint"].to_numpy(), joints)
+    closed = pressure[of_law & (pressure > 0.0)]
+    return np.array([closed.mean()]) if closed.size else None
 
-    def shortest(change: Change) -> np.ndarray:
-        """Life of the element that cracks first with a changed law."""
-        laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
-        lives = first(cycled.solve(laws), material)
-        places.append(int(np.argmin(lives)))
-        return np.array([[float(lives.min())]])
 
-    for law_errors in ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws:
-        traction = -result["traction"].to_numpy()[-1, :, 0]
-        # mean pressure on the closed points of the joints of this law
-        of_law = np.isin(result["point_joint"].to_numpy(), law_errors.joints)
-        closed = traction[of_law & (traction > 0.0)]
-        pressure = np.array([closed.mean()]) if closed.size else None
-        budget = propagate(
-            "life",
-            law_errors.sources(pressure),
-            shortest,
-            np.array([[middle]]),
-            progress=lambda done, total: job.progress(
-                done, total, "solves for the intervals of the life"
-            ),
-        )
-        for kind, error in interval_errors(budget).items():
-            squares[kind] += float(error[0, 0]) ** 2
-        # the error of the mesh enters the life separately
-        if missing := [term for term in unknown_terms(budget) if term != MACRO]:
-            cautions.append(LACKS.format(joints=law_errors.joints, terms=", ".join(missing)))
-    errors = {kind: float(np.sqrt(square)) for kind, square in squares.items()}
-    return errors, places, cautions
+def _left_out(
+    cycled: _Cycled, budget: schema.Dataset, laws: Sequence[JointsOfLaw]
+) -> Iterator[str]:
+    """Caution on errors that the intervals of the life do not count."""
+    for number, law in enumerate(cycled.laws):
+        if not has_budget(law):
+            yield NO_LAW_BUDGET.format(number=number)
+    if missing := [term for term in unknown_terms(budget) if laws and term != MACRO]:
+        joints = sum((law.joints for law in laws), ())
+        yield LACKS.format(joints=joints, terms=", ".join(missing))
+    if cycled.case.fatigue.part_deviation is None:
+        yield NO_PART_SCATTER
+    if any(body.porous for body in cycled.bodies.bodies):
+        yield NO_VOLUME_ERRORS
 
 
 def _caution_open_cycle(stress: np.ndarray) -> Iterator[str]:
