@@ -288,7 +288,8 @@ def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
         for way, steps in WAYS.items()
         for size, count, voxels in steps[: 2 if quick else None]
     ]
-    exact, coarser = (mean_moduli(1.5e-3, 12, voxels, [0])[0] for voxels in (48, 24))
+    size, count = (1e-3, 8) if quick else (1.5e-3, 12)
+    exact, coarser = (mean_moduli(size, count, voxels, [0])[0] for voxels in (48, 24))
     yield judge(rows, exact, abs(coarser / exact - 1.0))
 
 

@@ -20,8 +20,8 @@ SIZES: Mapping[tuple[str, str], tuple[int, ...]] = {
     ("deposit of grains", "sweeps"): (20, 60, 200, 600),
     ("pile with friction, solved or refused", "auto"): (30, 60, 100, 300, 1000),
     ("path of exact equilibrium of a grid", "arc length"): (4, 8, 16, 32),
-    ("two bodies with a joint", "factors"): (8, 16, 24),
-    ("two bodies with a joint", "multigrid"): (8, 16, 24, 32, 48),
+    ("two bodies with a joint", "factors"): (8, 12, 16, 24),
+    ("two bodies with a joint", "multigrid"): (8, 12, 16, 24, 32, 48),
 }
 """Modules along an edge, grains, modules again, and elements along an edge."""
 
