@@ -242,10 +242,10 @@ friction = {FRICTION:g}                 # an assumption, as is the ratio of stif
 stiffness_ratio = 0.82
 
 [statics]
-preloads = [{_listed(pressure)}]   # under the washers
+preloads = [{_listed(pressure)}]   # under the washers: {_shares(force)} kN
 
 [cycles]
-shear = "{1e-6 * shear:.2g} MPa"             # on the end of the upper plate
+shear = "{1e-6 * shear:.2g} MPa"   # on the end of the upper plate: {SLIDING:g} of sliding
 cycles = 2
 steps = 8
 """
@@ -286,6 +286,11 @@ def _positive(text: str, areas: Mapping[str, float]) -> float:
 def _listed(pressure: float) -> str:
     """Write the preloads up to a pressure."""
     return ", ".join(f'"{1e-6 * share * pressure:.3g} MPa"' for share in PRELOADS)
+
+
+def _shares(force: float) -> str:
+    """Write the forces of the preloads up to a force, kN."""
+    return " and ".join(f"{1e-3 * share * force:.4g}" for share in PRELOADS)
 
 
 def _table(settings: InstrumentSurface) -> str:

@@ -149,6 +149,7 @@ def test_a_case_for_two_faces_is_pressed_by_its_preload(
     (interface,) = case.structure.pressed(case)
     low, high = interface.steps[0][0], interface.steps[-1][1]
     assert case.micro.pressures[0] < 0.5 * low < high < 0.6 * case.micro.pressures[-1]
+    assert max(case.statics.preloads) < 0.6 * case.micro.pressures[-1]
     assert command("run", "joint.toml", "--explain")[0] == 0
 
 

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from math import pi
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.faces import face_operator
+from multiscale.fe.faces import face_of
 from multiscale.fe.mesh_file import HEX_ORDER, box_mesh
 from multiscale.io.gmsh_model import gmsh_model
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
@@ -64,6 +65,11 @@ class LapShape:
                 f"thickness, element and layers must be positive, got {self.thickness:g} m, "
                 f"{self.element:g} m and {self.layers}"
             )
+
+    @property
+    def ring(self) -> float:
+        """Area under a washer, around the hole, m²."""
+        return 0.25 * pi * (self.washer**2 - self.hole**2)
 
 
 def stacked_blocks(
@@ -130,14 +136,17 @@ def lap_joint(
         If the dimensions do not fit each other, or gmsh cannot be loaded.
     """
     lower, upper = lap_meshes(shape)
+    # the force of the bolt on the ring of the mesh, a polygon
+    meshed = np.linalg.norm(face_of(upper, "washer").normals, axis=1).sum()
+    pressure = shape.ring / float(meshed)
     below = Body(
         lower,
         materials[0],
         supports={"end": (0.0, 0.0, 0.0)},
-        tractions={} if shank else {"washer": (0.0, 0.0, partial(_fading, 1.0))},
+        tractions={} if shank else {"washer": (0.0, 0.0, partial(_fading, pressure))},
         bends=True,
     )
-    pressed = {} if shank else {"washer": (0.0, 0.0, partial(_fading, -1.0))}
+    pressed = {} if shank else {"washer": (0.0, 0.0, partial(_fading, -pressure))}
     above = Body(
         upper,
         materials[1],
@@ -146,14 +155,13 @@ def lap_joint(
         bends=True,
     )
     interface = Interface((0, 1), ("joint", "joint"), law)
-    washer = float(face_operator(above.basis, "washer")[1].sum())  # m²
-    areas = (washer, shape.width * shape.thickness)
-    bolts = (Bolt((0, 1), ("washer", "washer"), shank, areas[0]),) if shank else ()
+    bolts = (Bolt((0, 1), ("washer", "washer"), shank, shape.ring),) if shank else ()
+    areas = (shape.ring, shape.width * shape.thickness)
     return Assembly((below, above), (interface,), TIMES[bool(bolts) :], areas, bolts=bolts)
 
 
 def _fading(direction: float, position: np.ndarray, time: float) -> np.ndarray:
-    """Traction that falls from 1 Pa at time 0 to zero at time 1; worker processes import it."""
+    """Traction that falls to zero from time 0 to 1; worker processes import it."""
     return np.full(position.shape[1], direction * (1.0 - time))
 
 

@@ -82,7 +82,7 @@ def _press(structure: JointedBodies, case: Case, datasets: Datasets, job: Job) -
     result = with_contact(ready.solve(partial(_follow_joints, loading), steps, datasets, job), law)
     bolted = bool(ready.parts.assembly.bolts)
     bolts = showing.list_bolts(result, result["preload"].to_numpy()) if bolted else []
-    facts = [*showing.list_facts(result), *bolts]
+    facts = [*showing.list_facts(result), *_of_faces(case, ready.parts.assembly.areas), *bolts]
     sources = body_budget.ErrorSources.of(ready.bodies, case, ready.laws)
     result = with_cautions(result, "" if sources.meshes else NO_LARGER)
     if sources and job.intervals:
@@ -98,6 +98,17 @@ def _press(structure: JointedBodies, case: Case, datasets: Datasets, job: Job) -
         asked = body_budget.joint_answers(result, partial(ready.first_order, near))
         result = body_budget.with_joint_budget(result, sources, solve, asked, job)
     return ready.finish(result, facts)
+
+
+def _of_faces(case: Case, areas: Sequence[float]) -> Iterator[str]:
+    """Yield the forces of the preloads, and the forces over displacements of stiffnesses."""
+    pressed, sheared = (1e6 * area for area in areas)  # mm²
+    forces = ", ".join(f"{1e-9 * pressed * preload:.4g}" for preload in case.statics.preloads)
+    yield f"The preloads are pressures on {pressed:.4g} mm², forces of {forces} kN."
+    yield (
+        f"Stiffness is pressure or shear over the displacement of its face: 1 MPa/µm is "
+        f"{pressed:.4g} N/µm of preload, and {sheared:.4g} N/µm of shear."
+    )
 
 
 def _follow_joints(
