@@ -90,7 +90,9 @@ def deck(assembly, case):
     lower = 0.6 * case.apart
     lines, facets = write_bodies(assembly, lower)
     shear = [f"{time:g}, {factor:g}" for time, factor in PATH]
-    pressed = [f"{i}, P{s}, {1e-6 * PRELOAD}" for facet in facets for i, s in facet["washer"]]
+    meshed = face_operator(assembly.bodies[1].basis, "washer")[1].sum()  # m², less than the ring
+    pressure = 1e-6 * PRELOAD * SHAPE.ring / meshed
+    pressed = [f"{i}, P{s}, {pressure}" for facet in facets for i, s in facet["washer"]]
     return [
         *lines,
         *("*MATERIAL, NAME=STEEL", "*ELASTIC", "210000., .3"),
