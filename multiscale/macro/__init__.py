@@ -9,8 +9,7 @@ Solvers of each kind of structure:
 - links or elastic bodies that are cut (:func:`cut_links`, ``cut_assembly``): :func:`solve_latin`,
   :class:`NewtonSchur`, with any interface law between the bodies, over processes
 - ``Assembly``, elastic bodies, any interface law, rigid plates, bolts: :func:`solve_assembly`
-- ``RoughJoint``, two elastic blocks: :func:`press_joint` under uniform pressure, in closed form;
-  :func:`pressed_blocks` makes an ``Assembly`` of it
+- ``RoughJoint``, two elastic blocks: :func:`press_joint` under uniform pressure, in closed form
 - matrices of elastic bodies and a jump: :func:`solve_interface`, any law, all unknowns together
 - grains: :func:`granulate.simulate_grains`
 """

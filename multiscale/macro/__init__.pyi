@@ -22,7 +22,6 @@ from .continuum import solve_contact as solve_contact
 from .joint import Block as Block
 from .joint import RoughJoint as RoughJoint
 from .joint import press_joint as press_joint
-from .joint import pressed_blocks as pressed_blocks
 from .joint import soften as soften
 from .links import LinkSystem as LinkSystem
 from .links import cable_net as cable_net

@@ -20,15 +20,13 @@ from multiscale.macro import (
     LatinMethod,
     MultigridNewton,
     NewtonSchur,
-    RoughJoint,
-    pressed_blocks,
     solve_assembly,
 )
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.joint import TreadBlock
 from multiscale.macro.joint.tread import sliding_block
 from multiscale.macro.substructures import cut_assembly
-from tests.pressed_joint import press_blocks
+from tests.pressed_joint import ElementJoint, press_blocks, pressed_blocks
 
 STEEL, EDGE = Elastic(210e9, 0.3), 0.02
 STEPS = np.array([[20e6, 0.0], [20e6, 1.4e6], [20e6, 2.8e6], [20e6, -1.4e6]])  # Pa
@@ -80,10 +78,9 @@ def test_every_method_finds_the_same_path(method, whole):
 
 def tilting(law=JOINT_LAW, **options):
     """Unlike blocks pressed by a force off their middle, so that the platen tilts."""
-    lower, upper = Block(0.01, 70e9, 0.33, layers=1), Block(0.02, 210e9, 0.3, layers=1)
-    joint = RoughJoint(
-        (0.05, 0.04), lower, upper, elements=(4, 2), eccentricity=(0.012, 0.006), **options
-    )
+    lower, upper = Block(0.01, 70e9, 0.33), Block(0.02, 210e9, 0.3)
+    mesh = {"elements": (4, 2), "layers": (1, 1)} | options
+    joint = ElementJoint((0.05, 0.04), lower, upper, **mesh, eccentricity=(0.012, 0.006))
     return joint, pressed_blocks(joint, law)
 
 

@@ -5,19 +5,20 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential, HystereticLaw, NormalLaw, PowerLaw
-from multiscale.macro import Block, RoughJoint, press_joint
+from multiscale.macro import Block, press_joint
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.schema import MACRO_RESULT
 from multiscale.upscaling import Family, Parameter, fit_law, law_from_dataset, observe
-from tests.pressed_joint import press_blocks
+from tests.pressed_joint import ElementJoint, press_blocks
 
-BLOCK = Block(0.02, 210e9, 0.3, layers=1)
+BLOCK = Block(0.02, 210e9, 0.3)
 LAW = Exponential(4e9, 0.7e-6, pressure_range=(2e6, 30e6))
 PRELOADS = np.array([0.9e6, 1e6, 2e6, 30e6, 60e6, 61e6, 5e9])
 
 
 def joint(eccentricity=None):
-    return RoughJoint((0.05, 0.04), BLOCK, BLOCK, elements=(8, 1), eccentricity=eccentricity)
+    mesh = {"elements": (8, 1), "layers": (1, 1)}
+    return ElementJoint((0.05, 0.04), BLOCK, BLOCK, **mesh, eccentricity=eccentricity)
 
 
 def test_the_shares_of_a_linear_pressure_equal_its_integral():

@@ -7,8 +7,9 @@ from scipy.sparse import csr_array
 
 from multiscale.convergence import Status
 from multiscale.laws import ConvexDecreasing, Exponential
-from multiscale.macro import Block, RoughJoint, pressed_blocks, solve_interface
+from multiscale.macro import Block, solve_interface
 from multiscale.macro.substructures import assemble, cut_assembly
+from tests.pressed_joint import ElementJoint, pressed_blocks
 
 PRESSURE = 2.0e6
 EXPONENTIAL = Exponential(pressure_scale=4.0e9, decay_length=0.2e-6)
@@ -54,9 +55,10 @@ def test_a_floating_body_lands_on_the_interface_from_any_distance(law, distance)
 
 @pytest.fixture(scope="module")
 def small_joint():
-    block = Block(height=0.02, youngs_modulus=210e9, poissons_ratio=0.3, layers=1)
-    soft = Block(height=0.01, youngs_modulus=70e9, poissons_ratio=0.2, layers=1)
-    joint = RoughJoint((0.02, 0.01), block, soft, elements=(2, 1), eccentricity=(0.004, 0.001))
+    block = Block(height=0.02, youngs_modulus=210e9, poissons_ratio=0.3)
+    soft = Block(height=0.01, youngs_modulus=70e9, poissons_ratio=0.2)
+    mesh = {"elements": (2, 1), "layers": (1, 1)}
+    joint = ElementJoint((0.02, 0.01), block, soft, **mesh, eccentricity=(0.004, 0.001))
     whole = assemble(cut_assembly(pressed_blocks(joint, EXPONENTIAL)))
     return whole.stiffness, whole.load[:, 0], whole.jump, whole.weight
 

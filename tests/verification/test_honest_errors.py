@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from multiscale.macro import Block, RoughJoint
+from multiscale.macro import Block
 from multiscale.surfaces import rms_height
 from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import (
@@ -32,7 +32,7 @@ from multiscale.upscaling import (
 from multiscale.upscaling.cell_size import size_term, without_bias
 from multiscale.upscaling.law_budget import grid_term
 from multiscale.upscaling.scales import compare_scales
-from tests.pressed_joint import press_blocks
+from tests.pressed_joint import ElementJoint, press_blocks
 from tests.support import press_flat, rough_square
 
 if TYPE_CHECKING:
@@ -68,11 +68,10 @@ def ensemble(size, n, seed, *, points=8, hurst):
 
 def joint_stiffness(law, elements=8):
     """Two plates pressed off their centre, as stiff as the interface between them."""
-    plate = Block(2e-3, MODULUS, NU, layers=2)
+    plate = Block(2e-3, MODULUS, NU)
     edge = 10e-3
-    joint = RoughJoint(
-        (edge, edge), plate, plate, (elements, elements), eccentricity=(0.2 * edge, 0.0)
-    )
+    mesh = {"elements": (elements, elements), "layers": (2, 2)}
+    joint = ElementJoint((edge, edge), plate, plate, **mesh, eccentricity=(0.2 * edge, 0.0))
     return press_blocks(joint, law, PRELOAD).joint_stiffness
 
 

@@ -1,7 +1,6 @@
 from .rough_joint import Block as Block
 from .rough_joint import RoughJoint as RoughJoint
 from .rough_joint import press_joint as press_joint
-from .rough_joint import pressed_blocks as pressed_blocks
 from .rough_joint import soften as soften
 from .tread import CondensedTread as CondensedTread
 from .tread import Footprint as Footprint

@@ -3,21 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError, require
-from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.laws.interface_law import GapLaw, InterfaceLaw
-from multiscale.macro.bodies.assembly import Assembly, Interface, Platen
-from multiscale.macro.continuum.body import Body, Pins, Supports
+from multiscale.laws.interface_law import GapLaw
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.schema import MACRO_RESULT, Dataset
-
-if TYPE_CHECKING:
-    from skfem import Element
 
 TOLERANCE = 1e-8  # error of the pressure at the gap of an inverted law, relative to the preload
 
@@ -31,7 +24,6 @@ class Block:
     height : float, height, m
     youngs_modulus : float, Pa
     poissons_ratio : float, dimensionless
-    layers : int, default 4, number of elements over the height
     effective : AnisotropicElastic, optional
         Elasticity of the block with cavities or cracks, in place of its moduli; see :func:`soften`.
     """
@@ -39,7 +31,6 @@ class Block:
     height: float
     youngs_modulus: float
     poissons_ratio: float
-    layers: int = 4
     effective: AnisotropicElastic | None = None
 
     @property
@@ -63,8 +54,6 @@ class Block:
         require("height of a block", self.height, "(0, inf]", "m")
         require("youngs_modulus of a block", self.youngs_modulus, "(0, inf]", "Pa")
         require("poissons_ratio of a block", self.poissons_ratio, "(-1, 0.5)")
-        if self.layers < 1:
-            raise CaseError(f"a block needs at least one layer of elements, got {self.layers}")
 
 
 @dataclass(frozen=True)
@@ -72,43 +61,23 @@ class RoughJoint:
     """Two blocks between frictionless platens, joined by a rough frictionless interface.
 
     The lower block (side 1) stands on a fixed platen. A rigid platen on the upper block (side 2)
-    carries the force, pressure times section.
+    is guided along z and carries the force, pressure times section; a force off the centre gives a
+    pressure without closed form, of an :class:`~multiscale.macro.Assembly` with a
+    :class:`~multiscale.macro.Platen`.
 
     Parameters
     ----------
     section : tuple of float, lengths of the nominal contact along x and y, m
     lower, upper : Block, side 1 and side 2
-    elements : tuple of int, default (6, 6)
-        Number of elements along x and y, the same in both blocks.
-    eccentricity : tuple of float, optional
-        Where the force acts, measured from the centre along x and y, m. The loaded platen then
-        tilts freely. Without it the platen is guided and only moves along z.
-    element : Element, optional, scalar scikit-fem element for hexahedra; 8 nodes if not given
-    quadrature_order : int, default 3
-        Degree that the quadrature of the interface integrates exactly; higher for a joint that
-        opens locally.
     """
 
     section: tuple[float, float]
     lower: Block
     upper: Block
-    elements: tuple[int, int] = (6, 6)
-    eccentricity: tuple[float, float] | None = None
-    element: "Element | None" = None
-    quadrature_order: int = 3
 
     def __post_init__(self) -> None:
         if not min(self.section) > 0.0:
             raise CaseError(f"section must have positive lengths (m), got {self.section}")
-        if min(self.elements) < 1:
-            raise CaseError(f"elements must be at least 1 along x and y, got {self.elements}")
-        require("quadrature_order", self.quadrature_order, "[1, inf)", integer=True)
-        for arm, length in zip(self.eccentricity or (0.0, 0.0), self.section, strict=True):
-            if not abs(arm) < 0.5 * length:
-                raise CaseError(
-                    f"eccentricity must keep the force inside the section, where |eccentricity| "
-                    f"< {0.5 * length:g} m, got {arm:g}"
-                )
 
     @property
     def area(self) -> float:
@@ -154,7 +123,7 @@ def press_joint(
 
     Parameters
     ----------
-    joint : RoughJoint, without eccentricity
+    joint : RoughJoint
     law : GapLaw, in its first loading
     preloads : ndarray, shape (steps,), nominal pressures :math:`p > 0`, Pa: force over section
     samples : sequence of GapLaw
@@ -185,11 +154,6 @@ def press_joint(
         a = p \Big(\frac{h_1}{E_1} + \frac{h_2}{E_2}\Big) - (g(p) - g_0).    \tag{1}
     """
     begin = perf_counter()
-    if joint.eccentricity is not None:
-        raise CaseError(
-            "an eccentric force gives a nonuniform pressure, which has no closed form; solve the "
-            "assembly pressed_blocks(joint, law) by solve_assembly"
-        )
     p = np.asarray(preloads, dtype=float)
     if not np.all((p > 0.0) & np.isfinite(p)):
         raise CaseError(f"preloads must be positive and finite (Pa), got {p}")
@@ -241,33 +205,3 @@ def _stiffness(law: GapLaw, p: np.ndarray, compliance: float) -> dict[str, np.nd
         unloading = 1.0 / (law.unloading_ratio * K)
         stiffness["unloading_stiffness"] = 1.0 / (unloading + compliance)
     return stiffness
-
-
-def pressed_blocks(joint: RoughJoint, law: InterfaceLaw) -> Assembly:
-    """Press the upper block of a joint on the lower block by a rigid platen.
-
-    The platens are frictionless. On its platen each block is fixed along x and y at a corner and
-    along y at another corner, so that a uniform pressure gives uniaxial stress. The load case is a
-    nominal pressure of 1 Pa.
-
-    Parameters
-    ----------
-    joint : RoughJoint
-    law : InterfaceLaw, of any kind, also with friction
-    """
-    x, y = (0.5 * length for length in joint.section)
-    on_platen: Supports = {"bottom": (None, None, 0.0)}
-    bodies = []
-    for block, base, plate, supports in (
-        (joint.lower, -joint.lower.height, -joint.lower.height, on_platen),
-        (joint.upper, 0.0, joint.upper.height, {}),
-    ):
-        mesh = box_mesh(
-            (*joint.section, block.height), (*joint.elements, block.layers), origin=(-x, -y, base)
-        )
-        pins: Pins = {(-x, -y, plate): (0.0, 0.0, None), (x, -y, plate): (None, 0.0, None)}
-        bodies.append(Body(mesh, block.law, supports, element=joint.element, pins=pins))
-    point = None if joint.eccentricity is None else (*joint.eccentricity, joint.upper.height)
-    interface = Interface((0, 1), ("top", "bottom"), law, joint.quadrature_order)
-    platen_above = Platen(1, "top", -joint.area, point)
-    return Assembly(tuple(bodies), (interface,), platens=(platen_above,))

@@ -12,10 +12,10 @@ from skfem import ElementHex2
 from multiscale.laws import ConvexDecreasing, Exponential, HystereticLaw
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro import Block, RoughJoint, press_joint, soften
+from multiscale.macro import Block, press_joint, soften
 from multiscale.schema import MACRO_RESULT
 from tests.closed_forms import joint as closed_form
-from tests.pressed_joint import press_blocks
+from tests.pressed_joint import ElementJoint, press_blocks
 from tests.support import slow
 
 E, HEIGHT = 210e9, 0.02
@@ -26,7 +26,7 @@ PRESSURE_SCALE = 4e9
 
 def steel_joint(poissons_ratio=0.3, **options):
     block = Block(HEIGHT, E, poissons_ratio)
-    return RoughJoint(SECTION, block, block, **options)
+    return ElementJoint(SECTION, block, block, **options)
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def test_joint_over_solid_stiffness_is_the_closed_form(rms_height, published, po
 
 
 def test_different_blocks_are_springs_in_series():
-    lower, upper = Block(0.03, 70e9, 0.33, layers=3), Block(0.012, 210e9, 0.28, layers=2)
+    lower, upper = Block(0.03, 70e9, 0.33), Block(0.012, 210e9, 0.28)
     decay = 0.5e-6
     result = press_blocks(
-        RoughJoint(SECTION, lower, upper, elements=(3, 5)),
+        ElementJoint(SECTION, lower, upper, elements=(3, 5), layers=(3, 2)),
         Exponential(PRESSURE_SCALE, decay, gap=1e-6),
         PRELOADS,
     )
@@ -90,11 +90,12 @@ def test_different_blocks_are_springs_in_series():
 @pytest.mark.parametrize("eccentricity", [(0.0, 0.0), (0.006, 0.0), (0.02, -0.011)])
 def test_a_glued_joint_under_an_eccentric_force_follows_beam_theory(eccentricity):
     stiffness = 3e12
-    joint = RoughJoint(
+    joint = ElementJoint(
         SECTION,
-        Block(0.03, 70e9, 0.33, layers=2),
-        Block(0.012, 210e9, 0.28, layers=1),
+        Block(0.03, 70e9, 0.33),
+        Block(0.012, 210e9, 0.28),
         elements=(2, 3),
+        layers=(2, 1),
         eccentricity=eccentricity,
         element=ElementHex2(),
     )
@@ -142,12 +143,13 @@ def rigid_blocks():
 
 def press_eccentric(elements, order, ratio, **options):
     """Press blocks that are so many times as stiff as the law."""
-    block = Block(HEIGHT, ratio * 3e13 * HEIGHT, 0.3, layers=1)
-    joint = RoughJoint(
+    block = Block(HEIGHT, ratio * 3e13 * HEIGHT, 0.3)
+    joint = ElementJoint(
         SECTION,
         block,
         block,
         elements=(elements, 1),
+        layers=(1, 1),
         eccentricity=(ARM, 0.0),
         quadrature_order=order,
     )
@@ -277,7 +279,7 @@ def sheared_block():
     """Return a block of a tensor that couples pressure along z to all shears."""
     rng = np.random.default_rng(seed=8)
     root = np.eye(6) + 0.3 * rng.uniform(-1.0, 1.0, (6, 6))
-    return Block(0.01, E, 0.3, layers=2, effective=AnisotropicElastic(70e9 * root @ root.T))
+    return Block(0.01, E, 0.3, effective=AnisotropicElastic(70e9 * root @ root.T))
 
 
 @pytest.mark.parametrize(
@@ -291,13 +293,13 @@ def sheared_block():
 @pytest.mark.parametrize(
     "upper",
     [
-        pytest.param(Block(0.02, 70e9, 0.45, layers=1), id="unequal"),
-        pytest.param(soften(Block(0.02, 210e9, 0.3, layers=1), 0.5), id="softened"),
+        pytest.param(Block(0.02, 70e9, 0.45), id="unequal"),
+        pytest.param(soften(Block(0.02, 210e9, 0.3), 0.5), id="softened"),
         pytest.param(sheared_block(), id="anisotropic"),
     ],
 )
 def test_springs_in_series_equal_the_blocks_of_elements(law, upper):
-    joint = RoughJoint(SECTION, Block(0.03, E, 0.3, layers=2), upper, elements=(3, 2))
+    joint = ElementJoint(SECTION, Block(0.03, E, 0.3), upper, elements=(3, 2), layers=(2, 1))
     pressed = press_joint(joint, law, PRELOADS, samples=[law, law])
     MACRO_RESULT.check(pressed)
     assert pressed["converged"].values.all()

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from multiscale.laws import Exponential, ModifiedLaw
-from multiscale.macro import Block, RoughJoint, press_joint, soften
+from multiscale.macro import Block, press_joint, soften
 from tests.closed_forms import joint as closed_form
 from tests.closed_forms.elastic_solids import isotropic_stiffness
-from tests.pressed_joint import press_blocks
+from tests.pressed_joint import ElementJoint, press_blocks
 
 E, HEIGHT, DECAY, PRELOAD = 70e9, 0.02, 2e-6, 10e6
-BLOCK = Block(HEIGHT, E, 0.3, layers=1)
-JOINT = RoughJoint((0.05, 0.04), BLOCK, BLOCK, elements=(2, 2))
+BLOCK = Block(HEIGHT, E, 0.3)
+JOINT = ElementJoint((0.05, 0.04), BLOCK, BLOCK, elements=(2, 2), layers=(1, 1))
 LAW = Exponential(pressure_scale=4e9, decay_length=DECAY)
 
 
@@ -65,7 +65,7 @@ def test_an_isotropic_tensor_is_the_solid():
 
 
 def test_softening_keeps_everything_but_the_stiffness():
-    assert soften(BLOCK, 0.5) == Block(HEIGHT, 0.5 * E, 0.3, layers=1)
+    assert soften(BLOCK, 0.5) == Block(HEIGHT, 0.5 * E, 0.3)
 
 
 def test_a_damaged_law_carries_less():

@@ -9,13 +9,13 @@ from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Block, LatinMethod, RoughJoint, pressed_blocks
+from multiscale.macro import Block, LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
 from multiscale.micro import Cell, CellLaw, Path, self_affine, solve_cell
 from multiscale.upscaling import fit_law, law_from_dataset
-from tests.pressed_joint import press_blocks
+from tests.pressed_joint import ElementJoint, press_blocks, pressed_blocks
 
 RMS = 1e-6
 
@@ -99,8 +99,9 @@ def test_cells_pressed_before_are_not_pressed_again():
 
 
 def joint():
-    block = Block(0.01, 210e9, 0.3, layers=2)
-    return RoughJoint((0.02, 0.02), block, block, elements=(2, 2), eccentricity=(0.003, 0.0))
+    block = Block(0.01, 210e9, 0.3)
+    mesh = {"elements": (2, 2), "layers": (2, 2)}
+    return ElementJoint((0.02, 0.02), block, block, **mesh, eccentricity=(0.003, 0.0))
 
 
 def matrices(law):
