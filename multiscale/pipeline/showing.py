@@ -458,7 +458,7 @@ def list_cycles(result: Dataset) -> list[str]:
 
 
 def answer_columns(
-    answers: Mapping[str, str], values: Mapping[str, np.ndarray]
+    answers: Sequence[str], values: Mapping[str, np.ndarray]
 ) -> dict[str, list[Any]]:
     """Return labels, units and scales of the answers of runs as columns of ``SWEEP``."""
     columns: dict[str, list[Any]] = {
@@ -466,9 +466,9 @@ def answer_columns(
     }
     columns |= {"answer_unit": [], "answer_scale": []}
     overs = {name: next(filter(answers.__contains__, SHOWN[name].over), "") for name in answers}
-    for name, label in answers.items():
+    for name in answers:
         unit = SHOWN[name].in_unit(values[name].ravel())
-        row = (label or SHOWN[name].label, overs[name], name not in overs.values())
+        row = (SHOWN[name].answer, overs[name], name not in overs.values())
         for column, value in zip(columns.values(), (*row, unit.name, unit.scale), strict=True):
             column.append(value)
     return columns

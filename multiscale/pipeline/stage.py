@@ -183,9 +183,9 @@ class Stage(Shown):
     """Settings of accuracy of the stage."""
     folders: tuple[str, ...] = ()
     """Folders of a run with results that the stage reuses."""
-    answers: Mapping[str, str] = field(default_factory=dict)
-    """Variables by which runs are compared at the end of their steps or cycles, with labels, or
-    empty for the labels of ``SHOWN``. The last stage with answers counts."""
+    answers: Sequence[str] = ()
+    """Variables by which runs are compared at the end of their steps or cycles; the last stage with
+    answers counts."""
     compared: Callable[[Dataset], Dataset] = lambda dataset: dataset
     """Return a dataset with the answers under their names."""
 

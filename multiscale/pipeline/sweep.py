@@ -329,7 +329,7 @@ def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dat
     """Concatenate the points, which are read in batches; missing answers are NaN."""
     import xarray as xr
 
-    answers: dict[str, str] = {}
+    answers: dict[str, None] = {}
     texts: dict[str, list[str]] = {name: [] for name in ("failure", "caution", "missing")}
     ends: list[dict[Any, int]] = []
     parts, batch = list[Dataset](), list[Dataset]()
@@ -341,7 +341,7 @@ def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dat
         for name, column in texts.items():
             column.append(intern(point.attrs.get(name, "")))
         if not answers.keys() >= point.data_vars.keys():
-            answers |= _answering(sweep.points[k]).answers
+            answers |= dict.fromkeys(_answering(sweep.points[k]).answers)
         ends.append({name: values.shape[-1] - 1 for name, values in point.items() if values.ndim})
         batch.append(point.expand_dims(point=[k]))
         if len(batch) == MOST_JOINED or k + 1 == len(folders):
@@ -354,20 +354,20 @@ def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dat
         )
     whole = _concatenated(parts)
     whole = whole.drop_vars(whole.coords)
-    answers = {name: label for name, label in answers.items() if name in whole}
+    names = [name for name in answers if name in whole]
     joined = SWEEP.build(
-        answer_columns(answers, {name: whole[name].values for name in answers})
+        answer_columns(names, {name: whole[name].values for name in names})
         | {
             "setting": np.array(sweep.settings, dtype=str).reshape(len(folders), -1),
             "folder": [f"points/{folder.name}" for folder in folders],
             "failure": np.array(texts["failure"], dtype=object),
             "caution": np.array(texts["caution"], dtype=object),
             "missing_terms": np.array(texts["missing"], dtype=object),
-            "answer_place": np.array([[last.get(name, 0) for name in answers] for last in ends]),
+            "answer_place": np.array([[last.get(name, 0) for name in names] for last in ends]),
         },
         title=sweep.title,
     )
-    labels = {"parameter": list(sweep.parameters), "answer": list(answers)}
+    labels = {"parameter": list(sweep.parameters), "answer": names}
     joined = joined.assign_coords(labels | _coordinates(sweep))
     return joined.merge(whole, combine_attrs="override")
 

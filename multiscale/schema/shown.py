@@ -18,13 +18,15 @@ class Show:
 
     unit: str = "1"  # or the name of a family of units, see multiscale.units.shown_unit
     label: str = ""  # its name in words
+    answer: str = ""  # its name among the answers of runs; the label if not given
     digits: int = 4  # significant digits, unless its interval allows fewer
     over: Sequence[str] = ()  # horizontal axis of figures: the first of these in the dataset
     words: Sequence[str] = ()  # meanings of the values 0, 1, ...
 
     def named(self, name: str) -> "Show":
-        """Return it with a label, by default the name of its variable in words."""
-        return self if self.label else replace(self, label=name.replace("_", " "))
+        """Return it with its labels, by default the name of its variable in words."""
+        label = self.label or name.replace("_", " ")
+        return replace(self, label=label, answer=self.answer or label)
 
     def in_unit(self, values: Iterable[float]) -> Unit:
         """Return the unit for showing values, in SI units."""

@@ -59,7 +59,7 @@ class Asked:
     @property
     def label(self) -> str:
         """Its name in words."""
-        return self.stage.answers[self.name] or SHOWN[self.name].label
+        return SHOWN[self.name].answer
 
     def values(self, datasets: Datasets) -> tuple[np.ndarray, np.ndarray | None]:
         """Return the answer and the ends of its interval, if it has any."""

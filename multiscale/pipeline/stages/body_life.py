@@ -366,7 +366,7 @@ BODY_FATIGUE = Stage(
     question="After how many cycles does a crack start, and where?",
     answer=lambda life: [_report_life(life)],
     sections=_sections_of_life,
-    answers={"cycles_to_crack": "", "cycles_to_first": ""},
+    answers=("cycles_to_crack", "cycles_to_first"),
     failure=lambda life: "" if int(life["converged"]) else _report_life(life),
 )
 
@@ -474,6 +474,6 @@ CRACKING_BODY = Stage(
     question="Under which load does the body crack?",
     answer=_report_crack,
     sections=_sections_of_crack,
-    answers={"peak_load": "", "work": ""},
+    answers=("peak_load", "work"),
     failure=lambda cracked: "" if int(cracked["converged"]) else FAILED,
 )

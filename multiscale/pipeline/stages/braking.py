@@ -271,10 +271,6 @@ BRAKING = Stage(
     question="How hard does the tread block brake at its speeds and temperatures?",
     answer=braking_answer,
     sections=_sections,
-    answers={
-        "braking_force": "largest braking force",
-        "braking_coefficient": "largest force over load",
-        "sliding_speed": "its speed",
-    },
+    answers=("braking_force", "braking_coefficient", "sliding_speed"),
     compared=lambda result: with_sample_band(_hardest(result), "braking_force"),
 )

@@ -340,7 +340,7 @@ LINKS = structure_stage(
     write_link_fields,
     reads={"structure", "statics", "dynamics", "substructures"},
     question="Which tensions do the links carry, and which of them are slack?",
-    answers=dict.fromkeys(("slack_links", "largest_displacement", "largest_tension"), ""),
+    answers=("slack_links", "largest_displacement", "largest_tension"),
     more=_sections,
     answer=_answer,
 )
@@ -384,7 +384,7 @@ PLATE = structure_stage(
     write_body_fields,
     reads={"structure", "statics", "substructures"},
     question="How far does the plate move under its loads?",
-    answers={"largest_displacement": ""},
+    answers=("largest_displacement",),
     more=_plate_sections,
     answer=_plate_answer,
 )

@@ -336,5 +336,5 @@ SLIDING = Stage(
     run=_slide,
     needs=_slide_needs,
     sections=_slide_sections,
-    answers={"nominal_pressure": "", "steady_friction": ""},
+    answers=("nominal_pressure", "steady_friction"),
 )

@@ -267,13 +267,10 @@ FITTED_LAW = Stage(
     sections=_sections,
     question="How do gap, stiffness and contact of the interface depend on its pressure?",
     answer=_answer,
-    answers=dict.fromkeys(
-        (
-            "fit_pressure",
-            *("stiffness", "mean_gap", "contact_fraction", "shear_friction"),
-            *upscaling.CONDUCTANCES,
-        ),
-        "",
+    answers=(
+        "fit_pressure",
+        *("stiffness", "mean_gap", "contact_fraction", "shear_friction"),
+        *upscaling.CONDUCTANCES,
     ),
     compared=_compared,
 )

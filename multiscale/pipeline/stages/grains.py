@@ -212,6 +212,6 @@ GRAINS = structure_stage(
     check=lambda result: None,
     more=_sections,
     answer=_answer,
-    answers=dict.fromkeys(ANSWERS, ""),
+    answers=ANSWERS,
     compared=_compared,
 )

@@ -284,6 +284,6 @@ JOINT = Stage(
     question="How stiff is the joint of the two bodies at its preloads, and how much touches?",
     answer=_answer,
     sections=_sections,
-    answers=dict.fromkeys(ANSWERS, ""),
+    answers=ANSWERS,
     compared=lambda result: with_sample_band(result, "joint_stiffness"),
 )

@@ -204,17 +204,9 @@ ROUGH_JOINTS = structure_stage.structure_stage(
     check=partial(structure_stage.require_known, answer="approach"),
     more=_sections_of_joints,
     answer=_answer_of_joints,
-    answers=dict.fromkeys(
-        (
-            "preload",
-            "joint_stiffness",
-            "tangential_stiffness",
-            "interface_stiffness",
-            "real_pressure",
-            "slipping_load",
-            "cycle_energy",
-        ),
-        "",
+    answers=(
+        *("preload", "joint_stiffness", "tangential_stiffness", "interface_stiffness"),
+        *("real_pressure", "slipping_load", "cycle_energy"),
     ),
     compared=_compare_joints,
 )
@@ -450,12 +442,12 @@ LOADED_BODIES = structure_stage.structure_stage(
     quick_note=QUICK_NOTE,
     more=_sections,
     answer=lambda result: [*_answer(result), *_secants(result)],
-    answers={
-        "load_stiffness": "stiffness under the last load",
-        "interface_real_pressure": "real pressure of the last interface",
-        "slipping_load": "",
-        "cycle_energy": "",
-        "bolt_force": "largest bolt force",
-    },
+    answers=(
+        "load_stiffness",
+        "interface_real_pressure",
+        "slipping_load",
+        "cycle_energy",
+        "bolt_force",
+    ),
     compared=_compared,
 )

@@ -103,9 +103,7 @@ EQUIVALENT_PLATE = structure_stage(
     write_link_fields,
     reads={"structure", "statics"},
     question="How far does a plate of the mean stiffness of its links move, and how far do these?",
-    answers=dict.fromkeys(
-        ("largest_displacement", "slack_links", "plate_error", "first_frequency"), ""
-    ),
+    answers=("largest_displacement", "slack_links", "plate_error", "first_frequency"),
     more=_sections,
     answer=_answer,
 )

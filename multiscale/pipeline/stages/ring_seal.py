@@ -104,5 +104,5 @@ RING_SEAL = Stage(
     question="How much leaks through the roughness under a ring, against its pressure?",
     answer=_answer,
     sections=_sections,
-    answers=dict.fromkeys(ANSWERS, ""),
+    answers=ANSWERS,
 )

@@ -145,6 +145,6 @@ THIRD_BODY_LAW = Stage(
     question="Which friction and height has the layer of grains over pressure and speed?",
     answer=_answer,
     sections=_sections,
-    answers={"sliding_friction": "", "layer_height": ""},
+    answers=("sliding_friction", "layer_height"),
     compared=lambda law: _shown(law),
 )

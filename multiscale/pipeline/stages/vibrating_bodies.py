@@ -328,9 +328,6 @@ VIBRATING_BODIES = structure_stage(
     quick_note=QUICK_NOTE,
     more=_sections,
     answer=_answer,
-    answers={
-        "frequency": "frequency at the last amplitude",
-        "damping": "share of critical damping at the last amplitude",
-    },
+    answers=("frequency", "damping"),
     compared=_compared,
 )

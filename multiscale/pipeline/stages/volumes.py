@@ -330,11 +330,7 @@ REPRESENTATIVE_VOLUME = Stage(
     answer=_answer,
     sections=_sections,
     folders=(FOLDER,),
-    answers={
-        **dict.fromkeys((f"modulus_{axis}" for axis in "xyz"), ""),
-        "largest_damage": "damage of the worst section",
-        "porosity": "",
-    },
+    answers=(*(f"modulus_{axis}" for axis in "xyz"), "largest_damage", "porosity"),
     compared=_compared,
 )
 
@@ -411,5 +407,5 @@ GROWING_CRACKS = Stage(
     question="Which tension does the solid with its cracks bear, and how does it soften?",
     answer=_growth_answer,
     sections=_growth_sections,
-    answers={"strength": "", "fracture_energy": ""},
+    answers=("strength", "fracture_energy"),
 )
