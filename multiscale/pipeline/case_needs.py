@@ -13,7 +13,7 @@ from multiscale.pipeline.run_folder import is_up_to_date
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.tables.joint_settings import LawSource
 from multiscale.pipeline.tables.settings import Case
-from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, report_far
+from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, far_loads
 from multiscale.upscaling import law_from_dataset
 from multiscale.upscaling.tables import read_law
 
@@ -26,8 +26,8 @@ def prepare(case: Case) -> None:
         _refuse_without_cells(case)
     if case.structure is not None and not (case.extrapolate or case.adaptive):
         for pressed in case.structure.pressed(case):
-            if message := report_far(pressed, *_data_of(case, pressed)):
-                raise CaseError(f"{case.title}: {message}")
+            for fault in far_loads(pressed, *_data_of(case, pressed)):
+                raise CaseError(f"{case.title}: {fault}")
 
 
 EVERY = (0.0, inf)  # pressures of a law of grains, which hold at a speed only, Pa

@@ -177,10 +177,8 @@ class Bodies(StructureKind):
             measured = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, interface in enumerate(self.interfaces):
                 law = interface.over(case.interface)
-                if interface.law is None and (
-                    missing := law.report_missing(measured, case.strict, f"interface {number}")
-                ):
-                    yield missing
+                if interface.law is None:
+                    yield from law.missing(measured, case.strict, f"interface {number}")
 
     def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
         """Return the named law of every interface; None for a stated law, and for cells."""
@@ -357,8 +355,8 @@ class Bodies(StructureKind):
         """Law of an interface that is stated, with a friction that is given."""
         interface = self.interfaces[number]
         source = interface.over(case.interface)
-        if missing := source.report_missing((), case.strict, f"interface {number}"):
-            raise CaseError(missing)
+        for fault in source.missing((), case.strict, f"interface {number}"):
+            raise CaseError(fault)
         assert source.friction is not None  # else refused above
         if interface.asperities is not None:
             return interface.asperities.build(

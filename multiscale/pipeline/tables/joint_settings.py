@@ -211,23 +211,22 @@ class JointLaw(LawSource):
         """Parameters of the sliders that the case gives, by their names."""
         return self.model_dump(include={"friction", "stiffness_ratio"}, exclude_none=True)
 
-    def report_missing(
+    def missing(
         self, measured: Collection[str], strict: bool, where: str = "[interface]"
-    ) -> str:
+    ) -> Iterator[str]:
         """Report a missing value of the joints that is not measured by their law, either."""
         if self.friction is None and "friction" not in measured:
-            return (
+            yield (
                 f"{where} has no friction, and neither has the law of the joints: shear the "
                 f"cells by [micro.shear], slide them over their length or more by [slide], or give "
                 f"friction"
             )
         if strict and self.stiffness_ratio is None and "stiffness_ratio" not in measured:
-            return (
+            yield (
                 f"{where} has no stiffness_ratio, and neither has the law of the joints, and "
                 f"strict = true assumes nothing: shear the cells by [micro.shear], or give "
                 f"stiffness_ratio"
             )
-        return ""
 
     def complete(
         self,
@@ -244,8 +243,8 @@ class JointLaw(LawSource):
         if self.friction is None and "friction" not in measured and "sliding_friction" in law:
             law = take_sliding_friction(law, pressure)
             measured = upscaling.tangential_values(law)
-        if missing := self.report_missing(measured, strict, where):
-            raise CaseError(missing)
+        for fault in self.missing(measured, strict, where):
+            raise CaseError(fault)
         if self.stiffness_ratio is None and "stiffness_ratio" not in measured:
             if coated := law.attrs.get("coatings"):
                 raise CaseError(

@@ -244,8 +244,7 @@ class RoughBodies(StructureKind, assembly_parts.Material):
             measured = {"friction"} if slid else set()
             if case.micro.shear is not None:
                 measured = {"friction", "stiffness_ratio"}
-            if missing := case.interface.report_missing(measured, case.strict):
-                yield missing
+            yield from case.interface.missing(measured, case.strict)
         damage = case.interface.damage
         if damage and len(damage) != self.joints:
             yield (

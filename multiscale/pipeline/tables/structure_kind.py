@@ -78,13 +78,13 @@ class Pressed(NamedTuple):
     stated: Range | None = None  # pressures of a law that the case states itself, Pa
 
 
-def report_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
+def far_loads(pressed: Pressed, data: Range, source: str, remedy: str) -> Iterator[str]:
     """Report loads that press an interface far outside the data of its law at every step."""
     least, most = data[0] / FAR_FACTOR, data[1] * FAR_FACTOR
     if any(high >= least and low <= most for low, high in pressed.steps):
-        return ""
+        return
     ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
-    return (
+    yield (
         f"{pressed.loading} by about {_format_range(ends)}, more than a factor of {FAR_FACTOR:g} "
         f"outside the pressures of its law, {_format_range(data)} ({source}), so that all "
         f"answers would be unknown; {remedy}"
@@ -97,12 +97,8 @@ def far_cells(kind: "StructureKind", case: "Case") -> Iterator[str]:
         return
     for pressed in kind.pressed(case):
         data = case.micro.pressures[0], case.micro.pressures[-1]
-        if (
-            pressed.law is None
-            and pressed.stated is None
-            and (message := report_far(pressed, data, *OF_CELLS))
-        ):
-            yield message
+        if pressed.law is None and pressed.stated is None:
+            yield from far_loads(pressed, data, *OF_CELLS)
 
 
 def _format_range(ends: Range) -> str:

@@ -10,7 +10,7 @@ from multiscale.laws import wlf_shift
 from multiscale.micro.elastic.viscoelastic import RelaxingSolid
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.case_tables import doubt_scatter
-from multiscale.pipeline.tables.structure_kind import Pressed, report_far
+from multiscale.pipeline.tables.structure_kind import Pressed, far_loads
 
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
@@ -123,15 +123,14 @@ def rubber_faults(case: "Case") -> Iterator[str]:
             f"temperatures in [sliding] begin at {slides.temperatures[0]:g} K, where the shift of "
             f"[rubber] has no meaning; stay above {coldest:g} K"
         )
-    even = (case.tread.pressure, case.tread.pressure)
-    message = report_far(
-        Pressed("pressure in [tread] presses the road", [even]),
-        (slides.pressures[0], slides.pressures[-1]),
-        "pressures in [sliding]",
-        "give such pressures in [sliding], or set extrapolate = true in [law]",
-    )
-    if message and not case.extrapolate:
-        yield message
+    if not case.extrapolate:
+        even = (case.tread.pressure, case.tread.pressure)
+        yield from far_loads(
+            Pressed("pressure in [tread] presses the road", [even]),
+            (slides.pressures[0], slides.pressures[-1]),
+            "pressures in [sliding]",
+            "give such pressures in [sliding], or set extrapolate = true in [law]",
+        )
 
 
 def doubt_road(case: "Case") -> Iterator[str]:
