@@ -32,7 +32,7 @@ STRUCTURES = {
         "press the joints by about 5 MPa to 20 MPa",
         (5.0, 20.0),
     ),
-    "lap joint": (LAP + LAW, "press the joint by about 3.1 MPa to 9.2 MPa", (3.1, 9.2)),
+    "lap joint": (LAP + LAW, "press the joint by about 3.1 MPa to 25 MPa", (3.1, 25.0)),
 }
 
 
