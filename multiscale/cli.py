@@ -305,12 +305,18 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
 
     from multiscale.io import save_law
     from multiscale.pipeline.showing import tabulate_prediction
-    from multiscale.upscaling import best_family, fit_law, predict, read_observations
-    from multiscale.upscaling.tables import quantity_of
+    from multiscale.upscaling import (
+        best_family,
+        fit_law,
+        fitted_law,
+        predict,
+        read_observations,
+    )
+    from multiscale.upscaling.tables import quantity_of, with_specimen_budget
 
     observations = read_observations(file, quantity_of(file))
     chosen = family or best_family(observations)[0]
-    law = fit_law(observations, family=chosen)
+    law = with_specimen_budget(fit_law(observations, family=chosen), observations)
     save_law(law, out)
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
     p_shown = np.array(pressure or np.geomspace(low, high, 5))
@@ -321,10 +327,11 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
         [*law.attrs["cautions"].splitlines(), *predictions.unknown, *([beyond] if outside else [])]
     )
     n, points = observations.n_realisations, observations.pressure.size
+    fitted = observations.misses(fitted_law(law), "").distance
     title = (
         f"{chosen}{'' if family else ' (the best family)'}: {n} specimen{'s' * (n > 1)} at "
-        f"{points} pressures, error at unseen pressures "
-        f"{100.0 * float(law.attrs['cross_validated_rms_error']):.2g} %"
+        f"{points} pressures, {100.0 * float(np.sqrt(np.mean(fitted**2))):.2g} % between law and "
+        f"mean values (root mean square)"
     )
     print_table(title, *tabulate_prediction(observations.quantity, p_shown, predictions))
     typer.echo(f"law: {out}")

@@ -444,7 +444,9 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     Prediction
         A specimen differs from the mean law by the same factor at all pressures (a gap by the same
         distance): with the standard deviation s of the logarithm of that factor over n specimens,
-        the next specimen lies within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`.
+        the next specimen lies within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`. Where the ends of
+        the interval of the mean lie farther away than :math:`t s / \sqrt n`, as the scatter of
+        single values makes them, they replace this share.
     """
     from scipy.stats import t
 
@@ -464,6 +466,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     if n < 2:
         unknown.append("the interval of the next specimen is not known: there is one specimen")
         return Prediction(value, band, unknown_band, tuple(unknown))
-    half = t.ppf(0.975, n - 1) * offset.std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
-    ends = read(value) + half * np.array([[-1.0], [1.0]])
+    half, sign = t.ppf(0.975, n - 1) * offset.std(ddof=1), np.array([[-1.0], [1.0]])
+    of_mean = np.fmax(sign * (read(band) - read(value)), half / np.sqrt(n))
+    ends = read(value) + sign * np.hypot(half, of_mean)
     return Prediction(value, band, ends if additive else np.exp(ends), tuple(unknown))

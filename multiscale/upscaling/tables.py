@@ -16,14 +16,17 @@ from multiscale.units import to_si
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
+    FEW_CELLS,
+    NORMAL,
     STATED,
     Term,
     assemble_budget,
     with_budget,
 )
+from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
-from multiscale.upscaling.reading import TABLE
+from multiscale.upscaling.reading import TABLE, fitted_law
 
 _COLUMN = {
     name: "stiffness" if name.endswith("stiffness") else name.replace("_", " ")
@@ -38,6 +41,8 @@ LOWEST = 1e-3
 
 ROUNDED = 0.01
 """Distance of a row from the convex law of the others, over its pressure, allowed as rounding."""
+
+LOADS = ("pressure", "preload")  # names of the load over the nominal area, in every table
 
 COLUMNS = {"pressure": "Pa", "overclosure": "m"}  # columns of a table and their units
 
@@ -121,8 +126,20 @@ def read_columns(
     path: Path, wanted: Mapping[str, str], *, signed: Collection[str], bare: bool = False
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
     """Read columns of a table, in SI, the column of specimens, and the columns without units."""
-    table = read_table(path, lambda head: _kind(_name_and_unit(head)[0], wanted, signed))
-    present = {name: (head, unit) for head in table for name, unit in [_name_and_unit(head)]}
+    heads = units_of_columns(path)
+    # a load named as another table names it
+    renamed = {
+        other: name
+        for name, other in (LOADS, LOADS[::-1])
+        if name in wanted and name not in heads and other not in wanted
+    }
+
+    def parse(head: str) -> tuple[str, str | None]:
+        name, unit = _name_and_unit(head)
+        return renamed.get(name, name), unit
+
+    table = read_table(path, lambda head: _kind(parse(head)[0], wanted, signed))
+    present = {name: (head, unit) for head in table for name, unit in [parse(head)]}
     if missing := [name for name in wanted if name not in present]:
         example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
         raise CaseError(
@@ -130,7 +147,7 @@ def read_columns(
             f"{example}, found {', '.join(table)}"
         )
     for head in table:
-        name, _ = _name_and_unit(head)
+        name, _ = parse(head)
         if name in wanted and present[name][0] != head:
             raise CaseError(
                 f"{path}: the columns {head!r} and {present[name][0]!r} have the same name; leave "
@@ -263,4 +280,44 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
     terms = {term: Term("not in a law with a stated error") for term in ERROR_TERMS}
     terms |= dict.fromkeys(ALWAYS, zero)
     terms[STATED] = Term(f"law_error = {100.0 * error:.3g} %", half)
+    return with_budget(law, assemble_budget(terms, LAW_QUANTITIES, p))
+
+
+def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
+    r"""Return the law of measured specimens with its error budget: their scatter, and the fit.
+
+    With the standard deviation s of the logarithm of the factors between n specimens and the law,
+    the mean law has the half-width :math:`t_{0.975, n-1} s / \sqrt n`, and a specimen about it
+    :math:`t_{0.975, n-1} s`.
+    """
+    from scipy.special import stdtrit
+
+    p, normal, n = seen.pressure, fitted_law(law), seen.n_realisations
+    gap = normal.gap_at(p)
+    law = INTERFACE_LAW.assign(law, {"fit_mean_gap": law.get("fit_mean_gap", gap)})
+    # factors of the stiffness, and distances of the gap, of every specimen
+    of_gap = seen.quantity == "gap"
+    each = stiffness_of_each(seen, law) if of_gap else seen.values
+    factor = np.nanmean(np.log(each / normal.stiffness(gap)), axis=1)
+    shift = np.nanmean(seen.values - gap, axis=1) if of_gap else np.zeros(n)
+    half = np.full((3, p.size), np.nan)
+    if n > 1:
+        t = stdtrit(n - 1, 0.975)
+        half[0] = t * shift.std(ddof=1) / np.fmax(np.abs(gap), np.finfo(float).tiny)
+        half[2] = t * factor.std(ddof=1)
+    fit = np.full((3, p.size), np.nan)
+    for row, of, share_of in (
+        (0, "fit_error", "gap_fit_share"),
+        (2, "stiffness_fit_error", "stiffness_fit_share"),
+    ):
+        error, share = law[of].to_numpy(), law[share_of]
+        fit[row] = NORMAL * float(share) * np.sqrt(np.nanmean(error**2))
+    unknown = "not known: a single specimen does not show the scatter, measure 2 or more"
+    how = f"Student's interval of {n} specimens" if n > 1 else unknown
+    zero = Term("nothing: the values are measured", np.zeros((3, p.size)))
+    terms = {term: Term("not in a law of measured specimens") for term in ERROR_TERMS}
+    terms |= dict.fromkeys(ALWAYS, zero)
+    terms["sampling"] = Term(how, half / np.sqrt(n))
+    terms["fit"] = Term("error at pressures that are left out of the fit", fit)
+    terms[FEW_CELLS] = Term(how.replace("interval", "interval of the next"), half)
     return with_budget(law, assemble_budget(terms, LAW_QUANTITIES, p))

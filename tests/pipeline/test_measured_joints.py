@@ -8,10 +8,11 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import run
 from multiscale.pipeline.calibrated_law import calibrate_case
-from multiscale.upscaling import assume_shear, fit_branches
+from multiscale.upscaling import assume_shear, fit_branches, tangential_values
 from tests.pipeline.test_conducting_cases import TEXT
 from tests.support import case_of
 
+BODY = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0.3\n'
 MEASURED = """
 [law]
 samples = 50
@@ -70,6 +71,19 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
     sheared = assume_shear(cells, friction=0.2, stiffness_ratio=0.8)
     with pytest.raises(CaseError, match="and the sheared cells have measured"):
         calibrate_case(plain, sheared)
+
+
+def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(tmp_path):
+    blocks = 'kind = "blocks"\nheight = "5 mm"\nwidth = "10 mm"'
+    stacked = 'kind = "stacked_blocks"\nsize = ["10 mm", "10 mm", "5 mm"]\nelements = [2, 2, 2]'
+    case = measured_case(tmp_path, (blocks, f"{stacked}\n{BODY}[interface]"))
+    results = run(case, tmp_path / "out")
+    known = tangential_values(results["interface_law"])
+    assert known["friction"] == pytest.approx(0.3, rel=0.5)
+    assert "assumed" not in results["macro_result"].attrs["cautions"]
+    result = results["macro_result"]
+    np.testing.assert_allclose(result["interface_stiffness"], [1.2e12, 5.7e12], rtol=0.15)
+    assert np.isfinite(result["tangential_stiffness_one_part"]).all()
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ from multiscale.upscaling import (
     predict,
     read_observations,
 )
-from multiscale.upscaling.tables import quantity_of
+from multiscale.upscaling.measured_data import read_measured
+from multiscale.upscaling.tables import quantity_of, with_specimen_budget
 
 
 @pytest.fixture
@@ -125,6 +126,40 @@ def test_the_next_specimen_scatters_as_those_measured_by_students_interval():
         "the interval of the mean law is not known: 2 realisations are too few for a band of 95 %; "
         "use at least 4",
     )
+
+
+def scattered_specimens(n, noise=0.15):
+    """Specimens with a factor each, and scatter of single values."""
+    draw, p = np.random.default_rng(7).standard_normal, np.geomspace(1e6, 5e7, 8)
+    factor = np.exp(0.06 * draw((n, 1)) + noise * draw((n, 8)))
+    return observe("normal_stiffness", p, 3e12 * (p / 1e6) ** 0.6 * factor)
+
+
+def test_the_interval_of_the_next_specimen_contains_the_interval_of_the_mean():
+    seen = scattered_specimens(5)
+    prediction = predict(fit_law(seen), seen, seen.pressure)
+    assert np.all(prediction.next_specimen[0] < prediction.mean_law[0])
+    assert np.all(prediction.mean_law[1] < prediction.next_specimen[1])
+
+
+@pytest.mark.parametrize("n", [1, 2, 6])
+def test_a_law_of_specimens_has_a_budget_of_their_scatter(n):
+    seen = scattered_specimens(n, noise=0.0)
+    law = with_specimen_budget(fit_law(seen, family="power"), seen)
+    half = law["error_half_width"].sel(quantity="stiffness")
+    factor = np.log(seen.values[:, 0]).std(ddof=1) if n > 1 else np.nan
+    student = factor * {1: np.nan, 2: 12.706, 6: 2.5706}[n]
+    np.testing.assert_allclose(half.sel(error_term="few cells"), student, rtol=1e-4)
+    np.testing.assert_allclose(half.sel(error_term="sampling"), student / np.sqrt(n), rtol=1e-4)
+    assert law.attrs["unknown"] == ("sampling, few cells" if n == 1 else "")
+
+
+@pytest.mark.parametrize("load", ["preload", "pressure"])
+def test_a_load_has_either_name_in_every_table(load, write):
+    rows = "\n".join(f"{p}, {2.0 * p**0.6}" for p in (1, 3, 9))
+    file = write(f"{load} (MPa), stiffness (MPa/um)\n{rows}\n")
+    np.testing.assert_allclose(read_observations(file, "normal_stiffness").pressure[1], 3e6)
+    np.testing.assert_allclose(read_measured(file, "stiffness", error=0.1).pressure[1], 3e6)
 
 
 def test_the_column_next_to_the_pressure_names_the_quantity(write):

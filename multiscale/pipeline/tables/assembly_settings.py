@@ -174,11 +174,10 @@ class Bodies(StructureKind):
                     f"neither body has a volume; leave it out, or give damage"
                 )
         if case.has_cells:
-            measured = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, interface in enumerate(self.interfaces):
                 law = interface.over(case.interface)
                 if interface.law is None:
-                    yield from law.missing(measured, case.strict, f"interface {number}")
+                    yield from law.missing(case.known_shear, case.strict, f"interface {number}")
 
     def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
         """Return the named law of every interface; None for a stated law, and for cells."""

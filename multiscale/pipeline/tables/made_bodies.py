@@ -240,11 +240,7 @@ class RoughBodies(StructureKind, assembly_parts.Material):
         yield from body_faults(self.bodies, case)
         yield from far_cells(self, case)
         if case.has_cells:
-            slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
-            measured = {"friction"} if slid else set()
-            if case.micro.shear is not None:
-                measured = {"friction", "stiffness_ratio"}
-            yield from case.interface.missing(measured, case.strict)
+            yield from case.interface.missing(case.known_shear, case.strict)
         damage = case.interface.damage
         if damage and len(damage) != self.joints:
             yield (

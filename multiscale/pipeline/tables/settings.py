@@ -336,6 +336,15 @@ class Case(Settings):
         """The cut of the structure; a single substructure if not given."""
         return self.substructures or Substructures()
 
+    @property
+    def known_shear(self) -> set[str]:
+        """Parameters of the sliders that the law of the cells has, by its cells or as stated."""
+        if self.micro.shear is not None:
+            return {"friction", "stiffness_ratio"}
+        slid = self.slide is not None and self.slide.distance >= self.cell.size[0]
+        stated = set() if self.law is None else set(self.law.of_calibration) - {"roughness"}
+        return stated | ({"friction"} if slid else set())
+
     def interface_law(self, datasets: "Datasets", open_law: OpenLaw) -> Dataset:
         """Law of the interfaces of the structure, from the cells or from another case."""
         source = self.interface or LawSource()
