@@ -364,7 +364,8 @@ def law_sources(
         Known answers of all samples of the law; where one is NaN, a few samples are solved.
     beyond : tuple of bool
         Whether load lies below, and above the data: the change of the answers without the last data
-        at an end is then the error of the form of the law beyond it, a part of the term "fit".
+        at an end is then the error of the form of the law beyond it, a part of the term "fit",
+        which is unknown if the data are too few to leave any out.
 
     Returns
     -------
@@ -444,7 +445,12 @@ def law_sources(
         (beyond[0], "lowest", slice(1, None)),
         (beyond[1], "highest", slice(-1)),
     ):
-        if outside and "fit" in known and data[left].size >= FEWEST_PRESSURES:
+        if not outside or "fit" not in known:
+            continue
+        if data[left].size < FEWEST_PRESSURES:
+            how = f"not known beyond {data.size} pressures, of which none can be left out"
+            ends.append(Bound(name="form of the law", of=of, bounds={"fit": Term(how)}))
+        else:
             without = fit_each(observe("gap", data[left], gap[left]), gap[None, left])[0]
             how = f"the law without its {name} pressure"
             ends.append(

@@ -380,6 +380,19 @@ def write_scattered_law(file, samples=0):
     return p
 
 
+def test_few_samples_of_a_law_give_named_loads_the_scatter_of_all(meshes):
+    """Next to Student's interval of cells that scatter by a factor."""
+    text, half = TEXT.replace(STATED, 'law = "law.nc"\n'), {}
+    for samples in (0, 40):
+        write_scattered_law(meshes / "law.nc", samples)
+        result = run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
+        width = result["error_half_width"].sel(error_term="sampling", step=0)
+        half[samples] = float(width.sel(quantity="load_stiffness press"))
+        few = "4 of 40 bootstrap samples of the law, to first order"
+        assert (few in result.attrs["how_sampling"]) == (samples == 40)
+    assert half[40] == pytest.approx(half[0], rel=0.3)
+
+
 def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
     """Two alike interfaces in series: errors of one law add up, of two laws their squares."""
     for name in ("law.nc", "other.nc"):

@@ -102,8 +102,9 @@ def test_a_free_structure_and_an_amplitude_that_slides_are_reported(meshes):
     assert re.search(r"mode 1 has no solution from the modal amplitude .* kg.1/2 m on", sentence)
 
 
-def test_intervals_follow_the_budget_of_the_law(meshes):
-    write_scattered_law(meshes / "law.nc")
+@pytest.mark.parametrize("samples", [0, 40])
+def test_intervals_follow_the_budget_of_the_law(meshes, samples):
+    write_scattered_law(meshes / "law.nc", samples)
     text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER
     result = solve(meshes, text, ('"0.1 um", "0.3 um"', '"0.3 um"'))["vibration"]
     value = result["frequency"].values
@@ -111,6 +112,8 @@ def test_intervals_follow_the_budget_of_the_law(meshes):
     assert np.all((low < value) & (value < high))
     half = result["error_half_width"].sel(error_term="sampling")
     assert np.all(half.sel(quantity="damping") > half.sel(quantity="frequency"))
+    few = "4 of 40 bootstrap samples of the law, to first order"
+    assert (result.attrs["how_sampling"] == few) == (samples == 40)
     assert np.isnan(result["error_total"].sel(quantity="damping")).all()  # no cell was cycled
     assert "the error of the loss of a cycle is not known" in result.attrs["cautions"]
 

@@ -142,6 +142,25 @@ def test_load_beyond_the_data_has_the_error_of_the_form_of_the_law_there(beyond,
     assert halves[0] < error < halves[1] < 10.0 * error
 
 
+@pytest.mark.parametrize("ends", [(True, False), (False, True)])
+def test_the_form_of_a_law_of_three_pressures_is_unknown_beyond_them(ends):
+    response = response_of(TRUTH[None, :3] * np.ones((4, 1)), PRESSURE[:3])
+    law = fit_law(response, n_samples=0)
+    law = with_budget(law, error_budget(response, law, discrepancy=0.0))
+
+    def gaps(normal):
+        return normal.gap_at(PRESSURE)
+
+    value = gaps(law_from_dataset(law))
+    inside, beyond = (
+        propagate("gap", law_sources(law, beyond=where), gaps, value)
+        for where in ((False, False), ends)
+    )
+    assert np.isfinite(inside["error_total"]).all()
+    assert np.isnan(beyond["error_total"]).all()
+    assert beyond.attrs["how_fit"].endswith("3 pressures, of which none can be left out")
+
+
 def test_one_realisation_leaves_sampling_and_the_totals_unknown():
     response = ensemble(1)
     law = fit_law(response)
