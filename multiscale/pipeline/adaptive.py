@@ -1,6 +1,6 @@
 """The adaptive and the concurrent way: cells are pressed where a structure asks for them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -90,7 +90,7 @@ class PressedCells:
     def report(self) -> str:
         """Report the cells that were solved."""
         count = self.case.micro.realisations
-        listed = ", ".join(readable(f"{p:.4g} Pa") for p in sorted(self.added))
+        listed = _list_pressures(self.added)
         return (
             f"the structure asks for further pressures, and {count} cells were pressed under "
             f"{listed} too ({self.solved} steps of cells and control cells, which all points share)"
@@ -129,8 +129,19 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
         for name, pressures in further.items():
             if pressures:
                 cells[name] = cells[name].press(pressures, job)
-    notes = tuple(pressed.report() for pressed in cells.values() if pressed.added)
-    return _with_laws(cells, datasets, replace(job, notes=notes))
+    notes = [pressed.report() for pressed in cells.values() if pressed.added]
+    if any(further.values()):
+        listed = _list_pressures(p for pressures in further.values() for p in pressures)
+        notes.append(
+            f"all {ROUNDS} solves of the structure ask for further pressures, the last for "
+            f"{listed}: the answer may change with cells at more; give more pressures in [micro]"
+        )
+    return _with_laws(cells, datasets, replace(job, notes=tuple(notes)))
+
+
+def _list_pressures(pressures: Iterable[float]) -> str:
+    """List pressures by their size."""
+    return ", ".join(readable(f"{p:.4g} Pa") for p in sorted(pressures))
 
 
 def _open_cells(case: Case, named: Named, datasets: Datasets, job: Job) -> PressedCells:

@@ -108,6 +108,13 @@ def test_concurrent_blocks_have_cells_around_every_preload(ways, tmp_path):
     np.testing.assert_allclose(result["joint_stiffness"], whole["joint_stiffness"], rtol=1e-2)
 
 
+def test_a_structure_that_asks_for_ever_more_pressures_has_a_caution(ways, tmp_path, monkeypatch):
+    monkeypatch.setattr("multiscale.pipeline.adaptive.ROUNDS", 1)
+    cautions = run(steel((20.0, 40.0, 80.0), "adaptive"), tmp_path).macro_result.attrs["cautions"]
+    assert "all 1 solves of the structure ask for further pressures, the last for 5 MPa" in cautions
+    assert "solves of the structure" not in ways[0]["adaptive"].macro_result.attrs["cautions"]
+
+
 STEEL = small_steel(4).replace("coarser = 5", "coarser = 0")
 DIRECT = '[interface]\nway = "direct"\n[structure]'
 
