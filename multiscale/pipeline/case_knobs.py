@@ -11,6 +11,7 @@ from multiscale.pipeline.case_cells import longest_wave
 from multiscale.pipeline.knobs import Knob, as_read, scaled
 from multiscale.pipeline.tables.settings import Case
 from multiscale.upscaling.budget import MACRO
+from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 FEWEST_CELLS, FIRST_CELLS = 4, 8
 """Cells for the scatter: the fewest, and the fewest that a planner makes of more."""
@@ -76,17 +77,23 @@ def tread_knobs(case: Case) -> Iterator[Knob]:
 def body_knobs(case: Case) -> Iterator[Knob]:
     """Yield the knobs of bodies with joints, at rest, in cycles and in vibration."""
     spacing = {"structure.element": 0.5, "structure.elements": 2, "structure.bodies.element": 0.5}
+    both = (STRUCTURE, "vibration")
+    # meshes of files have their error in the budget
+    yield Knob(
+        "elements",
+        scaled(spacing),
+        (MACRO,),
+        costs=dict.fromkeys(both, PLANE),
+        ratio=lambda case: case.structure.refinement() if case.structure else 2.0,
+    )
     for name, keys, orders, cost in (
-        ("elements", spacing, (1.0, 2.0), PLANE),
         ("layers of the elements", {"structure.layers": 2}, (1.0, 2.0), 1.3),
         ("load steps", {"cycles.steps": 2, "statics.substeps": 2}, (1.0, 2.0), 1.0),
         ("tolerance of the substructures", {"substructures.tolerance": 0.1}, (3.0, 3.4), 0.1),
         ("slabs", {"vibration.slabs": 2}, (1.0, 2.0), 0.5),
         ("steps of a vibration", {"vibration.steps": 2}, (1.0, 2.0), 1.0),
     ):
-        stages = (STRUCTURE, "vibration")
-        terms = (MACRO,) if name == "elements" else ()  # meshes of files have it in the budget
-        yield Knob(name, scaled(keys), terms, orders, dict.fromkeys(stages, cost))
+        yield Knob(name, scaled(keys), (), orders, dict.fromkeys(both, cost))
 
 
 def _more(case: Case, rung: int) -> Case:
@@ -101,7 +108,8 @@ def _more(case: Case, rung: int) -> Case:
     if micro.control_realisations is not None:
         changes["control_realisations"] = max(count, round(factor * micro.control_realisations))
     if micro.shear is not None:
-        sheared = min(count, max(2, round(factor * micro.shear.realisations)))
+        given = micro.shear.realisations
+        sheared = min(count, max(min(FEWEST_REALISATIONS, given), round(factor * given)))
         changes["shear"] = micro.shear.model_copy(update={"realisations": sheared})
     return case.model_copy(update={"micro": micro.model_copy(update=changes)})
 

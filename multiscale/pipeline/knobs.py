@@ -32,16 +32,20 @@ class Knob:
     scatters: bool = False  # whether cells of another rung have other surfaces
     draws: float = 0.0  # power of 2 by which the sampling error falls
     adds: bool = False  # whether a higher rung adds cells to the cells of the rungs below
+    ratio: "Callable[[Case], float]" = lambda case: 2.0
+    """Return the spacing at the rung below over that of a case; 1 if it is the same."""
 
     def applies(self, case: "Case") -> bool:
         """Whether a case has the setting."""
         return self._has(case, 1) or self._has(case, -1)
 
     def lowest(self, case: "Case") -> int:
-        """Return the lowest rung of a case."""
+        """Return the lowest rung of a case; below a rung that is measured, the spacing differs."""
         rung = 0
         while rung > LOWEST and self._has(case, rung - 1):
             rung -= 1
+        while self.measured and rung < HIGHEST and self.ratio(self.change(case, rung + 1)) <= 1.0:
+            rung += 1
         return rung
 
     def _has(self, case: "Case", rung: int) -> bool:

@@ -6,11 +6,12 @@ sampling and of the fit, which knobs lower in proportion; every other knob is co
 there:
 
 .. math:: \Delta_k = A(v) - A(v - e_k), \qquad
-    \epsilon_k = \frac{\Delta_k}{2^{p_k} - 1}.    \tag{1}
+    \epsilon_k = \frac{\Delta_k}{r_k^{p_k} - 1}.    \tag{1}
 
-The order :math:`p_k` is taken where two differences show it, or where its range is narrow; then
+The ratio :math:`r_k` of the spacings is 2, or less where a mesh hardly differs. The order
+:math:`p_k` is taken where two differences show it, or where its range is narrow; then
 :math:`\epsilon_k` is added to the answer, and half of its range is a bias. Otherwise
-:math:`|\Delta_k| / (2^{p_{\min}} - 1)` is. The seconds of a stage grow with every knob by a power
+:math:`|\Delta_k| / (r_k^{p_{\min}} - 1)` is. The seconds of a stage grow with every knob by a power
 of two, measured by the same differences. The next setting is the cheapest of all steps of few rungs
 with an expected error below the target; the distance of its answer from the prediction is a bias,
 too.
@@ -40,6 +41,7 @@ MOST_GROWTH = 10.0
 NARROW = 0.5  # width of a range of orders that is taken without two differences
 BELOW, ABOVE = 0.5, 0.7  # distance of an observed order from its range, at most
 NEAR = 0.5  # distance of an order from the observed order, at most
+CLEAR_RATIO = 1.8  # of spacings, below which two differences show no order
 HIDDEN = 0.67  # bias that stays hidden in scatter, over its 95 % half-width
 NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting."""
@@ -55,6 +57,7 @@ class Outcome:
     half_width: Mapping[str, np.ndarray]  # by terms, relative; empty without a budget
     seconds: Mapping[str, float]  # of the stages, s
     bias: Mapping[str, np.ndarray] = field(default_factory=dict)  # by terms, relative, with signs
+    ratio: Mapping[str, float] = field(default_factory=dict)  # r in (1) by knobs, if it is not 2
 
 
 Solve = Callable[[Setting, bool], Outcome]
@@ -207,7 +210,8 @@ class Planner:
                     f"finer settings"
                 )
             difference = 1.0 - coarse.value / outcome.value
-            left[name] = _left(knob, difference, setting[name], old, sampling)
+            ratio = outcome.ratio.get(name, 2.0)
+            left[name] = _left(knob, difference, setting[name], old, sampling, ratio)
             growth |= _growth(knob, outcome.seconds, coarse.seconds)
         state = State(setting, outcome, left, growth)
         if before is None or any(
@@ -398,36 +402,43 @@ def halving_seconds(
 
 
 def _left(
-    knob: Knob, difference: np.ndarray, rung: int, old: KnobError | None, sampling: np.ndarray
+    knob: Knob,
+    difference: np.ndarray,
+    rung: int,
+    old: KnobError | None,
+    sampling: np.ndarray,
+    ratio: float,
 ) -> KnobError:
     """Return the error that a knob leaves by (1)."""
     low, high = knob.orders
-    nothing, first = np.zeros(difference.shape), 1.0 / (2.0**low - 1.0)
+    nothing, first = np.zeros(difference.shape), 1.0 / (ratio**low - 1.0)
     if knob.scatters:  # the rung below has as many cells, with a larger scatter
         noise = sampling * np.sqrt(1.0 + 4.0**knob.draws)
         clear = np.where(np.abs(difference) > noise, first * np.abs(difference), 0.0)
         return KnobError(nothing, clear, HIDDEN * first * noise, low, difference, rung)
     size = np.maximum(np.abs(difference), np.sqrt(np.mean(difference**2)))
-    order = _order(knob, difference, rung, old)
+    order = _order(knob, difference, rung, old, ratio)
     if not low - BELOW <= order <= high + ABOVE:
         return KnobError(nothing, first * size, nothing, nan, difference, rung)
     near = float(np.clip(order, low, high))
     most, least = (
-        1.0 / (2.0**bound - 1.0) for bound in (max(low, near - NEAR), min(high, near + NEAR))
+        1.0 / (ratio**bound - 1.0) for bound in (max(low, near - NEAR), min(high, near + NEAR))
     )
     middle, half = 0.5 * (most + least), 0.5 * (most - least)
     return KnobError(middle * difference, half * size, nothing, order, difference, rung)
 
 
-def _order(knob: Knob, difference: np.ndarray, rung: int, old: KnobError | None) -> float:
+def _order(
+    knob: Knob, difference: np.ndarray, rung: int, old: KnobError | None, ratio: float
+) -> float:
     """Return the order by two differences, the order seen before, or a narrow range's middle."""
     low, high = knob.orders
     if old is not None and rung > old.rung:
         earlier = _on(old.difference, difference)
-        if float(earlier @ difference) <= 0.0:
+        if float(earlier @ difference) <= 0.0 or ratio < CLEAR_RATIO:
             return nan
-        ratio = np.linalg.norm(earlier) / np.linalg.norm(difference)
-        return float(np.log2(ratio)) / (rung - old.rung)
+        fall = np.linalg.norm(earlier) / np.linalg.norm(difference)
+        return float(np.log2(fall)) / (rung - old.rung)
     if old is not None:
         return old.order
     return 0.5 * (low + high) if high - low < NARROW else nan

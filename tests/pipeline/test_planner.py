@@ -15,6 +15,7 @@ from multiscale.pipeline.case_knobs import body_knobs, cell_knobs
 from multiscale.pipeline.costs import cost_section
 from multiscale.pipeline.knobs import Knob, scaled
 from multiscale.pipeline.planner import Outcome, Planner, SourceCost, halving_seconds
+from multiscale.pipeline.verification import verify_run
 from multiscale.upscaling.budget import MACRO, total_error
 from tests.support import case_text
 
@@ -108,6 +109,41 @@ def test_targets_and_stated_errors_are_met_near_the_best_fixed_setting(target):
         times.append(stage.spent)
     assert min(below, fixed) >= 18
     assert np.median(times) <= 3.0 * best_fixed(target)
+
+
+@pytest.mark.parametrize(("ratio", "order"), [(1.4, 1.0), (1.4, 2.0), (1.9, 1.0)])
+def test_an_error_follows_from_the_ratio_of_the_spacings(ratio, order):
+    """Of a value 1 + spacing ** order; no order is seen between meshes that hardly differ."""
+
+    def solve(v, whole):
+        value = np.array([1.0 + 0.1 * ratio ** (-order * v["elements"])])
+        return Outcome(value, {}, {"structure": 1.0}, ratio={"elements": ratio})
+
+    planner = Planner([Knob("elements", NO_CASE)], solve, {"elements": 0})
+    state = planner.measure({"elements": 2}, planner.measure({"elements": 1}, None))
+    assert np.isfinite(state.left["elements"].order) == (ratio > 1.8)
+    np.testing.assert_array_less(abs(1.0 - 1.0 / state.value), planner.error(state) + 1e-6)
+
+
+def test_plans_of_a_lap_joint_begin_with_meshes_that_differ():
+    """Its hole has so many elements that those of 8 mm and 16 mm are the same."""
+    case = load_case("bolted_lap")
+    knob = next(knob for knob in body_knobs(case) if knob.name == "elements")
+    assert knob.ratio(knob.change(case, -1)) == 1.0
+    assert 1.2 < knob.ratio(case) < 2.0
+    assert knob.lowest(case) == -1
+    assert knob.lowest(knob.change(case, -2)) == 1
+
+
+def test_fewer_cells_leave_enough_for_their_scatter():
+    case = load_case("bolted_lap")
+    cells = next(knob for knob in cell_knobs(case) if knob.name == "cells")
+    assert cells.change(case, 0) == case
+    sheared = [cells.change(case, rung).micro.shear.realisations for rung in (0, 1)]
+    assert sheared == [4, 8]
+    few = case.micro.model_copy(update={"realisations": 16})
+    few = cells.change(case.model_copy(update={"micro": few}), -1)
+    assert (few.micro.realisations, few.micro.shear.realisations) == (8, 3)
 
 
 def test_the_cost_of_a_round_follows_the_measured_growth():
@@ -381,6 +417,7 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
     np.testing.assert_allclose(gap, plan["solved_value"], rtol=1e-12)
     assert results.macro_result.attrs["seconds"] > 0.0
     assert {"micro_response", "interface_law"} <= set(map(str, plan["stage"].values))
+    assert verify_run(tmp_path / "out").startswith("the first realisation computed again agrees")
 
     # a killed run has its cells and settings, and ends with the same answer
     cells = sorted((tmp_path / "out" / "plan").glob("*/micro/*.nc"))

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.io import save_law
+from multiscale.io import save_law, write_dataset
 from multiscale.macro import granulate
 from multiscale.pipeline import run, run_macro
-from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.third_body import THIRD_BODY_CELLS, THIRD_BODY_LAW
+from multiscale.pipeline.verification import verify_run
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import at_speed, law_from_dataset
 from multiscale.upscaling.branches import sliding_friction_at, take_sliding_friction
@@ -144,6 +146,17 @@ def test_a_law_without_a_speed_refuses_a_speed(law, tmp_path):
     del plain.attrs["sliding_speed"]
     with pytest.raises(CaseError, match="of a law of grains, and this law has none; leave it out"):
         at_speed(plain, 1.0)
+
+
+@pytest.mark.slow
+def test_a_layer_of_grains_sheared_again_agrees(tmp_path):
+    few = GRAINS.replace("number = 100", "number = 50").replace("ns = 6", "ns = 1")
+    few = few.replace('["5 cm", "5 cm"]', '["4 cm", "4 cm"]').replace('"2 kPa", ', "")
+    case = case_of(tmp_path, few.replace('"0.5 kPa", "1 kPa", ', ""))
+    (tmp_path / "case.toml").write_text(case.to_toml())
+    cells = THIRD_BODY_CELLS.run(case, {}, Job(tmp_path))
+    write_dataset(cells, tmp_path / THIRD_BODY_CELLS.file, MICRO_RESPONSE)
+    assert verify_run(tmp_path).startswith("the first realisation computed again agrees")
 
 
 @pytest.mark.parametrize(

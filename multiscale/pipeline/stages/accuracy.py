@@ -109,10 +109,11 @@ class Asked:
                 dataset[name].sel(quantity=names, error_term=term).transpose("quantity", "step")
                 for name in ("error_half_width", "error_bias")
             )
-            known = np.flatnonzero(np.isfinite(half.to_numpy()).all(axis=0))
+            widths, shifts = half.to_numpy(), bias.to_numpy()
+            known = np.flatnonzero(np.isfinite(widths).all(axis=0) | np.any(shifts, axis=0))
             if term in OF_ONE_PART or not known.size:
                 continue
-            for rows, of_term in ((half_widths, half.to_numpy()), (biases, bias.to_numpy())):
+            for rows, of_term in ((half_widths, widths), (biases, shifts)):
                 if len(names) == 1 and of_term.shape[1] == value.size:  # of every step
                     every = of_term[0]
                 else:  # of the last step, of every load
@@ -220,7 +221,8 @@ class Campaign:
             {term: np.array(values) for term, values in entry[kind].items()}
             for kind in ("half_width", "bias")
         )
-        return Outcome(np.array(entry["value"]), half, entry["seconds"], bias)
+        ratio = {knob.name: knob.ratio(case) for knob in self.knobs if whole and knob.measured}
+        return Outcome(np.array(entry["value"]), half, entry["seconds"], bias, ratio)
 
     def folder(self, case: Case) -> Path:
         """Return the folder of a case: settings with the same cells share them."""
@@ -314,8 +316,6 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
     asked = campaign.answers[campaign.answer]
     replaced = {term for knob in campaign.knobs for term in knob.terms}
     missing = [term for term in campaign.missing if term not in replaced]
-    if missing:
-        lines.append(f"The error does not include unknown terms: {', '.join(missing)}.")
     if fixed := planner.fixed(reached.state):
         listed = ", ".join(f"{term} ({100.0 * half:.2g} %)" for term, half in fixed.items())
         lines.append(f"No setting reduces: {listed}.")
@@ -326,17 +326,24 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
         lines.append(
             f"Half of the error takes about {reached.halving.expected_seconds:.3g} s more."
         )
-    return _dataset(case, asked, reached, lines, campaign)
+    return _dataset(case, asked, reached, lines, campaign, missing)
 
 
 def _dataset(
-    case: Case, asked: Asked, reached: Reached, lines: Sequence[str], campaign: Campaign
+    case: Case,
+    asked: Asked,
+    reached: Reached,
+    lines: Sequence[str],
+    campaign: Campaign,
+    missing: Sequence[str],
 ) -> Dataset:
     """Return the plan as a dataset."""
     rounds, sources, state = reached.rounds, reached.sources, reached.state
     knobs = [knob.name for knob in campaign.knobs]
     unit = SHOWN[asked.name].in_unit(state.value)
     cautions = [reached.stopped] if reached.stopped else []
+    if missing:
+        cautions.append(f"the error of the answer lacks unknown terms: {', '.join(missing)}")
     if case.has_cells and case.cell.depth is not None:
         cautions.append(
             f"depth in [cell] stays {readable(f'{case.cell.depth:.4g} m')} under the cells of "

@@ -535,6 +535,10 @@ class Bodies(StructureKind):
         ]
         return touching == [number] and not self.bodies[body].supports and not self.bolts
 
+    def refinement(self) -> float:
+        """Return the ratio of the sizes of the elements of the coarser structure; 1 without any."""
+        return max(self.coarser(), default=1.0)
+
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, if any, by the ratio of the element sizes."""
         coarse = [body.coarsened() for body in self.bodies]

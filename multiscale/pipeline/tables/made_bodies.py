@@ -194,6 +194,10 @@ class RoughBodies(StructureKind, assembly_parts.Material):
     def coarser(self) -> Mapping[float, Self]:
         """Return the same structure on larger elements, if any, by the ratio of their sizes."""
 
+    def refinement(self) -> float:
+        """Return the ratio of the sizes of the elements of the coarser structure; 1 without any."""
+        return max(self.coarser(), default=1.0)
+
     @abstractmethod
     def build(
         self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
