@@ -438,7 +438,7 @@ def _order(
         if float(earlier @ difference) <= 0.0 or ratio < CLEAR_RATIO:
             return nan
         fall = np.linalg.norm(earlier) / np.linalg.norm(difference)
-        return float(np.log2(fall)) / (rung - old.rung)
+        return float(np.log(fall) / np.log(ratio)) / (rung - old.rung)
     if old is not None:
         return old.order
     return 0.5 * (low + high) if high - low < NARROW else nan
