@@ -131,7 +131,7 @@ def structure_stage(
         lines = list(answer(result))
         yield from lines
         if solved < steps or not lines:
-            yield f"{solved} of {steps} steps have an answer; see the table."
+            yield f"{solved} of {steps} steps converged; see the table."
 
     asked: dict[str, Any] = {
         "schema": schema,

@@ -512,8 +512,9 @@ def _sentences(
     worst = int(np.argmax(pull))
     if pull[worst] > DISAGREES:
         yield (
-            f"the measured values disagree with the prior of the {prior.names[worst]}, by "
-            f"{pull[worst]:.2g} standard deviations: look at this value first"
+            f"the measured values move the {prior.names[worst]} {pull[worst]:.2g} standard "
+            f"deviations away from its value before calibration, by cells, case or default: look "
+            f"at this value first, and state it or a larger half-width if the data are right"
         )
     for row in rows:
         if abs(row.residual) > FAR:

@@ -174,10 +174,8 @@ def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
     by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
     if (n_samples == 0 or by_realisation) and confidence > most_confident(n):
         enough = next(m for m in range(3, 1000) if most_confident(m) >= confidence)
-        return (
-            f"{n} realisations are too few for a band of {100 * confidence:g} %; use at least "
-            f"{enough}"
-        )
+        drawn = f"{n} realisations are" if n > 1 else "1 realisation is"
+        return f"{drawn} too few for a band of {100 * confidence:g} %; use at least {enough}"
     needed = int(np.ceil(round(4.0 / (1.0 - confidence), 6)))
     if n_samples < needed:
         return (

@@ -195,8 +195,9 @@ def _shear(law: Dataset, of_points: float) -> list[str]:
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
     apart = law["shear_traction"].values - law["shear_bed_traction"].values
     distance = np.max(np.linalg.norm(apart, axis=1) / (friction * p))
+    count = int(law.attrs["n_sheared"])
     lines = [
-        f"Results of {law.attrs['n_sheared']} sheared realisations: before slip the tangential "
+        f"Results of {count} sheared realisation{'s' * (count > 1)}: before slip the tangential "
         f"stiffness of the interface is {x} (along x) and {y} (along y) times its normal stiffness "
         f"at the same pressure; full slip is at a shear of {friction:.3g} times the pressure. The "
         f"tangential law, a slider bed, differs from the cells by at most "
