@@ -13,6 +13,7 @@ from .interface_law import NormalLaw as NormalLaw
 from .interface_law import Response as Response
 from .interface_law import Sliding as Sliding
 from .normal import ConvexDecreasing as ConvexDecreasing
+from .normal import Dilatant as Dilatant
 from .normal import Exponential as Exponential
 from .normal import ModifiedLaw as ModifiedLaw
 from .normal import PowerLaw as PowerLaw

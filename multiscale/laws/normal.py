@@ -114,6 +114,62 @@ class PowerLaw(NormalLaw):
 
 
 @dataclass(frozen=True)
+class Dilatant(NormalLaw):
+    r"""Frictionless law of a sheared layer of rigid grains, which dilates as the pressure falls.
+
+    Parameters
+    ----------
+    pressure_scale : float, pressure :math:`p_c > 0` at which the layer is twice as high, Pa
+    solid_height : float, height :math:`h > 0` of the layer in slow shear, m
+    least_dilation : float, dilation :math:`x_0 > 0` below which the law goes on with its tangent
+    gap, pressure_range : see :class:`NormalLaw`
+
+    Notes
+    -----
+    .. math:: p(g) = p_c\, x^{-2}, \qquad x = g/h - 1 \ge x_0,    \tag{1}
+
+    at one speed: the solid fraction falls linearly with the inertial number [1]_, which is in
+    proportion to :math:`1 / \sqrt p`.
+
+    References
+    ----------
+    .. [1] F. da Cruz et al., Phys. Rev. E 72 (2005) 021309, doi:10.1103/PhysRevE.72.021309.
+    """
+
+    pressure_scale: float
+    solid_height: float
+    least_dilation: float = 1e-4
+    gap: float = 0.0
+    pressure_range: tuple[float, float] = (0.0, np.inf)
+
+    def __post_init__(self) -> None:
+        check_parameters(self, pressure_scale="Pa", solid_height="m", least_dilation="1")
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Evaluate (1); the unit is Pa."""
+        x, below = self._dilation(gap)
+        return np.asarray(self.pressure_scale * (1.0 + 2.0 * below / x) / x**2)
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Return minus the derivative of (1), Pa/m."""
+        x, _ = self._dilation(gap)
+        return np.asarray(2.0 * self.pressure_scale / self.solid_height / x**3)
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Return the local gap, m, at a pressure, Pa; infinite at zero pressure."""
+        with np.errstate(divide="ignore"):
+            share = self.pressure_scale / np.asarray(pressure, dtype=float)
+        x = np.maximum(np.sqrt(share), self.least_dilation)
+        below = np.maximum(0.0, 0.5 * x * (x**2 / share - 1.0))
+        return np.asarray(self.solid_height * (1.0 + x - below))
+
+    def _dilation(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return dilations of at least the least one, and the distances below it."""
+        x = np.asarray(gap, dtype=float) / self.solid_height - 1.0
+        return np.maximum(x, self.least_dilation), np.maximum(0.0, self.least_dilation - x)
+
+
+@dataclass(frozen=True)
 class Tabulated(NormalLaw):
     r"""Frictionless law that is linear between the points of a table.
 

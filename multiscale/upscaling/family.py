@@ -10,6 +10,7 @@ from multiscale.laws import (
     BellFriction,
     Coulomb,
     DecayingFriction,
+    Dilatant,
     ErrorFunctionArea,
     Exponential,
     HystereticLaw,
@@ -68,6 +69,7 @@ class Family:
     held: Callable[[Observations], Mapping[str, tuple[float, str]]] = field(
         default=lambda observations: {}
     )
+    even: bool = False
 
 
 def gaps_of(observations: Observations, values: np.ndarray) -> np.ndarray:
@@ -120,6 +122,13 @@ def _start_power(observations: Observations) -> dict[str, float]:
         "exponent": m,
         "pressure_scale": float((support / max(-slope, 1e-300)) ** m),
     }
+
+
+def _start_dilatant(observations: Observations) -> dict[str, float]:
+    """Fit a line through the gap over the inverse root of the pressure."""
+    slope, height = np.polyfit(observations.pressure**-0.5, observations.mean, 1)
+    slope = max(float(slope), 1e-6 * float(height))
+    return {"pressure_scale": (slope / float(height)) ** 2, "solid_height": float(height)}
 
 
 def _start_error_function(observations: Observations) -> dict[str, float]:
@@ -199,6 +208,14 @@ _FAMILIES = (
         _start_power,
     ),
     Family(
+        "dilatant",
+        ("gap",),
+        {"pressure_scale": Parameter("Pa"), "solid_height": Parameter("m")},
+        Dilatant,
+        _start_dilatant,
+        even=True,
+    ),
+    Family(
         "error_function",
         ("contact_fraction",),
         {"pressure_scale": Parameter("Pa")},
@@ -249,6 +266,11 @@ _FAMILIES = (
 )
 FAMILIES = {family.name: family for family in _FAMILIES}
 """The built-in families with parameters, by name."""
+
+
+def families_of(quantity: str) -> list[Family]:
+    """Return the families that are compared for a quantity; even scatter is of grains only."""
+    return [each for each in _FAMILIES if quantity in each.quantities and not each.even]
 
 
 def unloading_family(loading: NormalLaw) -> Family:

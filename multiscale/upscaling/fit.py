@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError, require
 from multiscale.laws import AreaLaw
 from multiscale.schema import INTERFACE_LAW, LAW_COMPARISON, Dataset, Variable, with_cautions
-from multiscale.upscaling.family import FAMILIES, Family
+from multiscale.upscaling.family import FAMILIES, Family, families_of
 from multiscale.upscaling.free_form import (
     N_TERMS,
     FitResult,
@@ -240,13 +240,19 @@ def laws_of_each(observations: Observations, law: Dataset | None = None) -> list
 
 
 def stiffness_of_each(observations: Observations, law: Dataset | None = None) -> np.ndarray:
-    """Evaluate the stiffness of the laws of all realisations, Pa/m, NaN where it is missing."""
+    """Evaluate the stiffness of the laws of all realisations, Pa/m, NaN where it is missing.
+
+    Laws of free form pass through the observed gaps, where they are evaluated; laws of a family
+    are evaluated at the observed pressures.
+    """
     counted = observations.counted
     gap = np.where(counted, observations.values, observations.mean)
     stiffness = np.full(gap.shape, np.nan)
+    smooth = law is not None and law.attrs["family"] != FREE_FORM["gap"]
     for k, law_k in enumerate(laws_of_each(observations, law)):
         if law_k is not None:
-            stiffness[k] = law_k.stiffness(gap[k])
+            at = law_k.gap_at(observations.pressure) if smooth else gap[k]
+            stiffness[k] = law_k.stiffness(at)
     return np.where(counted, stiffness, np.nan)
 
 
@@ -346,7 +352,7 @@ def compare_laws(
     data
         As of :func:`fit_law`.
     families : sequence of str or Family, optional
-        All that are built in for the quantity if not given.
+        All that are built in for the quantity if not given, but none of sheared grains.
 
     Returns
     -------
@@ -369,7 +375,7 @@ def compare_laws(
     """
     if families is None:
         quantity = data.quantity if isinstance(data, Observations) else "gap"
-        families = [family.name for family in FAMILIES.values() if quantity in family.quantities]
+        families = [family.name for family in families_of(quantity)]
         families = [*([FREE_FORM[quantity]] if quantity in FREE_FORM else []), *families]
     fits = [fit_law(data, family=family, n_samples=0).attrs for family in families]
     error = np.array([fit["cross_validated_rms_error"] for fit in fits])
@@ -415,11 +421,7 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
         If the data are refused.
     """
     n, quantity = observations.pressure.size, observations.quantity
-    names = [
-        family.name
-        for family in FAMILIES.values()
-        if quantity in family.quantities and len(family.parameters) < n
-    ]
+    names = [family.name for family in families_of(quantity) if len(family.parameters) < n]
     families = compare_laws(observations, [FREE_FORM[quantity], *names])
     admissible = families["family"].values[families["admissible"].values == 1]
     if not admissible.size:

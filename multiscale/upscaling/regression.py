@@ -145,10 +145,11 @@ def regression_of(
             f"the family {family.name!r} has {len(free)} free parameters, but only {n_points} "
             f"points were observed; observe at least {len(free) + 1}, or fix parameters"
         )
+    scale = observations.scale
     return Regression(
         family,
         observations,
-        observations.scale,
+        np.full(scale.shape, scale.mean()) if family.even else scale,
         weights,
         {name: value for name, (value, _) in family.held(observations).items()},
         free,

@@ -9,6 +9,7 @@ from multiscale.laws import (
     AsperityLaw,
     ConvexDecreasing,
     Coulomb,
+    Dilatant,
     Exponential,
     HystereticLaw,
     InterfaceLaw,
@@ -27,6 +28,7 @@ SIGNED = ConvexDecreasing(  # c < 0 in the middle: the curvature is a hat betwee
 )
 NORMAL_LAWS = {
     "exponential": Exponential(pressure_scale=2.0, decay_length=0.4, gap=0.1),
+    "dilatant": Dilatant(pressure_scale=0.5, solid_height=0.4, least_dilation=0.5),
     "convex": ConvexDecreasing(knot=np.array([0.2, 0.7]), coefficient=np.array([3.0, 1.0])),
     "convex-signed": SIGNED,
     "damaged": ModifiedLaw(SIGNED, damage=0.3),

@@ -103,6 +103,70 @@ def test_the_law_at_another_speed_has_the_inertial_number_of_its_cells(law, spee
     np.testing.assert_allclose(K, exact_slope, rtol=0.05)
 
 
+def layers(tmp_path, pressures, realisations, seed):
+    """Response of sheared layers of 60 spheres, and their case."""
+    size, some = '["5 cm", "4 cm"]', ", ".join(f'"{p} Pa"' for p in pressures)
+    text = GRAINS.replace("number = 100", f"number = 60\nseed = {seed}").replace(
+        '["5 cm", "5 cm"]', size
+    )
+    start = text.index("pressures = ")
+    text = text[:start] + f"pressures = [{some}]" + text[text.index("\n", start) :]
+    case = case_of(tmp_path, text)
+    third, p = case.third_body, np.array(pressures, dtype=float)
+    cells = []
+    for k in range(realisations):
+        radii, options = third.cell(case.grains, k)
+        speed = np.full(p.size, third.speed)
+        cells.append(granulate.shear_cells(radii, third.size, p, speed, case.grains.law, **options))
+    values = MICRO_RESPONSE.join(cells, "realisation").values
+    attributes = {"grain_density": DENSITY, "grain_diameter": DIAMETER, "cautions": ""}
+    return case, MICRO_RESPONSE.build(values, **attributes)
+
+
+@pytest.mark.slow
+def test_other_layers_dilate_and_slide_as_the_law_between_its_pressures(tmp_path):
+    case, response = layers(tmp_path, [500, 2000, 8000, 32000], 5, seed=0)
+    law = THIRD_BODY_LAW.run(case, {"micro_response": response}, None)
+    p = np.array([1000.0, 4000.0, 16000.0])
+    _, other = layers(tmp_path, p.tolist(), 4, seed=100)
+    spread = 3.18 / np.sqrt(4.0)  # Student's, of the mean of four layers
+    gap, friction = (
+        other["mean_gap"].values,
+        -np.divide(other["traction"].values[..., 1], other["traction"].values[..., 0]),
+    )
+    for values, expected, half in (
+        (gap, law_from_dataset(law).gap_at(p), law["error_total"].sel(quantity="mean_gap")),
+        (friction, sliding_friction_at(law, p), law["sliding_friction_error"]),
+    ):
+        band = expected * np.interp(p, law["fit_pressure"], half)
+        assert np.all(band < 0.2 * expected)
+        assert np.all(
+            np.abs(values.mean(axis=0) - expected)
+            < np.hypot(band, spread * values.std(axis=0, ddof=1))
+        )
+    stiffness = law["error_total"].sel(quantity="stiffness").values
+    assert np.all(stiffness < 0.5)  # a law of free form has 1 to 2
+    fall = gap[:, 0] - gap[:, -1]  # a secant of the stiffness
+    expected = -np.diff(law_from_dataset(law).gap_at(p[[0, -1]]))[0]
+    band = stiffness.max() * expected, spread * fall.std(ddof=1)
+    assert abs(fall.mean() - expected) < np.hypot(*band)
+
+
+def test_a_formula_that_the_layers_contradict_widens_the_interval(tmp_path):
+    case, p = case_of(tmp_path, GRAINS), np.geomspace(5e2, 3e4, 8)
+    response = synthetic(p, 1e-3)
+    bent = response["mean_gap"] + 5e-4 * np.sin(np.log(p / 5e2))
+    wrong = response.assign(mean_gap=bent.assign_attrs(response["mean_gap"].attrs))
+    right, misfit = (
+        THIRD_BODY_LAW.run(case, {"micro_response": each}, None)["error_half_width"].sel(
+            error_term="fit", quantity="stiffness"
+        )
+        for each in (response, wrong)
+    )
+    assert np.all(right < 0.02)
+    assert np.all(misfit > 5.0 * right + 0.02)
+
+
 def joint(tmp_path, law, interface, preloads='"2 kPa", "8 kPa"'):
     """Case of two blocks with the law of a file."""
     save_law(law, tmp_path / "law.nc")

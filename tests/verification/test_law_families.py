@@ -14,6 +14,7 @@ from multiscale.laws import (
     BellFriction,
     Coulomb,
     DecayingFriction,
+    Dilatant,
     ErrorFunctionArea,
     Exponential,
     HystereticLaw,
@@ -88,6 +89,7 @@ AT_PRESSURE = (PRESSURE,)
 CASES = [
     ("exponential", "exponential", GAP, AT_PRESSURE, Exponential(4e8, 0.45e-6), 2),
     ("power", "power", GAP, AT_PRESSURE, PowerLaw(4e8, 1.2e-6, 2.7), 3),
+    ("dilatant", "dilatant", GAP, AT_PRESSURE, Dilatant(4e3, 0.03), 2),
     ("own", OWN, GAP, AT_PRESSURE, Hardening(1e14, 0.5e-6), 2),
     ("error function", "error_function", AREA, AT_PRESSURE, ErrorFunctionArea(3e8), 1),
     ("power stiffness", "power_stiffness", SHEAR, AT_PRESSURE, STIFF, 2),

@@ -17,6 +17,9 @@ from multiscale.plotting.lines import plot_lines
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, Dataset, PlainDataset, with_cautions
 from multiscale.upscaling import error_budget, fit_law, with_budget, with_steady_friction
 from multiscale.upscaling.budget import Term
+from multiscale.upscaling.fit import laws_of_each
+from multiscale.upscaling.law_budget import sampling_term
+from multiscale.upscaling.response_observations import normal_observations
 
 PRESSING, SWEPT = 300, 1.2e-4  # steps before the shear, and s of a step and grain, about
 NOTHING = ("micro discretisation", "increments", "small slopes", "surface")
@@ -83,10 +86,37 @@ def _needs(case: Case) -> Needs:
 
 def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
     response = datasets[MICRO_RESPONSE.name]
-    law = fit_law(response, n_samples=case.law.samples, n_terms=case.law.terms)
+    law = fit_law(response, family="dilatant", n_samples=case.law.samples)
     nothing = Term("nothing: the grains are rigid spheres", np.zeros((3, law.sizes["step"])))
-    budget = error_budget(response, law, known=dict.fromkeys(NOTHING, nothing))
+    known = {**dict.fromkeys(NOTHING, nothing), "fit": _lack_of_fit(response, law)}
+    budget = error_budget(response, law, known=known)
     return with_steady_friction(with_budget(law, budget), response).assign_attrs(title=case.title)
+
+
+def _lack_of_fit(response: Dataset, law: Dataset) -> Term:
+    r"""Estimate the error of the formula of the law from misfits beyond the scatter of the layers.
+
+    With the misfits :math:`e_{kj}` of the laws of :math:`n` layers, and their mean over the layers,
+
+    .. math:: F = n (n - 1) \frac{\sum_j \bar e_j^2}{\sum_{kj} (e_{kj} - \bar e_j)^2}    \tag{1}
+
+    is 1 in the mean for a right formula, and the sampling error grows by :math:`\sqrt F` otherwise.
+    """
+    seen = normal_observations(response)
+    laws, counted = laws_of_each(seen, law), seen.counted
+    fitted = np.array(
+        [
+            np.full(seen.mean.size, np.nan) if each is None else each.gap_at(seen.pressure)
+            for each in laws
+        ]
+    )
+    error = np.where(counted, seen.values - fitted, np.nan)
+    n, mean = len(error), np.nanmean(error, axis=0)
+    scatter = np.nansum((error - mean) ** 2)
+    excess = n * (n - 1) * np.nansum(mean**2) / scatter - 1.0 if scatter > 0.0 else np.nan
+    half = np.sqrt(max(excess, 0.0)) * sampling_term(response, law, None).half_width
+    half[1] = 0.0  # the contact fraction passes through its data
+    return Term("misfit of the law of dilation beyond the scatter of the layers", half)
 
 
 def _shown(law: Dataset) -> Dataset:
