@@ -1,19 +1,31 @@
 """The command line: the Python interface with arguments and files added."""
 
-import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from multiscale import __version__
-from multiscale.bench import FAMILIES, STABILITY_FAMILIES
+from multiscale.bench.commands import bench_command, stability_command
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
-from multiscale.executors import cores, workers
+from multiscale.executors import workers
+from multiscale.options import (
+    ANYWAY,
+    AnywayOption,
+    CaseArgument,
+    DaskOption,
+    ExplainOption,
+    JobsOption,
+    LawOption,
+    QuickOption,
+    QuietOption,
+    VerboseOption,
+    check_dataset_file,
+    out_option,
+)
 from multiscale.printing import print_lines, print_table, report_line, shown_progress, warn_of
 from multiscale.units import to_lengths, to_si
 
@@ -22,7 +34,6 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline import Case, Sweep
     from multiscale.pipeline.stage import ShowProgress
-    from multiscale.schema import Dataset
 
 app = typer.Typer(
     help="From measured roughness to the stiffness of a joint.",
@@ -34,34 +45,6 @@ app = typer.Typer(
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as of shells."""
-
-CaseArgument = Annotated[str, typer.Argument(help="A case file, or the name of a shipped case.")]
-JobsOption = Annotated[
-    int, typer.Option(min=0, help="Worker processes; 0 for the number of cores.")
-]
-DaskOption = Annotated[
-    str | None, typer.Option(help="Address of a dask scheduler, for workers on other machines.")
-]
-ExplainOption = Annotated[
-    bool, typer.Option("--explain", help="Print the needs of the case, and stop.")
-]
-QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
-LawOption = Annotated[Path | None, typer.Option("--law", help="Interface law of rough joints.")]
-VerboseOption = Annotated[
-    bool, typer.Option("-v", "--verbose", help="Print the events of the log as they come.")
-]
-QuietOption = Annotated[
-    bool, typer.Option("-q", "--quiet", help="Print answers, cautions and errors, no progress.")
-]
-
-
-def _out(help_text: str) -> Any:
-    """Return the option -o of a command."""
-    return typer.Option("-o", "--out", help=help_text)
-
-
-ANYWAY = "also stages that need more than a day or more than the memory"
-AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -83,7 +66,7 @@ def _common(
 @app.command("run")
 def run_command(
     case: CaseArgument,
-    out: Annotated[Path, _out("Run folder.")] = Path("results"),
+    out: Annotated[Path, out_option("Run folder.")] = Path("results"),
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     resume: Annotated[
@@ -205,7 +188,7 @@ def _carry_out(
 @app.command("micro")
 def micro_command(
     case: CaseArgument,
-    out: Annotated[Path, _out("Response to write.")] = Path("micro_response.nc"),
+    out: Annotated[Path, out_option("Response to write.")] = Path("micro_response.nc"),
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     dask: DaskOption = None,
@@ -217,7 +200,7 @@ def micro_command(
     _refuse_both(verbose, quiet)
     from multiscale.pipeline import refuse_excess, run_micro
 
-    _check_dataset(out)
+    check_dataset_file(out)
     settings = _load_with("micro", case)
     if quick:
         settings = settings.quick()
@@ -235,7 +218,7 @@ def fit_command(
         Path,
         typer.Argument(help="Response to fit; or a table .csv of measured stiffnesses or gaps."),
     ],
-    out: Annotated[Path, _out("Law to write.")] = Path("interface_law.nc"),
+    out: Annotated[Path, out_option("Law to write.")] = Path("interface_law.nc"),
     family: Annotated[
         str,
         typer.Option(
@@ -264,7 +247,7 @@ def fit_command(
     from multiscale.upscaling import fit_branches
     from multiscale.upscaling.branches import describe_shear
 
-    _check_dataset(out)
+    check_dataset_file(out)
     if response.suffix.lower() == ".csv":
         if shear or sliding or measured:
             raise CaseError(
@@ -408,7 +391,7 @@ def export_command(
 @app.command("macro")
 def macro_command(
     case: CaseArgument,
-    out: Annotated[Path, _out("Result to write.")] = Path("macro_result.nc"),
+    out: Annotated[Path, out_option("Result to write.")] = Path("macro_result.nc"),
     quick: Annotated[
         bool, typer.Option("--quick", help="At most 4 x 4 modules, or few elements and steps.")
     ] = False,
@@ -437,7 +420,7 @@ def macro_command(
         if team.rank == 0:
             typer.echo(requirements(settings, processes=team.size).explain())
     else:
-        _check_dataset(out)
+        check_dataset_file(out)
     if not force:
         refuse_excess([settings], [out.parent], jobs=team.size)
     if explain:
@@ -495,7 +478,7 @@ def inspect_command(
         list[Path],
         typer.Argument(help="Topography files, maps or line scans, of one face or of both."),
     ],
-    out: Annotated[Path, _out("Folder of dataset and page.")] = Path("inspection"),
+    out: Annotated[Path, out_option("Folder of dataset and page.")] = Path("inspection"),
     structure: Annotated[
         Literal["blocks", "lap_joint", ""],
         typer.Option(help="Structure of the proposed case, between both faces."),
@@ -568,7 +551,7 @@ def damage_command(
             help="A case with a table rve, or a TIFF stack or folder with a binary image."
         ),
     ],
-    out: Annotated[Path, _out("Run folder.")] = Path("damage"),
+    out: Annotated[Path, out_option("Run folder.")] = Path("damage"),
     youngs_modulus: Annotated[
         str, typer.Option(help='For an image: modulus of its solid, such as "71 GPa".')
     ] = "",
@@ -598,95 +581,8 @@ def damage_command(
     _carry_out(sweep, out, quick=quick, jobs=jobs, explain=explain, verbose=verbose, quiet=quiet)
 
 
-@app.command("bench")
-def bench_command(
-    families: Annotated[
-        list[str] | None,
-        typer.Argument(help=f"Families: {', '.join(FAMILIES)}; all if not given."),
-    ] = None,
-    out: Annotated[Path, _out("Folder to write to.")] = Path("bench"),
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer scenes and grids, a single run of each.")
-    ] = False,
-) -> None:
-    """Measure error, run time and memory, and compare with the other codes that are installed."""
-    from multiscale.bench.summary import join_families, tabulate_cheapest
-    from multiscale.io import try_to_write, write_dataset
-    from multiscale.schema import WORK_PRECISION
-
-    chosen = _choose(families, tuple(FAMILIES))
-    try_to_write(out / "work_precision.nc")
-    measured, failed = {}, list[str]()
-    for name in chosen:
-        try:
-            measured[name] = _bench_family(name, out / f"{name}.nc", quick)
-        except Exception as error:  # the other families are measured all the same
-            failed.append(name)
-            if not isinstance(error, MultiscaleError):
-                traceback.print_exc()
-            report_line(f"multiscale: the family {name} failed: {error}")
-            continue
-        joined = join_families(measured)  # finished families stay if the next is killed
-        write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
-    if measured:
-        head, rows = tabulate_cheapest(joined)
-        if rows:
-            print_table("cheapest way to an error of at most", head, rows)
-        typer.echo(f"all runs: {out / 'work_precision.nc'}")
-    if failed:
-        failures = f"{len(failed)} of {len(chosen)} families failed: {', '.join(failed)}"
-        raise ConvergenceError(failures)
-
-
-def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
-    """Measure a family, write its dataset and figure, and print its runs."""
-    from multiscale.bench import bench
-    from multiscale.bench.summary import describe_load, tabulate_runs
-    from multiscale.io import write_dataset
-    from multiscale.plotting import draw_work_precision
-    from multiscale.schema import WORK_PRECISION
-
-    keep = partial(write_dataset, path=file, schema=WORK_PRECISION)  # if it is killed
-    runs = bench(name, quick=quick, report=report_line, keep=keep)
-    keep(runs)
-    figure = draw_work_precision(runs, file.with_suffix(".png"))
-    warn_of(runs.attrs["cautions"].splitlines())
-    print_table(runs.attrs["title"], *tabulate_runs(runs))
-    typer.echo(f"load of the machine: {describe_load(runs)}")
-    typer.echo(f"dataset and figure: {file}, {figure}")
-    return runs
-
-
-@app.command("stability")
-def stability_command(
-    families: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help=f"Families of the table: {', '.join(STABILITY_FAMILIES)}; all if not given."
-        ),
-    ] = None,
-    out: Annotated[Path, _out("Dataset to write.")] = Path("stability.nc"),
-    jobs: JobsOption = 0,
-) -> None:
-    """Run every stiff and extreme case: each converges, is refused, or fails."""
-    from multiscale.bench.stability import check_stability, read_cases, tabulate_stability
-    from multiscale.io import write_dataset
-    from multiscale.schema import STABILITY
-
-    cases = read_cases()
-    chosen = _choose(families, STABILITY_FAMILIES)
-    _check_dataset(out)
-    outcomes = check_stability(
-        [case for case in cases if case.family in chosen],
-        jobs=jobs or cores(),
-        report=report_line,
-        keep=partial(write_dataset, path=out, schema=STABILITY),
-    )
-    print_table(outcomes.attrs["title"], *tabulate_stability(outcomes))
-    typer.echo(f"dataset: {out}")
-    failed = int((outcomes["outcome"] == 0).sum())
-    if failed:
-        raise ConvergenceError(f"{failed} of {outcomes.sizes['case']} cases failed; see {out}")
+app.command("bench")(bench_command)
+app.command("stability")(stability_command)
 
 
 def _show_finished(out: Path, title: str, more: str = "", details: bool = False) -> None:
@@ -731,26 +627,6 @@ def _load_with(table: str, case: str) -> "Case":
     if table in settings.tables:
         return settings
     raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")
-
-
-def _check_dataset(out: Path) -> None:
-    """Refuse a file for a dataset before anything is computed."""
-    from multiscale.io import try_to_write
-
-    if out.suffix != ".nc":
-        raise CaseError(
-            f"-o {out}: the result is a dataset in a file that ends in .nc; write it to "
-            f"{out.name or 'result'}.nc, for instance"
-        )
-    try_to_write(out)
-
-
-def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
-    """Return the families that are asked for, or all."""
-    for name in families or ():
-        if name not in known:
-            raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")
-    return families or known
 
 
 def main() -> None:
