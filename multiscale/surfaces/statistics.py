@@ -14,6 +14,7 @@ from multiscale.surfaces.surface import Surface
 PIXELS_PER_WAVELENGTH = 4  # at the shortest reliable wavelength
 BINS_PER_DECADE = 12  # of the fitted density
 FEWEST_BINS = 6  # of a fit
+EDGE = 1.25  # margin of the fitted wavelengths, as the window spreads the edges of the spectrum
 DRAWN_POINTS = 512  # along an edge of the picture
 SHARES = np.linspace(0.0, 1.0, 101)
 FITTED = ("hurst_exponent", "roll_off", "fit_level", "fit_deviation")  # the fields of a fit
@@ -117,8 +118,8 @@ def describe_surface(
     shortest = max(PIXELS_PER_WAVELENGTH * pixel, resolution or 0.0)
     shortest = max(shortest, _noise_from(q, C, shortest, 1 if profile else 2))
     # self-affine fit
-    fitted_to = max(shortest, 1.25 * roughness.shortest_wave)
-    fitted_from = min(longest, roughness.longest_wave)
+    fitted_to = max(shortest, EDGE * roughness.shortest_wave)
+    fitted_from = min(longest, roughness.longest_wave / EDGE)
     band = (q >= 2.0 * np.pi / fitted_from) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
     fit = fit_self_affine(q[band], C[band], dimensions=1 if profile else 2)
     fitted = [np.nan] * 4 if fit is None else list(astuple(fit))[:4]

@@ -71,6 +71,10 @@ def test_a_body_that_is_turned_inside_out_is_noticed():
     force, _, _, smallest = element_response(elements, law, u, rest)
     assert smallest <= 0.0
     assert np.all(np.isnan(force))
+    # up to there the smallest volume ratio is the ratio of the most compressed point
+    mild = element_response(elements, law, 1e-3 * u, rest)[3]
+    milder = element_response(elements, law, 5e-4 * u, rest)[3]
+    assert mild < milder < 1.0
 
 
 @pytest.mark.parametrize("kind", [MeshQuad, MeshHex])

@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.fe.elasticity import displacement_basis
-from multiscale.fe.faces import face_of, face_points, facet_normals, mortar_rows
+from multiscale.errors import CaseError
+from multiscale.fe.faces import face_of, face_points, facet_normals, mortar_rows, plane_frame
 from tests.contact_scenes import block, distorted, rotation_2d
 
 
@@ -22,6 +23,15 @@ def test_facets_look_outwards_and_their_nodes_share_the_area():
             np.testing.assert_array_equal(values.indices, face.nodes)
             # facets of distorted hexahedra are warped: their area exceeds the normals' length
             assert areas.sum() == pytest.approx(np.linalg.norm(normal, axis=1).sum(), rel=2e-2)
+
+
+@pytest.mark.parametrize("kind", [MeshQuad, MeshHex])
+def test_a_face_bent_around_an_axis_is_not_plane(kind):
+    mesh = block(kind, (2,) * kind().dim(), np.zeros(kind().dim()), np.ones(kind().dim()))
+    bent = mesh.with_boundaries({"bent": np.union1d(*map(mesh.boundaries.get, ("top", "left")))})
+    plane_frame(face_of(mesh, "top"), "top")
+    with pytest.raises(CaseError, match="boundary 'bent' of a joint must be plane"):
+        plane_frame(face_of(bent, "bent"), "bent")
 
 
 def surfaces(d, kinds, seed):

@@ -9,6 +9,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import solve_friction
+from multiscale.nonsmooth.friction_problem import scale_friction
 from tests.nonsmooth.friction_problems import random_problem, random_stack
 
 
@@ -19,6 +20,14 @@ def test_units_change_nothing(mass_unit, speed_unit):
     r = solve_friction(W, q, mu, tolerance=1e-11).unwrap()
     scaled = solve_friction(W / mass_unit, q * speed_unit, mu, tolerance=1e-10)
     np.testing.assert_allclose(scaled.unwrap() / (mass_unit * speed_unit), r, rtol=1e-6, atol=1e-9)
+
+
+def test_an_immobile_contact_has_the_units_of_the_others():
+    W, q, mu = random_problem(3, np.random.default_rng(seed=1), friction=0.4)
+    W = W.toarray()
+    W[:3], W[:, :3] = 0.0, 0.0
+    unit, scaled = (scale_friction(factor * W, q, mu).reaction_unit for factor in (1.0, 1e12))
+    np.testing.assert_allclose(1e12 * scaled, unit, rtol=1e-12)
 
 
 def test_a_stack_in_any_units_gets_the_same_verdict():

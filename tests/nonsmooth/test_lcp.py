@@ -344,3 +344,11 @@ def test_pure_rounding_is_not_an_error():
     matrix = condensed(mass, directions)
     assert verify_lcp(matrix, vector, weight) <= 1e-10
     assert verify_lcp(matrix, vector, weight * (1.0 + 1e-4)) >= 5e-5
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_an_error_above_the_largest_rounding_counts_in_all_units(unit):
+    matrix, vector = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([-1.0, 1.0])
+    far = np.full(2, 1e12)  # rounding of the terms exceeds the millionth of the data
+    error = verify_lcp(matrix, unit * vector, unit * far)
+    assert error == pytest.approx(1.0 - 1e-6, rel=1e-9)

@@ -80,5 +80,7 @@ def test_the_length_of_a_cosine_is_its_inverse_wave_number():
     x, y = np.meshgrid(np.arange(200) / 100.0, np.arange(20) / 50.0, indexing="ij")
     place, area = np.stack([x.ravel(), y.ravel()], axis=1), np.full(x.size, 2e-4)
     wave = np.cos(2.0 * np.pi * place[:, 0])
-    assert pressure_length_of_points(place, wave, area) == pytest.approx(0.5 / np.pi, rel=1e-2)
+    for unit in (1e-9, 1.0, 1e9):
+        length = pressure_length_of_points(place, unit * wave, area)
+        assert length == pytest.approx(0.5 / np.pi, rel=1e-2)
     assert pressure_length_of_points(place, np.ones(x.size), area) == np.inf

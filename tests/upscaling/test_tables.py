@@ -45,6 +45,11 @@ def test_semicolons_separate_numbers_with_decimal_commas(write):
     np.testing.assert_allclose([*seen.pressure, *seen.values[0]], [1.5e6, 2e12])
 
 
+def test_decimal_commas_do_not_change_texts(write):
+    table = read_table(write("p;note\n1,5;a,b\n"), lambda name: str if name == "note" else float)
+    assert table == {"p": [1.5], "note": ["a,b"]}
+
+
 def test_without_specimens_repeated_points_are_separated_by_their_order(write):
     seen = read_observations(
         write("pressure (Pa),contact fraction (%)\n1,10\n2,20\n1,12\n"), "contact_fraction"
