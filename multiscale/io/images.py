@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.files import first_line, missing_file
+
+MOST_VOXELS = 2**30  # of an image
 
 
 @dataclass(frozen=True)
@@ -197,9 +200,14 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
             slices = tifffile.natural_sorted(names)
             if not slices:
                 raise CaseError(f"{path}: the folder holds no .tif file; give the slices as TIFF")
-            pages = [tifffile.imread(p) for p in slices]
+            count, pages = 0, []
+            for name in slices:
+                with tifffile.TiffFile(name) as file:
+                    count += _check_count(Path(name), file, count)
+                    pages.append(np.asarray(file.asarray()))
             return _stack(path, [Path(p) for p in slices], pages), None
         with tifffile.TiffFile(path) as file:
+            _check_count(path, file)
             return np.asarray(file.asarray()), _voxel_edges(file)
     except CaseError:
         raise
@@ -207,6 +215,17 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
         raise CaseError(
             f"{path}: cannot be read as images ({first_line(error)}); export it again"
         ) from error
+
+
+def _check_count(path: Path, file: Any, before: int = 0) -> int:
+    """Return the number of voxels of a file, unless it has too many with those before it."""
+    shape = file.series[0].shape
+    if before + prod(shape) > MOST_VOXELS:
+        raise CaseError(
+            f"{path}: with its array of shape {shape} the image has more than {MOST_VOXELS:,} "
+            f"voxels; give a part of it, or larger voxels"
+        )
+    return prod(shape)
 
 
 def _stack(path: Path, files: list[Path], pages: list[np.ndarray]) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from io import BytesIO
+from math import prod
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,8 @@ _TRENDS = ("mean", "plane", "curvature")
 
 NPY = b"\x93NUMPY"
 MOST_SPIKES = 0.01  # largest share of points that are spikes
+MOST_POINTS = 2**28  # of a map, which takes about ten times the memory of its heights
+LARGEST_FILE = 16 * MOST_POINTS  # bytes
 
 BOM = b"\xef\xbb\xbf"
 
@@ -179,6 +182,12 @@ def open_topography(
     with _reading(path) as reader:
         # topography in m, or in the unit of the caller for a file without units
         entry = _pick_channel(path, reader, channel)
+        if prod(entry.nb_grid_pts) > MOST_POINTS:
+            points = " x ".join(map(str, entry.nb_grid_pts))
+            raise CaseError(
+                f"{path}: {points} points are more than {MOST_POINTS:,} in all; export fewer "
+                f"points, or a part of the map"
+            )
         _check_metadata(path, entry, size, unit)
         given: dict[str, Any] = {} if entry.unit is not None else {"unit": "m"}
         if entry.physical_sizes is None:
@@ -288,6 +297,11 @@ def _reading(path: Path) -> Iterator[Any]:
             ) from error
         try:
             with stream:
+                if (length := path.stat().st_size) > LARGEST_FILE:  # readers may load it whole
+                    raise CaseError(
+                        f"{path}: {1e-9 * length:.3g} GB are more than {1e-9 * LARGEST_FILE:.3g} "
+                        f"GB; export fewer points, or a part of the map"
+                    )
                 begin = stream.read(len(NPY))
                 if begin == NPY:
                     _check_array(path)

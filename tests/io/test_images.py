@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import read_images
+from multiscale.io import images, read_images
 from multiscale.io.images import VoxelImage
 from tests.support import run_python
 
@@ -112,6 +112,17 @@ def test_an_unreadable_image_is_refused_with_a_sentence(void, tmp_path):
             read_images(path)
     with pytest.raises(CaseError, match=r"stack.*|.*three positive lengths"):
         read_images(plain, voxel_size=-1.0)
+
+
+def test_an_image_of_too_many_voxels_is_refused(void, tmp_path, monkeypatch):
+    stack, slices = write_imagej(tmp_path / "deep.tif", void), tmp_path / "slices"
+    slices.mkdir()
+    for k, page in enumerate(pages(void)):
+        tifffile.imwrite(slices / f"{k}.tif", page)
+    monkeypatch.setattr(images, "MOST_VOXELS", void.size - 1)
+    for path in (stack, slices):
+        with pytest.raises(CaseError, match="the image has more than 59 voxels; give a part"):
+            read_images(path)
 
 
 def test_without_the_library_the_sentence_names_the_package_to_install(void, tmp_path):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import read_surface
-from multiscale.io.surface_file import open_topography
+from multiscale.io import read_surface, surface_file
+from multiscale.io.surface_file import LARGEST_FILE, open_topography
 from multiscale.surfaces import Surface, crop, detrend
 from multiscale.surfaces.surface import remove_trend
 from tests.support import run_python
@@ -133,6 +133,18 @@ def test_missing_file_is_refused_with_the_nearest_name(tmp_path, heights):
         read_surface(tmp_path / "grund.txt")
     with pytest.raises(CaseError, match="no such file; check the name and the folder"):
         read_surface(tmp_path / "nowhere" / "map.txt")
+
+
+def test_a_map_that_does_not_fit_into_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    large, many = tmp_path / "large.npy", tmp_path / "many.npy"
+    with large.open("wb") as file:
+        file.truncate(LARGEST_FILE + 1)  # with no bytes on disk
+    with pytest.raises(CaseError, match=r"4.29 GB are more than 4.29 GB; export fewer points"):
+        read_surface(large, size=(1e-3, 1e-3), unit=1e-6)
+    np.save(many, np.ones((4, 5)))
+    monkeypatch.setattr(surface_file, "MOST_POINTS", 19)
+    with pytest.raises(CaseError, match="4 x 5 points are more than 19 in all"):
+        read_surface(many, size=(1e-3, 1e-3), unit=1e-6)
 
 
 def test_directory_is_refused(tmp_path):
