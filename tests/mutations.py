@@ -42,21 +42,27 @@ TESTS = {
     "nonsmooth.friction_problem": "tests/nonsmooth",
     "fe.elasticity": "tests/fe tests/macro/test_vibration.py tests/macro/continuum",
     "fe.faces": "tests/fe",
-    "micro.elastic.compliance": "tests/micro/elastic/test_layered.py tests/micro/elastic/test_flat_cell.py",
+    "micro.elastic.compliance": (
+        "tests/micro/elastic/test_layered.py tests/micro/elastic/test_flat_cell.py"
+    ),
     "micro.damage.fatigue": "tests/micro/damage/test_fatigue.py",
     "micro.damage.cracks": "tests/micro/damage/test_cracks.py",
     "micro.damage.sections": "tests/micro/damage/test_sections.py",
     "upscaling.budget": "tests/report/test_unknown_error.py tests/upscaling/test_budget.py",
     "upscaling.scales": "tests/upscaling/test_scales.py",
-    "upscaling.regression": "tests/upscaling/test_fit.py tests/upscaling/test_branches.py",
+    "upscaling.regression": "tests/upscaling/test_tables.py tests/upscaling/test_fit.py",
     "upscaling.calibration": "tests/upscaling/test_calibration.py",
     "upscaling.transport": "tests/upscaling/test_transport.py",
     "macro.data_range": "tests/macro/test_data_range.py",
-    "macro.links.statics": "tests/macro/test_link_statics.py tests/macro/test_links.py",
+    "macro.links.statics": "tests/macro/test_link_statics.py tests/test_refused_calls.py",
     "macro.links.dynamics": "tests/macro/test_links.py tests/verification/test_dynamics.py",
-    "macro.granulate.packings": "tests/macro/granulate/test_biaxial.py tests/macro/granulate/test_motion.py",
+    "macro.granulate.packings": (
+        "tests/macro/granulate/test_biaxial.py tests/macro/granulate/test_motion.py"
+    ),
     "macro.vibration.modes": "tests/macro/test_vibration.py",
-    "macro.substructures.cut_interfaces": "tests/macro/substructures/test_cut_joints.py tests/macro/substructures/test_methods.py",
+    "macro.substructures.cut_interfaces": (
+        "tests/macro/substructures/test_cut_joints.py tests/macro/substructures/test_methods.py"
+    ),
     "pipeline.showing": "tests/pipeline/test_intervals.py tests/report",
     "pipeline.knobs": "tests/pipeline/test_planner.py",
     "plotting.lines": "tests/plotting",

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
-from multiscale.fe.elasticity import displacement_basis
 from multiscale.errors import CaseError
+from multiscale.fe.elasticity import displacement_basis
 from multiscale.fe.faces import face_of, face_points, facet_normals, mortar_rows, plane_frame
 from tests.contact_scenes import block, distorted, rotation_2d
 

@@ -123,3 +123,14 @@ def test_a_failed_step_is_not_known():
         MACRO_RESULT.build(values | preload), shares, np.array([[1e6, 1e8, 2e8]])
     )
     np.testing.assert_array_equal(result["known"], [1, 0])
+
+
+@pytest.mark.parametrize(
+    ("below", "caution"), [(0.0, ""), (0.04, "4 % of the load lies below the pressures of the law")]
+)
+def test_load_near_the_data_is_a_caution_and_load_inside_is_not(below, caution):
+    values = {"converged": [1], "residual": [0.0], "wall_time": [0.0], "preload": [1e6]}
+    shares = np.array([below, 0.0, 0.0])[:, None, None]
+    result = with_load_shares(MACRO_RESULT.build(values), shares, np.array([[1e6, 1e8, 2e8]]))
+    assert caution in result.attrs["cautions"]
+    assert bool(caution) == bool(result.attrs["cautions"])

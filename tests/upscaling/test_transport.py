@@ -137,7 +137,10 @@ def test_a_law_has_apertures_with_bands_and_where_it_is_tight(leaking):
     assert high[first] > 0.0  # unknown whether tight
     np.testing.assert_allclose(sealing_pressures(leaking, "y"), PRESSURE[first - 1 : first + 1])
     np.testing.assert_array_equal(sealing_pressures(leaking, "x"), [PRESSURE[-1], np.nan])
-    assert "is tight from" in say_sealing(leaking, "y")
+    mixed = PRESSURE[(y["percolating_cells"] > 0.0) & (y["percolating_cells"] < 1.0)]
+    sentence = say_sealing(leaking, "y")
+    assert "is tight from" in sentence
+    assert sentence.endswith(f"others open at {', '.join(f'{1e-6 * p:.4g}' for p in mixed)} MPa.")
     assert say_sealing(leaking, "x").endswith("up to the highest pressure, 100 MPa.")
     assert "longest waves" not in leaking.attrs.get("cautions", "")
 
