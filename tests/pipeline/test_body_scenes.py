@@ -2,6 +2,7 @@
 
 import re
 
+import meshio
 import numpy as np
 import pytest
 import xarray as xr
@@ -25,6 +26,7 @@ from tests.upscaling.responses import response_of
 GRID = (SCENES / "tensegrity_substructures.toml").read_text(encoding="utf-8")
 PLATE = (SCENES / "plate.toml").read_text(encoding="utf-8")
 MOVING = (SCENES / "sudden_unloading.toml").read_text(encoding="utf-8")
+MESHED = (("thin", 1, 1), ("thick", 2, 1), ("held", 3, 0))  # sets of lines and points
 BLOCKS = TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction')
 
 
@@ -121,6 +123,40 @@ laws.tube = {kind = "bar", rigidity = "8e7 N"}"""
         result["displacement"], expected["displacement"], rtol=0.0, atol=1e-3 * size
     )
     assert result.attrs["unknowns"] <= np.count_nonzero(~grid.fixed)
+
+
+@pytest.mark.parametrize("model", ["homogenised", "adaptive"])
+def test_homogenised_substructures_of_the_lines_of_a_mesh(tmp_path, model):
+    grid = tensegrity_grid(8)
+    held = np.flatnonzero(grid.fixed.all(axis=1))
+    count, points = grid.n_links, np.arange(held.size)
+    mesh = meshio.Mesh(
+        1e3 * grid.position,
+        [("line", grid.ends), ("vertex", held[:, None])],
+        cell_data={
+            "gmsh:physical": [np.where(grid.kind == 0, 1, 2), 0 * points + 3],
+            "gmsh:geometrical": [np.ones(count, int), 0 * points + 3],
+        },
+        field_data={name: np.array([k, d]) for name, k, d in MESHED},
+    )
+    mesh.write(tmp_path / "grid.msh", file_format="gmsh22", binary=False)
+    table = """kind = "mesh"
+file = "grid.msh"
+unit = "1 mm"
+supports = ["held"]
+load = ["0 N", "0 N", "-40 N"]
+laws.thin = { kind = "bar", rigidity = "4 MN" }
+laws.thick = { kind = "bar", rigidity = "80 MN" }"""
+    cut = ("[4, 4]", f'[2, 2]\nmodel = "{model}"')
+    scene = write_scene(tmp_path, GRID, cut, ('kind = "tensegrity_grid"\nn = 16', table))
+    case = load_case(scene)
+    result = run_macro(case, tmp_path / "grid.nc")
+    assert result.attrs["resolved"] == 0  # bars never slacken
+    expected = solve_static(case.structure.build(), case.statics.load_factors)
+    size = np.abs(expected["displacement"].values).max()
+    np.testing.assert_allclose(
+        result["displacement"], expected["displacement"], rtol=0.0, atol=5e-3 * size
+    )
 
 
 def test_homogenised_plates_are_refused(tmp_path):
