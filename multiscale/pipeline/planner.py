@@ -44,7 +44,8 @@ NEAR = 0.5  # distance of an order from the observed order, at most
 CLEAR_RATIO = 1.8  # of spacings, below which two differences show no order
 HIDDEN = 0.67  # bias that stays hidden in scatter, over its 95 % half-width
 NEGLIGIBLE = 0.05
-"""Error of a knob over the target below which it is not measured again at the next setting."""
+"""Error of a knob over the target below which it is not measured again at the next setting, and of
+a term over the error of the answer below which it is not named."""
 
 SAMPLING = "sampling"
 
@@ -190,6 +191,8 @@ class Planner:
     def measure(self, setting: Setting, before: State | None) -> State:
         """Solve the answer at a setting, and below it for every knob that matters."""
         outcome = self.solve(setting, True)
+        if before is None:  # without the coarser settings
+            self._refuse_floor(State(setting, outcome, {}, {}))
         left, growth = dict[str, KnobError](), dict(before.growth) if before else {}
         sampling = outcome.half_width.get(SAMPLING, np.zeros(outcome.value.shape))
         bound = self.target if isfinite(self.target) else 0.0
@@ -349,12 +352,14 @@ class Planner:
             yield SourceCost("distance from the prediction", state.prediction_error, nan)
 
     def fixed(self, state: State) -> dict[str, float]:
-        """Return the errors of the terms that no knob reduces."""
+        """Return the errors of the terms that no knob reduces, without those that hardly count."""
         errors = {
             term: float(np.max(total_error(bias, half)))
             for term, (half, bias) in self._fixed_rows(state).items()
         }
-        return {term: error for term, error in errors.items() if error > 0.0}
+        least = NEGLIGIBLE * float(np.max(self.error(state)))
+        largest = sorted(errors.items(), key=lambda item: -item[1])
+        return {term: error for term, error in largest if error > least}
 
     def _fixed_rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Return half-width and bias of the terms that no knob reduces."""

@@ -179,8 +179,11 @@ def test_the_chance_of_cells_of_two_sizes_is_not_an_error_of_their_size():
 
 @pytest.mark.parametrize("term", [{"slopes": 0.08}, {"bias": 0.08}, {"bias": -0.08}])
 def test_a_target_below_a_term_without_a_knob_names_it(term):
+    stage, first = Synthetic(0, **term), Synthetic(0)
     with pytest.raises(CaseError, match=r"5 % is out of reach: .* reduces small slopes \(8 %\)"):
-        Synthetic(0, **term).plan(0.05)
+        stage.plan(0.05)
+    first({"cells": 0, "elements": -1, "steps": -1}, True)
+    assert stage.spent == first.spent  # before coarser settings are solved
 
 
 def test_a_bias_of_the_budget_counts_in_full():
