@@ -404,7 +404,7 @@ def read_measured(
     given = units_of_columns(path)
     load = "pressure" if kind == "closure" else "preload"
     wanted = {load: "Pa"} | COLUMNS[kind]
-    _refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
+    refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
     if "error" in given and error is not None:
         raise CaseError(
             f"{path}: the table has a column error, and error = {error:g} is stated too; leave one "
@@ -450,13 +450,8 @@ def read_measured(
     if kind == "closure":
         deviation = np.where(deviation > 0.0, deviation, deviation[deviation > 0.0].min())
         nuisances["zero"] = float(deviation[0])
-    compliance = _least_compliance(kind, columns, value)
-    for name, stated, usual in (
-        ("frame", frame, FRAME * compliance),
-        ("offset", offset, OFFSET * float(pressure.min())),
-    ):
-        if width := usual if stated is None else stated:
-            nuisances[name] = width / NORMAL
+    compliance = _compliances(kind, columns, value)
+    nuisances |= usual_nuisances(frame, offset, compliance, pressure)
     table = (path.name, pressure, value, deviation, nuisances, bodies)
     if kind == "loop":
         return MeasuredLoop(*table, displacement=columns["displacement"])
@@ -467,24 +462,37 @@ def read_measured(
     }[kind](*table)
 
 
-def _least_compliance(kind: Kind, columns: Mapping[str, np.ndarray], value: np.ndarray) -> float:
-    """Return the median compliance of the stiffest third of a table, m/Pa."""
+def usual_nuisances(
+    frame: float | None, offset: float | None, compliance: np.ndarray, pressure: np.ndarray
+) -> dict[str, float]:
+    """Return the deviations of frame and zero of the load, stated or by the measured values.
+
+    The frame has a share of the median compliance of the stiffest third of a table, m/Pa.
+    """
+    compliance = np.sort(compliance[compliance > 0.0])
+    least = float(np.median(compliance[: int(np.ceil(STIFFEST * compliance.size))]))
+    widths = {
+        "frame": FRAME * least if frame is None else frame,
+        "offset": OFFSET * float(pressure.min()) if offset is None else offset,
+    }
+    return {name: width / NORMAL for name, width in widths.items() if width}
+
+
+def _compliances(kind: Kind, columns: Mapping[str, np.ndarray], value: np.ndarray) -> np.ndarray:
+    """Return the compliances of the rows of a table, m/Pa."""
     if kind == "closure":
-        compliance = np.diff(value) / np.diff(columns["pressure"])
-    elif kind == "loop":
+        return np.diff(value) / np.diff(columns["pressure"])
+    if kind == "loop":
         between = list[float]()
         for rows in split_loops(columns["preload"]):
             u, t = columns["displacement"][rows], value[rows]
             du, dt = np.diff(u), np.diff(t)
             between += [*np.abs(du / np.where(dt == 0.0, np.inf, dt)), np.ptp(u) / np.ptp(t)]
-        compliance = np.array(between)
-    else:
-        compliance = 1.0 / value
-    compliance = np.sort(compliance[compliance > 0.0])
-    return float(np.median(compliance[: int(np.ceil(STIFFEST * compliance.size))]))
+        return np.array(between)
+    return 1.0 / value
 
 
-def _refuse_settings(path: Path, error: float | None, others: Mapping[str, float | None]) -> None:
+def refuse_settings(path: Path, error: float | None, others: Mapping[str, float | None]) -> None:
     """Refuse errors and compliances without a meaning."""
     if error is not None and not 0.0 < error < 1.0:
         raise CaseError(

@@ -32,8 +32,8 @@ _COLUMN = {
     name: "stiffness" if name.endswith("stiffness") else name.replace("_", " ")
     for name in QUANTITIES
 }
-_PINT = {"m": "m", "Pa": "Pa", "Pa m-1": "Pa/m", "m s-1": "m/s", "1": "1"}
-_EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "1": "1"}
+_PINT = {"m": "m", "Pa": "Pa", "Pa m-1": "Pa/m", "m s-1": "m/s", "s-1": "Hz", "1": "1"}
+_EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "s-1": "Hz", "1": "1"}
 _HEAD = re.compile(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>[^)\]]*?)\s*[)\]])?")
 
 LOWEST = 1e-3

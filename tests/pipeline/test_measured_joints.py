@@ -31,6 +31,13 @@ file = "loop.csv"
 kind = "loop"
 error = "5 %"
 """
+VIBRATION = """
+[[measured]]
+file = "vibration.csv"
+kind = "vibration"
+mass = "40000 kg/m^2"
+error = "5 %"
+"""
 STIFFNESS = "preload (MPa), stiffness (MPa/um)\n2, 1.2\n5, 2.9\n10, 5.7\n"
 LOOP = "preload (MPa), displacement (um), shear (MPa)\n" + "".join(
     f"5, {u}, {t}\n" for u, t in ((0.1, 0.2), (0.3, 0.6), (0.1, 0.15), (-0.1, -0.25), (-0.3, -0.6))
@@ -40,6 +47,8 @@ LOOP = "preload (MPa), displacement (um), shear (MPa)\n" + "".join(
 def measured_case(folder, *changes):
     (folder / "stiffness.csv").write_text(STIFFNESS)
     (folder / "loop.csv").write_text(LOOP)
+    head = "preload (MPa), amplitude (um), frequency (Hz), damping (%)"
+    (folder / "vibration.csv").write_text(f"{head}\n5, 0.1, 1190, 2.6\n5, 0.6, 1010, 13\n")
     return case_of(folder, TEXT + MEASURED + LOOPS, *changes)
 
 
@@ -73,10 +82,11 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
         calibrate_case(plain, sheared)
 
 
-def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(tmp_path):
+@pytest.mark.parametrize("table", [LOOPS, VIBRATION], ids=["loops", "vibrations"])
+def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(table, tmp_path):
     blocks = 'kind = "blocks"\nheight = "5 mm"\nwidth = "10 mm"'
     stacked = 'kind = "stacked_blocks"\nsize = ["10 mm", "10 mm", "5 mm"]\nelements = [2, 2, 2]'
-    case = measured_case(tmp_path, (blocks, f"{stacked}\n{BODY}[interface]"))
+    case = measured_case(tmp_path, (blocks, f"{stacked}\n{BODY}[interface]"), (LOOPS, table))
     results = run(case, tmp_path / "out")
     known = tangential_values(results["interface_law"])
     assert known["friction"] == pytest.approx(0.3, rel=0.5)
@@ -93,6 +103,7 @@ def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(tmp_path
         (('error = "5 %"\nframe', "frame"), "have no error; state error"),
         (("friction = 0.3\n", ""), "need friction and stiffness ratio"),
         (('"loop"', '"bolt"'), "kind"),
+        (('"loop"', '"vibration"'), "mass belongs to kind = .vibration. and is needed there"),
         (
             (MEASURED + LOOPS, '\n[law]\nroughness = "10 %"\n'),
             "roughness in .law. belong to the calibration by measured joints",

@@ -14,7 +14,7 @@ from multiscale.micro.damage import Cavities, Recipe
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.toml_model import quantity, with_unit
 from multiscale.units import readable
-from multiscale.upscaling import MeasuredJoint, read_measured
+from multiscale.upscaling import MeasuredJoint, read_measured, read_vibration
 from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
@@ -445,6 +445,7 @@ class AccuracySettings(toml.Settings):
 
 Compliance = Annotated[float, quantity("m/Pa"), Field(ge=0.0), with_unit("m/Pa")]
 Zero = Annotated[float, quantity("Pa"), Field(ge=0.0), with_unit("Pa")]
+Mass = Annotated[float, quantity("kg/m^2"), Field(gt=0.0), with_unit("kg/m^2")]
 Area = Annotated[float, quantity("m^2"), Field(gt=0.0), with_unit("m^2")]
 
 
@@ -455,11 +456,11 @@ class MeasuredTable(toml.Settings):
     """
 
     file: Path
-    """Table with units in its head: `preload, stiffness`; `pressure, closure`; or
-    `preload, displacement, shear` along loops."""
-    kind: Literal["stiffness", "tangential_stiffness", "closure", "loop"]
+    """Table with units in its head: `preload, stiffness`; `pressure, closure`;
+    `preload, displacement, shear` along loops; or `preload, amplitude, frequency, damping`."""
+    kind: Literal["stiffness", "tangential_stiffness", "closure", "loop", "vibration"]
     """Measured values: normal stiffness, tangential stiffness without slip, closure since the first
-    row, or shear along loops."""
+    row, shear along loops, or tangential vibrations of a mass on the joint."""
     error: toml.Tolerance | None = None
     """Half-width of the 95 % interval of the values, over them, or in loops over the largest shear;
     needless where the table has a column `error`."""
@@ -473,7 +474,17 @@ class MeasuredTable(toml.Settings):
     area: Area | None = None
     """Nominal area of the joint with the scatter of its few cells; many cells if not given."""
 
+    mass: Mass | None = None
+    """Mass that vibrates, over the nominal area; needed by `kind = "vibration"`, and only there."""
+
+    def _faults(self) -> Iterator[str]:
+        if (self.kind == "vibration") != (self.mass is not None):
+            yield 'mass belongs to kind = "vibration" and is needed there; give both, or neither'
+
     def read(self) -> MeasuredJoint:
         """Read the table."""
         given = self.model_dump(include={"error", "bodies", "frame", "offset"})
+        if self.kind == "vibration":
+            assert self.mass is not None  # as checked
+            return read_vibration(self.file, mass=self.mass, **given)
         return read_measured(self.file, self.kind, **given)

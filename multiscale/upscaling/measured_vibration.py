@@ -1,0 +1,109 @@
+r"""Vibration of a mass on a joint, as measured values of its law: frequency and damping."""
+
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.upscaling.budget import NORMAL
+from multiscale.upscaling.measured_data import MeasuredLoop, refuse_settings, usual_nuisances
+from multiscale.upscaling.tables import read_columns, units_of_columns
+
+COLUMNS = {"preload": "Pa", "amplitude": "m", "frequency": "s-1", "damping": "1"}
+ERRORS = ("frequency error", "damping error")
+"""Columns of a table of vibrations, with its units, and columns of errors, over the values."""
+
+NODES, WEIGHTS = (each / 2.0 for each in np.polynomial.legendre.leggauss(40))
+
+MOST_DAMPING = 2.0 / np.pi
+"""Damping ratio of a rigid mass on Coulomb friction, which no bed of sliders exceeds."""
+
+
+class MeasuredVibration(MeasuredLoop):
+    r"""Stiffness and loss stiffness, Pa/m, of tangential vibrations at constant preloads.
+
+    A mass m over the nominal area that vibrates with the amplitude a, the frequency f and the
+    damping ratio :math:`\zeta` has
+
+    .. math:: k' = m (2 \pi f)^2 = \frac{B(a)}{a}, \qquad
+        k'' = 2 \zeta k' = \frac{W}{\pi a^2}, \qquad
+        W = 8 \int_0^a B\, \mathrm{d}\delta - 4 a B(a)    \tag{1}
+
+    with the first loading B of :class:`MeasuredLoop`. The rows of k' come first, then of k''.
+    """
+
+    unit: ClassVar[str] = "Pa m-1"
+
+    @cached_property
+    def _branches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Amplitudes and pressures of first loadings, and their sums (1) in the rows."""
+        n = self.value.size // 2
+        a, p = self.displacement[:n], self.pressure[:n]
+        each, nothing = np.eye(n), np.zeros((n, n * NODES.size))
+        inside = np.repeat(each, NODES.size, axis=1) * np.tile(WEIGHTS, n)
+        over_a = 1.0 / np.tile(a, 2)[:, None]
+        matrix = over_a * np.block([[each, nothing], [-4.0 / np.pi * each, 8.0 / np.pi * inside]])
+        amplitude = np.concatenate([a, np.outer(a, 0.5 + NODES).ravel()])
+        return amplitude, np.concatenate([p, np.repeat(p, NODES.size)]), matrix
+
+
+def read_vibration(
+    path: str | PathLike[str],
+    *,
+    mass: float,
+    error: float | None = None,
+    bodies: float = 0.0,
+    frame: float | None = None,
+    offset: float | None = None,
+) -> MeasuredVibration:
+    """Read measured vibrations of a mass on a joint from a table with units in its head.
+
+    Parameters
+    ----------
+    path : path
+        A table with the columns ``preload``, over the nominal area, ``amplitude``, of the
+        tangential displacement, ``frequency`` and ``damping``, the ratio to critical damping; and
+        ``frequency error`` and ``damping error``, half-widths of 95 % intervals over the values.
+    mass : float, that vibrates, over the nominal area, kg/m²
+    error : float, optional, half-width of frequency and damping, without these columns
+    bodies, frame, offset : float, optional; see :func:`~.measured_data.read_measured`
+
+    Raises
+    ------
+    CaseError
+        If the table is refused, has no error, or has a damping that no friction reaches.
+    """
+    path = Path(path)
+    refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
+    if not 0.0 < mass < np.inf:
+        raise CaseError(f"{path}: mass must be positive (kg/m^2), got {mass:g}; correct it")
+    given = [name for name in ERRORS if name in units_of_columns(path)]
+    if (len(given) == len(ERRORS)) == (error is not None) or len(given) == 1:
+        raise CaseError(
+            f'{path}: vibrations need either error, such as "3 %", or both columns '
+            f"{' and '.join(ERRORS)}, found {' and '.join(given) or 'no such column'} and "
+            f"error = {error}"
+        )
+    columns, _, _ = read_columns(path, COLUMNS | dict.fromkeys(given, "1"), signed=())
+    p, a, frequency, damping = (columns[name] for name in COLUMNS)
+    of_frequency, of_damping = (columns.get(name, np.full(p.size, error)) for name in ERRORS)
+    for name, values, most in (
+        ("damping", damping, MOST_DAMPING),
+        (ERRORS[0], of_frequency, 0.5),
+        (ERRORS[1], of_damping, 1.0),
+    ):
+        if (above := np.flatnonzero(values >= most)).size:
+            raise CaseError(
+                f"{path}, row {above[0] + 1}: the {name} of {values[above[0]]:.4g} is not below "
+                f"{most:.3g}; give it as a share, or with its unit, such as {name} (%)"
+            )
+    stiffness = mass * (2.0 * np.pi * frequency) ** 2  # k', Pa/m
+    value = np.concatenate([stiffness, 2.0 * damping * stiffness])
+    half = value * np.concatenate([2.0 * of_frequency, np.hypot(of_damping, 2.0 * of_frequency)])
+    pressure = np.tile(p, 2)
+    nuisances = usual_nuisances(frame, offset, 1.0 / stiffness, pressure)
+    table = (path.name, pressure, value, half / NORMAL, nuisances, bodies)
+    return MeasuredVibration(*table, displacement=np.tile(a, 2))

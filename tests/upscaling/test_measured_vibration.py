@@ -1,0 +1,95 @@
+"""Measured vibrations of a mass on a joint: secant stiffness, loss, and what they teach."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.upscaling import (
+    assume_shear,
+    by_differences,
+    calibrate,
+    fit_branches,
+    read_vibration,
+    tangential_values,
+)
+from multiscale.upscaling.measured_data import BedCurve, Curve
+from multiscale.upscaling.measured_vibration import MeasuredVibration
+from tests.upscaling.responses import exponential_gaps, response_of
+
+P, AMPLITUDE, MASS = 2e7, 1e-6 * np.geomspace(0.02, 0.4, 7), 4e4  # Pa, m, kg/m²
+X = np.linspace(np.log(5e3), np.log(2e8), 300)
+HEAD = "preload (MPa), amplitude (um), frequency (Hz), damping (%)"
+
+
+def interface(friction=0.3, ratio=0.8):
+    """An interface of the stiffness p / .45 um."""
+    rates = np.array([np.ones(X.size), X])
+    return BedCurve(Curve(X, X - np.log(0.45e-6), rates), ratio, friction)
+
+
+def vibration(amplitude=AMPLITUDE, bodies=0.0):
+    n = 2 * amplitude.size
+    given = ("vibration", np.full(n, P), np.ones(n), np.ones(n), {"frame": 1e-15, "offset": 3e5})
+    return MeasuredVibration(*given, bodies, displacement=np.tile(amplitude, 2))
+
+
+@pytest.fixture
+def write(tmp_path):
+    def _write(rows, head=HEAD):
+        (tmp_path / "vibration.csv").write_text("\n".join([head, *rows]))
+        return tmp_path / "vibration.csv"
+
+    return _write
+
+
+def test_vibrations_have_stiffness_and_loss_of_the_closed_form():
+    """B = mu p (1 - exp(-delta / s)) with s = mu u_0 / kappa, of the stiffness p / u_0."""
+    a, mu, s = AMPLITUDE, 0.3, 0.3 * 0.45e-6 / 0.8
+    stiffness, loss = vibration().answer(interface(), {})[0].reshape(2, -1)
+    first = -mu * P * np.expm1(-a / s)
+    work = 8.0 * (mu * P * a - s * first) - 4.0 * a * first
+    np.testing.assert_allclose(stiffness, first / a, rtol=1e-5)
+    np.testing.assert_allclose(loss, work / (np.pi * a**2), rtol=1e-5)
+
+
+def test_gradients_are_the_differences():
+    table, at = vibration(bodies=1e-14), {"frame": 7e-16, "offset": 4e5}
+    gradient = table.answer(interface(), at)[1]
+    by_steps = by_differences(lambda table, *given: table.answer(*given)[0], step=1e-4)
+    differences = by_steps(table, interface(), at)[1]
+    assert np.all(np.abs(gradient - differences) <= 1e-6 * np.abs(gradient).max(axis=0))
+
+
+def test_a_table_of_vibrations_recovers_friction_and_ratio(write):
+    fitted = fit_branches(response_of(exponential_gaps(8, spread=0.1)), n_samples=80)
+    law = assume_shear(fitted, friction=0.3, stiffness_ratio=0.8)
+    stiffness, loss = vibration().answer(interface(0.2, 0.75), {})[0].reshape(2, -1)
+    rows = [
+        f"{1e-6 * P}, {1e6 * a}, {np.sqrt(k / MASS) / (2 * np.pi)}, {50.0 * c / k}"
+        for a, k, c in zip(AMPLITUDE, stiffness, loss, strict=True)
+    ]
+    table = read_vibration(write(rows), mass=MASS, error=0.02, frame=0.0, offset=0.0)
+    np.testing.assert_allclose(table.value, np.concatenate([stiffness, loss]), rtol=1e-9)
+    calibration = calibrate(law, [table])
+    drawn = tangential_values(calibration.law)
+    assert drawn["friction"] == pytest.approx(0.2, rel=0.1)
+    rows = {row.name: row for row in calibration.parameters}
+    friction = rows["friction coefficient"]
+    assert abs(friction.value - 0.2) < friction.half_width < 0.2 * friction.prior_half_width
+    assert friction.learned > 0.9
+
+
+@pytest.mark.parametrize(
+    ("rows", "head", "options", "message"),
+    [
+        (["20, 1, 300, 70"], HEAD, {}, "row 1: the damping of 0.7 is not below 0.637"),
+        (["20, 1, -300, 2"], HEAD, {}, "positive"),
+        (["20, 1, 2"], HEAD.replace(" frequency (Hz),", ""), {}, "no column frequency"),
+        (["20, 1, 300, 2"], HEAD, {"error": None}, "found no such column and error = None"),
+        (["20, 1, 300, 2, 3"], f"{HEAD}, frequency error (%)", {}, "both columns"),
+        (["20, 1, 300, 2"], HEAD, {"mass": -1.0}, "mass must be positive"),
+    ],
+)
+def test_vibrations_are_refused_with_a_sentence(rows, head, options, message, write):
+    with pytest.raises(CaseError, match=message):
+        read_vibration(write(rows, head), **{"mass": MASS, "error": 0.03} | options)
