@@ -124,7 +124,9 @@ def folder(run_folder, tmp_path, monkeypatch):
     copytree(run_folder, "results")
     Path("workflows").symlink_to(ROOT / "workflows")
     whole = [text for text in blocks("toml").values() if text.startswith("title")]
-    for name, text in zip(("my_joint.toml", "pores.toml", "lamp.toml"), whole, strict=True):
+    for name, text in zip(
+        ("my_joint.toml", "pores.toml", "lamp.toml", "blocks.toml"), whole, strict=True
+    ):
         Path(name).write_text(text, encoding="utf-8")
     for name, text in zip(("nodes.csv", "links.csv"), blocks("csv").values(), strict=True):
         Path(name).write_text(text, encoding="utf-8")
@@ -194,6 +196,8 @@ def _joined(whole, piece):
 def test_whole_files_are_read(folder):
     assert not [*load_case("my_joint.toml").cautions()]
     assert load_case("lamp.toml").structure.kind == "table"
+    (taken,) = load_case("blocks.toml").structure.taken_laws(load_case("blocks.toml"))
+    assert taken[0].name == "measured_law.nc"
     assert load_case("pores.toml").rve.recipe.realisations == 6
 
 
