@@ -285,7 +285,7 @@ def _positive(text: str, areas: Mapping[str, float]) -> float:
 
 def _listed(pressure: float) -> str:
     """Write the preloads up to a pressure."""
-    return ", ".join(f'"{1e-6 * share * pressure:.3g} MPa"' for share in PRELOADS)
+    return ", ".join(f'"{1e-6 * share * pressure:.4g} MPa"' for share in PRELOADS)
 
 
 def _shares(force: float) -> str:
