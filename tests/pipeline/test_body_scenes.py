@@ -125,6 +125,18 @@ laws.tube = {kind = "bar", rigidity = "8e7 N"}"""
     assert result.attrs["unknowns"] <= np.count_nonzero(~grid.fixed)
 
 
+def test_a_cut_net_resists_by_its_prestress(tmp_path):
+    net = (SCENES / "cable_net.toml").read_text(encoding="utf-8")
+    scene = net[: net.index("[statics]")].replace('"1.7 kN"', '"20 N"')
+    scene += '[substructures]\nparts = [2, 2]\nmodel = "adaptive"\n[statics]\nload_factors = [1]\n'
+    case = load_case(write_scene(tmp_path, scene))
+    result = run_macro(case, tmp_path / "net.nc")
+    exact = solve_static(case.structure.build(), [1.0], exact=True)["displacement"]
+    size = np.abs(exact.values).max()
+    np.testing.assert_allclose(result["displacement"], exact, rtol=0.0, atol=0.01 * size)
+    assert not result.attrs["cautions"]  # the prestress is counted
+
+
 @pytest.mark.parametrize("model", ["homogenised", "adaptive"])
 def test_homogenised_substructures_of_the_lines_of_a_mesh(tmp_path, model):
     grid = tensegrity_grid(8)

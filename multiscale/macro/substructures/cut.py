@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, hstack, vstack
+from scipy.sparse import bsr_array, coo_array, csr_array, hstack, vstack
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
@@ -301,14 +301,17 @@ def _check_piece(elements: np.ndarray, name: str) -> None:
         )
 
 
-def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
-    """Cut a structure of links at its nodes.
+def cut_links(system: LinkSystem, owner: np.ndarray, *, prestressed: bool = False) -> CutProblem:
+    r"""Cut a structure of links at its nodes.
 
     Parameters
     ----------
     system : LinkSystem, the structure; links of finite stiffness
     owner : ndarray of int, shape (links,)
         Substructure of every link: 0, 1, ...; from :func:`split_grid`, for instance.
+    prestressed : bool
+        Whether the prestress resists that links turn, as in cable nets, with the stiffness
+        :math:`\tau^0 / L\, (I - n n^T)` of the displacement of the ends of a link.
 
     Returns
     -------
@@ -339,7 +342,9 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     position = np.repeat(system.position, model.number.shape[1], axis=0).reshape(-1, 3)
     component = np.tile(np.arange(model.number.shape[1]), system.n_nodes)
     free = model.number.ravel() >= 0
-    unknowns = [np.unique(operator[rows == index].indices) for index in range(count)]
+    turned, across = _turning(system, model.number) if prestressed else (operator, None)
+    of_row = np.repeat(owner, 3) if prestressed else rows
+    unknowns = [np.unique(turned[of_row == index].indices) for index in range(count)]
     shares = np.bincount(np.concatenate(unknowns), minlength=model.n)
     substructures = []
     for index, unknown in enumerate(unknowns):
@@ -352,9 +357,13 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
             model.upper[inside],
             np.flatnonzero(inside),
         )
+        stiffness = csr_array((unknown.size, unknown.size))  # no stiffness but the links
+        if across is not None:
+            turns = csr_array(turned[of_row == index][:, unknown])
+            stiffness = csr_array(turns.T @ across[of_row == index][:, of_row == index] @ turns)
         substructures.append(
             Substructure(
-                csr_array((unknown.size, unknown.size)),  # no stiffness but the links
+                stiffness,
                 (model.load[unknown] / shares[unknown])[:, None],
                 unknown,
                 position[free][unknown],
@@ -363,6 +372,19 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
             )
         )
     return CutProblem(tuple(substructures), system.position, expand_numbers(model.number))
+
+
+def _turning(system: LinkSystem, number: np.ndarray) -> tuple[csr_array, csr_array]:
+    """Differences of the ends of links, and the force of their prestress across these, N/m."""
+    columns = number[system.ends][..., :3]  # (links, ends, components)
+    link, end, component = np.nonzero(columns >= 0)
+    places = 3 * link + component, columns[link, end, component]
+    shape = 3 * system.n_links, int(number.max()) + 1
+    difference = csr_array(coo_array((2.0 * end - 1.0, places), shape=shape))
+    n, density = system.direction, system.prestress / system.length
+    blocks = density[:, None, None] * (np.eye(3) - n[:, :, None] * n[:, None, :])
+    rows = np.arange(system.n_links)
+    return difference, csr_array(bsr_array((blocks, rows, np.arange(rows.size + 1))))
 
 
 def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:

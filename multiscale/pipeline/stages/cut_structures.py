@@ -75,7 +75,9 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         )
         if statics.mass is not None:
             result = macro.links.natural_frequencies(system, result, statics.mass)
-    return with_too_far(_measured(result), *strained(result, system, statics), *unstable(result))
+    counted = system.prestress if case.substructures is not None and links.prestressed else None
+    cautions = strained(result, system, statics, counted)
+    return with_too_far(_measured(result), *cautions, *unstable(result))
 
 
 def unstable(result: Dataset) -> Iterator[str]:
@@ -90,8 +92,16 @@ def unstable(result: Dataset) -> Iterator[str]:
             )
 
 
-def strained(result: Dataset, system: "macro.LinkSystem", statics: Statics) -> Iterator[str]:
-    """Caution on links that stretch, or turn under tension, by more than their theory allows."""
+def strained(
+    result: Dataset,
+    system: "macro.LinkSystem",
+    statics: Statics,
+    counted: np.ndarray | None = None,
+) -> Iterator[str]:
+    """Caution on links that stretch, or turn under tension, by more than their theory allows.
+
+    Tensions count with their sign, as self-stress balances, but without those that are counted.
+    """
     first, second = system.ends.T
     apart = np.diff(system.position[system.ends], axis=1)[:, 0]
     moved = [result[name].values for name in ("displacement", "rotation") if name in result]
@@ -110,7 +120,8 @@ def strained(result: Dataset, system: "macro.LinkSystem", statics: Statics) -> I
     # work of the tensions by the rotation of their links, over the work of the load
     turned = np.linalg.norm(moved_apart, axis=2) / length
     across = np.sum(moved_apart**2, axis=2) - np.sum(moved_apart * apart / length[:, None], 2) ** 2
-    left_out = np.abs(np.sum(np.nan_to_num(result["tension"].values) / length * across, axis=1))
+    tension = np.nan_to_num(result["tension"].values) - (0.0 if counted is None else counted)
+    left_out = np.abs(np.sum(tension / length * across, axis=1))
     work = np.abs(result["load_factor"].values * np.sum(system.load * u, axis=(1, 2)))
     share = np.divide(left_out, work, out=np.zeros_like(work), where=work > 0.0)
     if max(turned.max(), share.max()) > FURTHEST:

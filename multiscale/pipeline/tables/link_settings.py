@@ -105,6 +105,8 @@ class LinkStructure(StructureKind):
     stage: ClassVar[str] = "links"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("dynamics",))
     models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": Statics}
+    prestressed: ClassVar[bool] = False
+    """Whether links of a cut structure resist by their prestress to turn."""
 
     @abstractmethod
     def build(self) -> "macro.LinkSystem":
@@ -113,7 +115,8 @@ class LinkStructure(StructureKind):
     def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the links into boxes."""
         system = self.build()
-        return macro.cut_links(system, substructures.split_grid(system, case.cut.parts))
+        owner = substructures.split_grid(system, case.cut.parts)
+        return macro.cut_links(system, owner, prestressed=self.prestressed)
 
     def faults_with(self, case: "Case") -> Iterator[str]:
         """Report options that a cut structure does not have."""
@@ -183,6 +186,9 @@ class EquivalentPlate(StructureKind):
 
 class CableNet(LinkStructure):
     """A prestressed saddle; see :func:`multiscale.macro.cable_net`."""
+
+    may_be_cut: ClassVar[bool] = True
+    prestressed: ClassVar[bool] = True
 
     kind: Literal["cable_net"]
     n: Annotated[Several, toml.at_most(QUICK)] = Field(description="Meshes along x.")

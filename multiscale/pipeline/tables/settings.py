@@ -201,8 +201,8 @@ class Case(Settings):
             )
         if self.substructures is not None and not kind.may_be_cut:
             yield (
-                f"[substructures] cut grids, tables and meshes of links, plates and bodies with "
-                f"joints, not a structure of kind {kind.kind!r}"
+                f"[substructures] cut grids, nets, tables and meshes of links, plates and bodies "
+                f"with joints, not a structure of kind {kind.kind!r}"
             )
         if self.cut.model != "resolved" and kind.stage != "links":
             yield (

@@ -132,6 +132,24 @@ def test_the_first_frequencies_are_within_a_percent_and_a_motion_follows_the_who
     assert np.all(ratio < 1.01)
 
 
+def test_prestressed_nets_approach_the_exact_analysis_as_their_loads_vanish():
+    net = cable_net(16, rise=3.0)
+    problem = cut_links(net, split_grid(net, (4, 4)), prestressed=True)
+    loads = np.array([0.02, 0.2])
+    result = at_rest(problem, loads)
+    assert (result.resolved, result.unknowns) == (0, 259)
+    exact = solve_static(net, loads, exact=True)
+    for name, zero in (("displacement", 0.0), ("tension", net.prestress)):
+        change = (exact[name] - zero).values
+        error = np.abs(result[name].values - exact[name].values)
+        first, second = (error[k].max() / np.abs(change[k]).max() for k in range(2))
+        assert first < 1e-3
+        assert second == pytest.approx(10.0 * first, rel=0.2)  # of second order, and no other
+    resolved = at_rest(problem, 60.0)
+    assert (resolved.converged.item(), resolved.resolved) == (1, 16)
+    assert (resolved["slack"] > 0.0).any()
+
+
 def test_steps_with_slack_links_are_refused_where_nothing_may_be_resolved():
     result = at_rest(cut(tensegrity_grid(16), 4), [0.1, 1.0], adaptive=False)
     np.testing.assert_array_equal(result.converged, [1, 0])
