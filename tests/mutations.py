@@ -1,19 +1,24 @@
 """Mutations of the source, and the tests that find them.
 
-    python tests/mutations.py [MODULE ...] [--each N] [--seed N]
+    python tests/mutations.py [MODULE ...] [--each N] [--seed N] [--page FILE]
 
 from the root of a checkout changes operators, comparisons, signs and constants of the modules below
 in a copy of the checkout, each separately, runs the tests of the module, and prints every mutation
-that no test finds. ``EQUIVALENT`` lists those that change no answer, with the reason. The tests
-take minutes for each module, so that the checks of a change leave them out.
+that no test finds. ``EQUIVALENT`` lists those that change no answer, with the reason. A mutation
+with which the tests do not end counts as timed out, which on a busy machine kills nothing.
+``--page workflows/mutations.md`` writes the counts. The tests take minutes for each module, so that
+the checks of a change leave them out.
 """
 
 import argparse
 import ast
 import os
+import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from random import Random
 from shutil import copytree
@@ -77,6 +82,10 @@ EQUIVALENT = {
     "(not given.endswith(unit))": "pint converts units that the table of prefixes lacks",
     "1e-12 * across -> 1e-12 / across": "a bound against division by rounding",
     "1.25 -> 1.875": "a margin of a fitted band",
+    "np.abs(shape.tension).max -> np.abs(shape.tension).min": (
+        "a bound of rounding, below the tolerance of these structures"
+    ),
+    "abs(origin) or 1.0 -> abs(origin) and 1.0": "the unit of a coordinate of the fit",
     "n <= SMALL -> n > SMALL": "full and sparse factors of the same matrix",
     "arm[:, 0] - np.sum(arm[:, 0] * n, axis=1, keepdims=True) * n -> "
     "arm[:, 0] + np.sum(arm[:, 0] * n, axis=1, keepdims=True) * n": (
@@ -87,6 +96,8 @@ EQUIVALENT = {
     ),
 }
 """Ends of the lines of mutations that change no answer, and why."""
+
+OUTCOMES = ("killed", "equivalent", "timed out", "survived")
 
 OPERATORS = {
     ast.Add: ast.Sub,
@@ -112,8 +123,9 @@ def main() -> int:
     parser.add_argument("modules", nargs="*", help="modules, without the name of the package")
     parser.add_argument("--each", type=int, default=3, help="mutations of a module")
     parser.add_argument("--seed", type=int, default=0, help="of the choice of mutations")
+    parser.add_argument("--page", type=Path, help="page of counts to write")
     arguments = parser.parse_args()
-    counts = {"killed": 0, "equivalent": 0, "survived": 0}
+    outcomes: list[tuple[str, str]] = []
     with TemporaryDirectory() as folder:
         copy = Path(folder)
         for name in COPIED:
@@ -122,11 +134,46 @@ def main() -> int:
             (copy / name).write_bytes((ROOT / name).read_bytes())
         for module in arguments.modules or TESTS:
             for line, outcome in mutate(copy, module, arguments.each, arguments.seed):
-                counts[outcome] += 1
+                outcomes.append((line, outcome))
                 sys.stdout.write(f"{outcome:10} {line}\n")
                 sys.stdout.flush()
-    sys.stdout.write(", ".join(f"{count} {outcome}" for outcome, count in counts.items()) + "\n")
+    counts = Counter(outcome for _, outcome in outcomes)
+    sys.stdout.write(", ".join(f"{counts[outcome]} {outcome}" for outcome in OUTCOMES) + "\n")
+    if arguments.page:
+        arguments.page.write_text(write_page(outcomes), encoding="utf-8")
     return counts["survived"]
+
+
+def write_page(outcomes: list[tuple[str, str]]) -> str:
+    """Write the counts of each package, the survivors, and the reasons of the equivalent."""
+    rooms: dict[str, Counter[str]] = {}
+    for line, outcome in outcomes:
+        rooms.setdefault(re.split(r"[.:]", line)[0], Counter())[outcome] += 1
+    rooms["all"] = sum(rooms.values(), Counter())
+    rows = [("package", "mutations", *OUTCOMES), ["---"] * (2 + len(OUTCOMES))]
+    rows += [
+        (name, str(n.total()), *(str(n[key]) for key in OUTCOMES)) for name, n in rooms.items()
+    ]
+    lines = [
+        "# Mutations",
+        "",
+        "Changed operators, comparisons, signs and constants, each separately,",
+    ]
+    lines += [
+        f"under the tests of their modules. (`python tests/mutations.py`, {date.today()})",
+        "",
+    ]
+    lines += [f"| {' | '.join(row)} |" for row in rows]
+    for outcome in OUTCOMES[1:]:
+        listed = [line for line, seen in outcomes if seen == outcome]
+        lines += ["", f"{outcome.capitalize()}:", ""] if listed else []
+        lines += [f"- `{line}`{reason_of(line)}" for line in listed]
+    return "\n".join([*lines, ""])
+
+
+def reason_of(line: str) -> str:
+    """Return why a mutation changes no answer, after a colon; empty if it may change one."""
+    return next((f": {why}" for end, why in EQUIVALENT.items() if line.endswith(end)), "")
 
 
 def mutate(copy: Path, module: str, each: int, seed: int) -> Iterator[tuple[str, str]]:
@@ -145,22 +192,22 @@ def mutate(copy: Path, module: str, each: int, seed: int) -> Iterator[tuple[str,
         change(node)
         line = f"{module}:{node.lineno}: {before} -> {ast.unparse(node)}"
         file.write_text(ast.unparse(tree), encoding="utf-8")
-        killed = not passes(copy, TESTS[module], limit)
+        passed = passes(copy, TESTS[module], limit)
         file.write_text(source, encoding="utf-8")
         os.utime(file, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # compiled kernels stay valid
-        known = any(line.endswith(change) for change in EQUIVALENT)
-        yield line, "killed" if killed else "equivalent" if known else "survived"
+        known = "equivalent" if reason_of(line) else "survived"
+        yield line, "timed out" if passed is None else known if passed else "killed"
 
 
-def passes(copy: Path, tests: str, limit: float | None = None) -> bool:
-    """Whether tests pass in a copy; False also beyond a limit of seconds."""
+def passes(copy: Path, tests: str, limit: float | None = None) -> bool | None:
+    """Whether tests pass in a copy; None beyond a limit of seconds."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
     try:
         ended = subprocess.run(
             [*command, *tests.split()], cwd=copy, timeout=limit, capture_output=True, check=False
         )
     except subprocess.TimeoutExpired:
-        return False
+        return None
     return ended.returncode == 0
 
 

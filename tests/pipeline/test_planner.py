@@ -28,6 +28,19 @@ def NO_CASE(case, rung):
     return case
 
 
+@pytest.mark.parametrize(("least", "lowest"), [(1, -2), (2, -1), (4, 0)])
+def test_the_lowest_rung_is_the_last_that_a_case_accepts(least, lowest):
+    def change(case, rung):
+        if case * 2.0**rung < least:
+            raise CaseError("too coarse")
+        return case * 2.0**rung
+
+    knob = Knob("points", change, measured=False)
+    assert knob.lowest(4.0) == lowest
+    assert knob.applies(4.0)
+    assert Knob("points", lambda case, rung: change(case, min(rung, 0))).applies(4.0) == (least < 4)
+
+
 @dataclass
 class Synthetic:
     """A structure with errors of order 1.8 and 1 by two knobs, and cells with a scatter."""
