@@ -10,6 +10,7 @@ import xarray as xr
 from multiscale.errors import MultiscaleError, SchemaError
 from multiscale.io import open_dataset, write_bytes, write_dataset
 from multiscale.schema import FIELDS, MICRO_RESPONSE, SCHEMAS, WORK_PRECISION
+from multiscale.schema.dataset_schema import HOLDING, LOADING, UNLOADING, branch_of
 
 
 @pytest.fixture
@@ -118,3 +119,9 @@ def test_a_full_disk_leaves_the_old_file_and_no_debris(tmp_path, monkeypatch):
         write_bytes(file, b"new")
     assert file.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_step_at_the_largest_load_so_far_holds_and_below_it_unloads():
+    branches = branch_of(np.array([1.0, 1.0, 0.5, 0.5, 1.0, 2.0]))
+    expected = [LOADING, HOLDING, UNLOADING, UNLOADING, HOLDING, LOADING]
+    np.testing.assert_array_equal(branches, expected)

@@ -296,7 +296,7 @@ def test_first_order_intervals_of_the_mean_law_agree_with_its_samples(tmp_path):
         part = result["error_half_width"].sel(quantity=name, error_term="sampling")
         # under an exponential law the load that slips hardly depends on its length
         alike = 1e-3 if name == "slipping_load" else 0.0
-        # law and friction add as if they were independent: too much where a sample moves both
-        # at rest the changes by all samples are of first order
-        limit = 0.1 if name.endswith("stiffness") else 0.4
-        assert float(part[column]) == pytest.approx(half, rel=limit, abs=alike), name
+        # at rest the changes by all samples are of first order; in cycles law and friction add as
+        # if they were independent, which is wider (1.31 times) where a sample moves both
+        most = 1.1 if name.endswith("stiffness") else 1.4
+        assert 0.9 * half - alike < float(part[column]) < most * half + alike, name
