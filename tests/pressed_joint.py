@@ -50,7 +50,7 @@ def press_blocks(joint, law, preloads, **options):
     """
     whole = assemble(cut_assembly(pressed_blocks(joint, law)))
     load, weight, area = whole.load[:, 0], whole.weight, joint.area
-    flexible, both = whole.flexible, whole.flexible.split(load, motions=False)
+    flexible = whole.flexible  # of a small joint
     result = SimpleNamespace(
         **{
             name: np.full(len(preloads), np.nan)
@@ -74,7 +74,11 @@ def press_blocks(joint, law, preloads, **options):
         result.approach[step] = load @ solution.value / area
         result.mean_gap[step] = weight @ solution.jump[0] / area + law.gap
         result.closed_fraction[step] = weight @ (response.traction[0] < 0.0) / area
+        if flexible is None:
+            moved = whole.linear(whole.stiffness, whole.jump, weight * response.tangent)(load)
+            result.joint_stiffness[step] = area / (load @ moved)
+            continue
         tangent = weight * soften_tangent(response, flexible.resistance).tangent
-        moved = flexible.direction(tangent, both)
-        result.joint_stiffness[step] = area / (both @ moved)
+        both = flexible.split(load, motions=False)
+        result.joint_stiffness[step] = area / (both @ flexible.direction(tangent, both))
     return result

@@ -350,7 +350,6 @@ def case_budget(
         law,
         resolutions=pressed,
         scales=joint_scales(case),
-        apart=bool(pressed),
         tangential=None if case.micro.shear is None else sheared,
         control=control,
         discrepancy=case.law.discrepancy,

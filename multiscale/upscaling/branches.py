@@ -13,7 +13,6 @@ from multiscale.schema import (
     Dataset,
     with_cautions,
 )
-from multiscale.upscaling.cell_size import students
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import branch_origins, describe_control, fit_law, with_branch
 from multiscale.upscaling.observations import Misfit, Observations, list_pressures
@@ -149,11 +148,13 @@ def with_steady_friction(law: Dataset, response: Dataset) -> Dataset:
 
     The law holds at this speed, the attribute ``sliding_speed``; :func:`at_speed` gives others.
     """
+    from scipy.special import stdtrit
+
     seen = friction_observations(response)
     (speed,) = np.unique(seen.conditions[1])
     n = seen.counted.sum(axis=0)
     variance = np.nanvar(seen.values, axis=0) / np.maximum(n - 1, 1)
-    half = np.where(n > 1, students(variance[None], n[None] - 1), np.nan)
+    half = np.where(n > 1, stdtrit(np.maximum(n - 1, 1), 0.975) * np.sqrt(variance), np.nan)
     values = {
         "sliding_pressure": seen.pressure,
         "sliding_friction": seen.mean,

@@ -74,10 +74,6 @@ class Term:
             bias=bias[..., steps] if bias.ndim else self.bias,
         )
 
-    def taken_out(self, source: str) -> "Term":
-        """Return the remaining term where the bias is taken out of an answer."""
-        return replace(self, how=f"taken out: {self.how} ({source})", bias=0.0)
-
 
 NO_PART = Term("not in a law without the scales of a structure")
 

@@ -1,4 +1,4 @@
-"""Errors of a law by the size of its cells, and by wavelengths that they lack."""
+"""Values of every cell for the budget of a law, and errors by wavelengths that cells lack."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -7,12 +7,11 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import Dataset
-from multiscale.upscaling.budget import NORMAL, Term
+from multiscale.upscaling.budget import Term
 from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 from multiscale.upscaling.response_observations import area_observations, normal_observations
 
-SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # powers of the cell size
 LEAST_SHARE = 0.5
 """Share of height or slope below which a law would be read at less than half its pressures."""
 
@@ -37,7 +36,7 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
     Small periodic cells have few long wavelengths, and their root mean square height :math:`h_k` is
     not the height :math:`h` of the surface. At equal slope, gaps are in proportion to the heights,
     so that :math:`g_k\, h / h_k` has less bias and less scatter. The rest of the bias falls with
-    the size of the cell, and ensembles of several sizes, all treated alike, still measure it.
+    the size of the cell.
     """
     if not (rms_height > 0.0 and np.isfinite(rms_height)):
         raise CaseError(f"rms_height must be positive and finite (m), got {rms_height:g}")
@@ -48,72 +47,6 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
     ratio = rms_height / response["rms_height"].to_numpy()
     gap = response["mean_gap"].copy(data=response["mean_gap"].to_numpy() * ratio[:, None])
     return response.assign(mean_gap=gap).assign_attrs(gaps_at_rms_height=rms_height)  # m
-
-
-def size_term(
-    response: Dataset,
-    sizes: Mapping[float, Dataset],
-    *,
-    apart: bool = False,
-) -> Term:
-    r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
-
-    The difference of the mean from an infinite cell falls as a power of the size: the scatter has
-    the power 1, its square, through the curvature of a law, 2, and the lattice of the wave vectors
-    of a periodic cell about 1.5; cells with a handful of contacts change faster, so that powers
-    from 1 to 3 are taken. For each power
-    the bias is a weighted sum :math:`\sum_i w_i m_i` of the means, and powers count by their
-    likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
-    half-width. Where the response is among the sizes, its error :math:`\epsilon_0` enters twice,
-    as :math:`(1 - w_0)\, \epsilon_0`, and the sampling term contains :math:`\epsilon_0`; ensembles
-    ``apart`` from the response have no such share.
-    """
-    responses = compared(response, sizes, apart=apart)
-    ratios = np.array(sorted(responses))
-    cells = [values_of_cells(responses[ratio]) for ratio in ratios]
-    shared = 0.0 if apart else 1.0 * (ratios == 1.0)
-    biases, rows, powers = [], [], []
-    for answer, *samples in zip(values_of_cells(response), *cells, strict=True):
-        # means of the sizes, and their variances
-        mean = np.array([np.nanmean(values, axis=0) for values in samples])
-        count = [np.maximum(np.isfinite(values).sum(axis=0) - 1, 1) for values in samples]
-        variance = np.array([np.nanvar(values, axis=0) for values in samples]) / count
-        variance = np.maximum(variance, (1e-9 * mean) ** 2)
-        freedom = np.array([[max(len(values) - 1, 1)] for values in samples])
-        # bias, its half-width and the misfit by each power
-        bias, noise, misfit = [], [], []
-        for order in SIZE_ORDERS:
-            weight, miss = _slope(ratios**-order, mean, np.sqrt(variance))
-            bias.append(np.sum(weight * mean, axis=0))
-            counted = weight**2 - 2.0 * np.reshape(shared, (-1, 1)) * weight
-            noise.append(students(counted * variance, freedom))
-            misfit.append(miss)
-        # the powers, weighted by their likelihood
-        likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
-        likelihood /= likelihood.sum()
-        middle = likelihood @ np.array(bias)
-        between = NORMAL**2 * (np.array(bias) - middle) ** 2
-        square = likelihood @ (np.array(noise) ** 2 + between)
-        powers.append(float(likelihood @ SIZE_ORDERS))
-        size = np.abs(np.nanmean(answer, axis=0))
-        biases.append(middle / size)
-        rows.append(np.sqrt(square) / size)
-    how = f"means over the cell size from {len(ratios)} sizes, power about {np.mean(powers):.2g}"
-    return Term(how, np.array(rows), np.array(biases))
-
-
-def without_bias(response: Dataset, *terms: Term) -> Dataset:
-    """Return a response less the biases of gap and contact fraction by terms."""
-    gap, area, _ = 1.0 - np.sum([np.asarray(term.bias) for term in terms], axis=0)
-    steps, place = response.sizes["step"], normal_observations(response).order
-    factors = np.ones((2, steps))
-    factors[:, place] = gap, area
-    corrected = {
-        name: response[name].copy(data=response[name].to_numpy() * factor)
-        for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
-    }
-    corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
-    return response.assign(corrected)
 
 
 def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
@@ -157,17 +90,6 @@ def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
     return Term(how, 2.0 * np.array(rows))
 
 
-def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the weights (sizes, steps) of means in the slope of a line over x, and the misfit."""
-    weight, x = 1.0 / error**2, x[:, None]
-    centre = (weight * x).sum(axis=0) / weight.sum(axis=0)
-    level = (weight * mean).sum(axis=0) / weight.sum(axis=0)
-    share = weight * (x - centre) / (weight * (x - centre) ** 2).sum(axis=0)
-    slope = (share * mean).sum(axis=0)
-    misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
-    return share, float(misfit.mean())  # the steps of a cell are not independent
-
-
 def values_of_cells(response: Dataset) -> np.ndarray:
     """Return gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
     return np.array([values for ((values, _),) in ensembles_of_cells(response)])
@@ -185,14 +107,12 @@ def ensembles_of_cells(
     return [[*gap.ensembles], [*area.ensembles], stiffness]
 
 
-def compared(
-    response: Dataset, others: Mapping[float, Dataset], *, apart: bool
-) -> dict[float, Dataset]:
-    """Return compared responses by their ratios, with the response unless ``apart``."""
-    if apart and len(others) < 2:
+def compared(response: Dataset, others: Mapping[float, Dataset]) -> dict[float, Dataset]:
+    """Return compared responses by their ratios, with the response where none has the ratio 1."""
+    if list(others) == [1.0]:
         raise CaseError(
-            f"ensembles apart from the response are compared among themselves, so that two are "
-            f"needed, got {len(others)}"
+            "resolutions with the spacing of the response are compared among themselves, so that "
+            "two are needed, got 1"
         )
     expected = normal_observations(response).pressure
     for ratio, other in others.items():
@@ -201,15 +121,4 @@ def compared(
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
-    return dict(others) if apart else {1.0: response, **others}
-
-
-def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """Return the 95 % half-width of a sum, by Welch and Satterthwaite, from (terms, steps)."""
-    from scipy.special import stdtrit
-
-    total = np.maximum(variances.sum(axis=0), 0.0)
-    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
-    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
-    factor = stdtrit(np.maximum(whole, 1.0), 0.975)
-    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
+    return {1.0: response, **others}

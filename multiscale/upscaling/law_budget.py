@@ -31,7 +31,6 @@ from multiscale.upscaling.budget import (
 from multiscale.upscaling.cell_size import (
     compared,
     ensembles_of_cells,
-    size_term,
     surface_term,
     values_of_cells,
 )
@@ -63,9 +62,7 @@ def error_budget(
     law: Dataset,
     *,
     resolutions: Mapping[float, Dataset] | None = None,
-    sizes: Mapping[float, Dataset] | None = None,
     scales: ScaleSeparation | None = None,
-    apart: bool = False,
     tangential: Mapping[float, Dataset] | None = None,
     control: Dataset | None = None,
     discrepancy: float | None = None,
@@ -79,15 +76,9 @@ def error_budget(
     law : Dataset, follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`
     resolutions : mapping of float to Dataset, optional
         From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
-        the same realisations on a coarser grid.
-    sizes : mapping of float to Dataset, optional
-        From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
-        response of cells with the same spectrum.
+        the same realisations on a coarser grid. With a ratio of 1 they are compared among
+        themselves, such as the same small cells on several grids.
     scales : ScaleSeparation, optional, from :func:`compare_scales`
-    apart : bool, default False
-        Whether resolutions and sizes, at least two of each, are separate ensembles that are
-        compared among themselves: the same small cells on several grids, and many cells of
-        several sizes on a coarse grid. Their scatter then counts for the response too.
     tangential : mapping of float to Dataset, optional
         If given, the tangential traction of the law, over full slip, has a budget too; see
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
@@ -98,7 +89,7 @@ def error_budget(
         Half-width of the 95 % interval of the stiffness of joints about the law of their cells, and
         of its exponent half as much; :data:`DISCREPANCY` if not given, 0 for none.
     known : mapping of str to Term, optional
-        Terms that are known otherwise, such as terms with a bias taken out of the response.
+        Terms that are known otherwise.
 
     Returns
     -------
@@ -119,7 +110,7 @@ def error_budget(
     Notes
     -----
     Each term is estimated by its function: :func:`~.law_budget.sampling_term`,
-    :func:`~.law_budget.fit_term`, :func:`~.cell_size.size_term`,
+    :func:`~.law_budget.fit_term`,
     :func:`~.law_budget.grid_term` (micro discretisation),
     :func:`~.law_budget.increment_term`, :func:`~.law_budget.slope_term`,
     :func:`~.cell_size.surface_term`, :func:`~.law_budget.separation_term` and, for few cells,
@@ -134,10 +125,7 @@ def error_budget(
     INTERFACE_LAW.check(law)
     response = up_to_limit(response, law)
     control = None if control is None else up_to_limit(control, law)
-    resolutions, sizes = (
-        {ratio: up_to_limit(other, law) for ratio, other in (others or {}).items()}
-        for others in (resolutions, sizes)
-    )
+    resolutions = {ratio: up_to_limit(grid, law) for ratio, grid in (resolutions or {}).items()}
     known = {name: term.at(slice(law.sizes["step"])) for name, term in known.items()}
     gap = normal_observations(response, control)
     p = gap.pressure
@@ -146,22 +134,19 @@ def error_budget(
             f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
             f"response; fit it to this response"
         )
-    pooled = sizes if apart else None
-    sampling = sampling_term(response, law, pooled, control)
+    sampling = sampling_term(response, law, control)
     how = f"Student's interval of {gap.n_realisations} realisations"
     if gap.control is not None:
         how += f" with {gap.control}"
     elif control is not None:
         how += " only, since they and the control cells follow each other by chance"
-    elif pooled:
-        how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
     if not np.any(np.isfinite(sampling.half_width)):
         how = "not known: a single realisation does not show the scatter, solve 3"
     # terms without further data, then the terms of the given data
     terms = {
         "sampling": Term(how, sampling.half_width),
         "fit": Term("error at pressures that are left out of the fit", fit_term(law, p)),
-        "cell size": Term("not known: pass sizes, responses of cells of another size"),
+        "cell size": Term("not known: cells of one size were solved"),
         "micro discretisation": Term(
             "not known: pass resolutions, the same realisations on coarser grids"
         ),
@@ -175,10 +160,8 @@ def error_budget(
         STATED: NO_STATED,
         "macro discretisation": Term("not in a law: see propagate"),
     }
-    if sizes and "cell size" not in known:
-        terms["cell size"] = size_term(response, sizes, apart=apart)
     if resolutions:
-        terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
+        terms["micro discretisation"] = grid_term(response, resolutions)
     terms |= known
     if scales is not None:
         terms["scale separation"] = Term(str(scales), separation_term(law, p, scales))
@@ -202,39 +185,22 @@ class Sampling:
     scatter: np.ndarray
 
 
-def sampling_term(
-    response: Dataset,
-    law: Dataset,
-    sizes: Mapping[float, Dataset] | None,
-    control: Dataset | None = None,
-) -> Sampling:
-    r"""Estimate the half-widths from the scatter of the realisations.
+def sampling_term(response: Dataset, law: Dataset, control: Dataset | None = None) -> Sampling:
+    """Estimate the half-widths from the scatter of the realisations.
 
     Student's interval of the mean of gap, contact fraction and compliance :math:`1/K`; the squares
     of the intervals of residuals of pairs and of cheap cells, see :class:`~.sampling.Control`, add
-    up. The scatter of ``sizes`` counts too, unless there is a control: it falls as :math:`1/L`, so
-    that with :math:`\nu_i = N_i - 1` and the sizes :math:`r_i` relative to the response
-
-    .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
-        \qquad w = t_{0.975,\, \sum \nu_i}\, \mathrm{CoV} / \sqrt{N_0}.
+    up.
     """
     from scipy.special import stdtrit
 
     gap = normal_observations(response, control)
     quantities = ensembles_of_cells(response, control, law)
     quantities[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in quantities[2]]
-    others: dict[float, tuple[np.ndarray, ...]] = {}
-    if sizes and gap.control is None:
-        for ratio, other in compared(response, sizes, apart=True).items():
-            g, a, k = values_of_cells(other)
-            others[ratio] = g, a, 1.0 / k
     half, scatter = np.full((2, 3, gap.pressure.size), np.nan)
     for k, ensembles in enumerate(quantities):
         sums = [_squares(values, len(values) - freedom) for values, freedom in ensembles]
         square, freedom, n = (np.array(column) for column in zip(*sums, strict=True))
-        for ratio, values in others.items():
-            more, free, _ = _squares(values[k], 1)
-            square, freedom = square + ratio**2 * more, freedom + free
         estimable = np.all((freedom > 0) & (n > 0), axis=0)
         variance = square / np.maximum(freedom, 1)
         factor = stdtrit(np.maximum(freedom, 1), 0.975) / np.sqrt(np.maximum(n, 1))
@@ -314,9 +280,7 @@ def _end_error(gap: np.ndarray, x: np.ndarray, log_compliance: np.ndarray) -> fl
     return float(abs(log_compliance[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
-def grid_term(
-    response: Dataset, resolutions: Mapping[float, Dataset], *, apart: bool = False
-) -> Term:
+def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
     """Estimate bias and half-widths from the same realisations on several grids.
 
     The bias is the sum of the mean differences between neighbouring grids, down to the finest; the
@@ -327,7 +291,7 @@ def grid_term(
 
     by_ratio = {
         ratio: values_of_cells(grid)
-        for ratio, grid in sorted(compared(response, resolutions, apart=apart).items())
+        for ratio, grid in sorted(compared(response, resolutions).items())
     }
     ratios = np.array([*by_ratio])
     for (_, fine), (ratio, coarse) in pairwise(by_ratio.items()):

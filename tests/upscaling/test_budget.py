@@ -34,7 +34,6 @@ from multiscale.upscaling.budget import (
     mean_law_error,
     total_error,
 )
-from multiscale.upscaling.cell_size import size_term, without_bias
 from multiscale.upscaling.free_form import decay_share
 from multiscale.upscaling.scales import compare_scales, effective_cells
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
@@ -69,7 +68,7 @@ def test_the_budget_follows_its_schema_and_lists_unknown_terms():
     assert (
         budget.attrs["unknown"] == "cell size, micro discretisation, small slopes, scale separation"
     )
-    assert budget.attrs["how_cell_size"].startswith("not known: pass sizes")
+    assert budget.attrs["how_cell_size"].startswith("not known: cells of one size")
     np.testing.assert_allclose(
         budget["error_total"].sel(quantity="mean_gap"),
         np.hypot(half(budget, "sampling"), half(budget, "fit")),
@@ -324,7 +323,7 @@ def test_grids_of_other_cells_give_the_error_at_the_spacing_of_the_response():
     grids = {r: ensemble(factor=1.0 + 0.02 * r, seed=9) for r in counts}
     grids = {r: value.isel(realisation=slice(counts[r])) for r, value in grids.items()}
     response = ensemble(factor=1.02)
-    budget = error_budget(response, fit_law(response), resolutions=grids, apart=True)
+    budget = error_budget(response, fit_law(response), resolutions=grids)
     for quantity in ("mean_gap", "contact_fraction"):
         computed = half(budget, "micro discretisation", quantity) / (0.01 / 1.01)
         assert np.all((computed > 1.24) & (computed < 1.6)), computed
@@ -332,7 +331,7 @@ def test_grids_of_other_cells_give_the_error_at_the_spacing_of_the_response():
         np.testing.assert_allclose(bias, 0.01 / 1.01, rtol=0.05)
     few = {0.5: grids[1.0], 1.0: grids[0.5]}
     with pytest.raises(CaseError, match="at the ratio 1 has 5 realisations, not 12; solve the"):
-        error_budget(response, fit_law(response), resolutions=few, apart=True)
+        error_budget(response, fit_law(response), resolutions=few)
 
 
 def test_what_increments_leave_enters_every_total():
@@ -377,63 +376,9 @@ def test_a_step_at_which_two_grids_agree_has_no_larger_error_than_the_others():
     factor[0.25][3] = 1.0101
     grids = {r: ensemble(factor=value, seed=9) for r, value in factor.items()}
     response = ensemble(factor=1.02)
-    budget = error_budget(response, fit_law(response), resolutions=grids, apart=True)
+    budget = error_budget(response, fit_law(response), resolutions=grids)
     half_width = half(budget, "micro discretisation")
     assert half_width[3] < np.median(half_width) < 1.5 * 0.02 / 4.0
-
-
-@pytest.mark.parametrize("apart", [False, True])
-def test_the_size_term_finds_the_bias_of_a_small_cell(apart):
-    """Means 1 + .04 / L: the response at L = 2 is 2 % off. Its scatter enters twice if it is one of
-    the sizes, and not at all if both are apart, on another grid."""
-    response, n = ensemble(12, spread=0.02, factor=1.02), 400
-    sizes = {0.5: ensemble(n, spread=0.04, factor=1.04, seed=2)}
-    if apart:
-        sizes[1.0] = ensemble(n, spread=0.02, factor=1.02, seed=3)
-    budget = error_budget(response, fit_law(response), sizes=sizes, apart=apart)
-    bias = budget["error_bias"].sel(error_term="cell size", quantity="mean_gap").values
-    direct = response["mean_gap"].values
-    direct = direct.std(axis=0, ddof=1) / np.sqrt(12) / direct.mean(axis=0)
-    others = np.hypot(0.04, 0.02 if apart else 0.0) / np.sqrt(n)
-    noise = others if apart else np.hypot(np.sqrt(3.0) * direct, others)
-    # the powers 1 to 3, which two sizes do not separate: .02 / (2^q - 1)
-    biases = 0.02 / (2.0 ** np.linspace(1.0, 3.0, 11) - 1.0)
-    least, most = biases.std() * bias / biases.mean(), np.hypot(noise, biases.std())
-    assert np.all(
-        (half(budget, "cell size") > 1.9 * least) & (half(budget, "cell size") < 2.0 * most)
-    )
-    assert np.all(np.abs(bias - biases.mean()) < (0.006 if apart else 2.0 * direct))
-
-
-def test_two_sizes_without_scatter_leave_the_powers_1_to_3():
-    """Means 1.02 and 1.04 at L = 2 and 1 leave .02 / (2^q - 1) to an infinite cell."""
-    response, small = ensemble(3, spread=0.0, factor=1.02), ensemble(3, spread=0.0, factor=1.04)
-    budget = error_budget(response, fit_law(response, n_samples=0), sizes={0.5: small})
-    biases = 0.02 / (2.0 ** np.linspace(1.0, 3.0, 11) - 1.0) / 1.02
-    for quantity in ("mean_gap", "contact_fraction"):
-        bias = budget["error_bias"].sel(error_term="cell size", quantity=quantity)
-        np.testing.assert_allclose(bias, biases.mean(), rtol=1e-6)
-        half_width = half(budget, "cell size", quantity)
-        np.testing.assert_allclose(half_width, 1.959964 * biases.std(), rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_three_sizes_give_the_power_and_the_bias_is_taken_out():
-    """Means 1 + .16 / L^2, in cells of 1, 2 and 4; the response has 4."""
-    response = ensemble(400, spread=0.01, factor=1.01, seed=8)
-    sizes = {0.25: ensemble(400, spread=0.01, factor=1.16, seed=2)}
-    sizes |= {0.5: ensemble(400, spread=0.01, factor=1.04, seed=3), 1.0: response}
-    budget = error_budget(response, fit_law(response, n_samples=0), sizes=sizes, apart=True)
-    bias = budget["error_bias"].sel(error_term="cell size", quantity="mean_gap")
-    np.testing.assert_allclose(bias, 0.01 / 1.01, atol=0.002)
-    term = size_term(response, sizes, apart=True)
-    corrected = without_bias(response, term)
-    np.testing.assert_allclose(corrected["mean_gap"].mean("realisation"), TRUTH, rtol=3e-3)
-    known = {"cell size": term.taken_out("ensembles of three")}
-    law = fit_law(corrected, n_samples=0)
-    budget = error_budget(corrected, law, sizes=sizes, apart=True, known=known)
-    assert not np.any(budget["error_bias"])
-    assert budget.attrs["how_cell_size"].startswith("taken out: means over the cell size from 3")
 
 
 def test_gaps_are_taken_to_the_height_of_the_surface_at_large():

@@ -1,7 +1,7 @@
 r"""Stated errors against true errors, over 60 scenes with a computable truth.
 
 Twenty small ensembles of flat cells, two spectra, 8 cells of two longest waves each, at the height
-of the surface at large and less the bias by cells of three sizes. Of each three scenes: the
+of the surface at large. Of each three scenes: the
 averages of the *cells*, against averages of large cells and fine grids at more pressures; the
 stiffness of a *joint* pressed off its centre, against the true law on a finer mesh; the gap of a
 *wave* four times as long as the longest roughness, by the law, against one rough wave resolved.
@@ -29,8 +29,6 @@ from multiscale.upscaling import (
     with_budget,
     with_scales,
 )
-from multiscale.upscaling.cell_size import size_term, without_bias
-from multiscale.upscaling.law_budget import grid_term
 from multiscale.upscaling.scales import compare_scales
 from tests.pressed_joint import ElementJoint, press_blocks
 from tests.support import press_flat, rough_square
@@ -123,21 +121,15 @@ class Scene:
     """Ensembles that are computed to answer, and to estimate the error of it."""
 
     response: "xr.Dataset"
-    sizes: dict
     grids: dict
     wave: np.ndarray  # gap of the wave that is resolved
 
 
 def compute_scene(seed, hurst):
-    """Few cells on the grid of the answer; many, of three sizes, on a coarse grid."""
+    """Few cells on the grid of the answer, and on a coarse grid."""
     response = ensemble(2, 8, seed, hurst=hurst)
-    sizes = {
-        0.5: ensemble(1, 48, seed + 100, points=4, hurst=hurst),
-        1.0: ensemble(2, 32, seed + 200, points=4, hurst=hurst),
-        2.0: ensemble(4, 16, seed + 400, points=4, hurst=hurst),
-    }
-    grids = {1.0: response, 2.0: ensemble(2, 8, seed, points=4, hurst=hurst)}
-    return Scene(response, sizes, grids, rough_wave_gaps(seed + 300, hurst))
+    grids = {2.0: ensemble(2, 8, seed, points=4, hurst=hurst)}
+    return Scene(response, grids, rough_wave_gaps(seed + 300, hurst))
 
 
 @dataclass(frozen=True)
@@ -187,17 +179,11 @@ def values_of(law):
 
 def judge(scene, truth):
     """Signed errors and stated half-widths of one scene, by their quantity."""
-    sizes = {ratio: at_rms_height(number, truth.height) for ratio, number in scene.sizes.items()}
     grids = {ratio: at_rms_height(number, truth.height) for ratio, number in scene.grids.items()}
     response = at_rms_height(scene.response, truth.height)
-    terms = {
-        "cell size": size_term(response, sizes, apart=True),
-        "micro discretisation": grid_term(response, grids, apart=True),
-    }
-    response = without_bias(response, *terms.values())
     law = fit_law(response, n_samples=0)
-    known = {name: number.taken_out("other cells") for name, number in terms.items()}
-    budget = error_budget(response, law, sizes=sizes, apart=True, known=known)
+    # the truth is of cells, not of joints
+    budget = error_budget(response, law, resolutions=grids, discrepancy=0.0)
     error = values_of(law) / truth.cells - 1.0
     results = {
         name: (error[k], budget["error_total"].values[k])
