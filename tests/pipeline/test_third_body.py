@@ -145,7 +145,7 @@ def test_other_layers_dilate_and_slide_as_the_law_between_its_pressures(tmp_path
             < np.hypot(band, spread * values.std(axis=0, ddof=1))
         )
     stiffness = law["error_total"].sel(quantity="stiffness").values
-    assert np.all(stiffness < 0.5)  # a law of free form has 1 to 2
+    assert np.all(stiffness < 0.5)  # .39 measured
     fall = gap[:, 0] - gap[:, -1]  # a secant of the stiffness
     expected = -np.diff(law_from_dataset(law).gap_at(p[[0, -1]]))[0]
     band = stiffness.max() * expected, spread * fall.std(ddof=1)
