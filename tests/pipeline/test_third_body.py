@@ -123,7 +123,7 @@ def layers(tmp_path, pressures, realisations, seed):
     return case, MICRO_RESPONSE.build(values, **attributes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_other_layers_dilate_and_slide_as_the_law_between_its_pressures(tmp_path):
     case, response = layers(tmp_path, [500, 2000, 8000, 32000], 5, seed=0)
     law = THIRD_BODY_LAW.run(case, {"micro_response": response}, None)
