@@ -157,10 +157,11 @@ class Dilatant(NormalLaw):
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
         """Return the local gap, m, at a pressure, Pa; infinite at zero pressure."""
+        least = self.least_dilation
         with np.errstate(divide="ignore"):
-            share = self.pressure_scale / np.asarray(pressure, dtype=float)
-        x = np.maximum(np.sqrt(share), self.least_dilation)
-        below = np.maximum(0.0, 0.5 * x * (x**2 / share - 1.0))
+            root = np.sqrt(self.pressure_scale / np.asarray(pressure, dtype=float))
+        x = np.maximum(root, least)
+        below = 0.5 * least * ((least / np.minimum(root, least)) ** 2 - 1.0)
         return np.asarray(self.solid_height * (1.0 + x - below))
 
     def _dilation(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

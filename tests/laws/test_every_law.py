@@ -167,6 +167,13 @@ def test_gap_at_inverts_the_pressure_over_twelve_decades(law):
 
 
 @normal_laws
+def test_the_gap_at_zero_pressure_bears_nothing(law):
+    gap = law.gap_at(np.array([0.0, 1.0]))
+    assert gap[0] > gap[1]
+    assert law.pressure(gap)[0] == 0.0
+
+
+@normal_laws
 @pytest.mark.parametrize("source", [-1e9, -1.0, -1e-9, 0.0, 1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("stiffness", [1e-9, 1.0, 1e9])
 def test_resolvent_finds_its_way_from_any_source(law, source, stiffness):
