@@ -233,6 +233,11 @@ def test_a_layer_of_grains_sheared_again_agrees(tmp_path):
             r"\[third_body\] presses and shears \[grains\]",
         ),
         ('"0.5 kPa", "1 kPa"', '"1 kPa", "0.5 kPa"', "must rise"),
+        (
+            "[third_body]",
+            "[law]\nterms = 20\n[third_body]",
+            r"terms in \[law\] fit cells of two sur",
+        ),
     ],
 )
 def test_grains_that_do_not_flow_are_refused_before_a_run(tmp_path, old, new, words):

@@ -89,7 +89,7 @@ def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
     law = fit_law(response, family="dilatant", n_samples=case.law.samples)
     nothing = Term("nothing: the grains are rigid spheres", np.zeros((3, law.sizes["step"])))
     known = {**dict.fromkeys(NOTHING, nothing), "fit": _lack_of_fit(response, law)}
-    budget = error_budget(response, law, known=known)
+    budget = error_budget(response, law, known=known, discrepancy=case.law.discrepancy)
     return with_steady_friction(with_budget(law, budget), response).assign_attrs(title=case.title)
 
 

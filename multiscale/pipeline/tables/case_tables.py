@@ -321,7 +321,9 @@ class MicroSettings(toml.Settings):
 class LawSettings(toml.Settings):
     """The fit of the interface law."""
 
-    terms: toml.Count = Field(40, ge=6, description="Terms of the normal law.")
+    terms: toml.Count = Field(
+        40, ge=6, description="Terms of the normal law; not of a layer of grains: two parameters."
+    )
     samples: Annotated[toml.Count, toml.at_most(40)] = Field(200, ge=0)
     """Bootstrap samples behind the bands."""
     apart: bool | None = None

@@ -117,12 +117,21 @@ class ThirdBody(toml.Settings):
 
 
 def third_body_faults(case: "Case") -> Iterator[str]:
-    """Report a third body without grains, or with cells of two surfaces."""
+    """Report a third body without grains, with cells of two surfaces, or with keys of their law."""
     if case.grains is None:
         yield "[third_body] presses and shears [grains]; give them"
     stray = [name for name in ("cell", "micro", "slide", "seal", "measured") if getattr(case, name)]
     if stray:
         yield f"[third_body] and [{stray[0]}] give the law of an interface both; leave out one"
+    fit, standard = case.law, type(case.law)()
+    of_surfaces = [
+        name for name in ("terms", "apart") if getattr(fit, name) != getattr(standard, name)
+    ]
+    if of_surfaces:
+        yield (
+            f"{' and '.join(of_surfaces)} in [law] fit cells of two surfaces, and the law of "
+            f"[third_body] is a formula of two parameters; leave out {' and '.join(of_surfaces)}"
+        )
     if case.structure is not None and "grains" in case.structure.asks[0]:
         yield (
             f"a structure of kind {case.structure.kind!r} is made of [grains], and [third_body] "
