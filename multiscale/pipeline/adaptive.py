@@ -134,14 +134,15 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
         listed = _list_pressures(p for pressures in further.values() for p in pressures)
         notes.append(
             f"all {ROUNDS} solves of the structure ask for further pressures, the last for "
-            f"{listed}: the answer may change with cells at more; give more pressures in [micro]"
+            f"{listed}: the answer may change with cells at further pressures; give more "
+            f"pressures in [micro]"
         )
     return _with_laws(cells, datasets, replace(job, notes=tuple(notes)))
 
 
 def _list_pressures(pressures: Iterable[float]) -> str:
-    """List pressures by their size."""
-    return ", ".join(readable(f"{p:.4g} Pa") for p in sorted(pressures))
+    """List different pressures by their size."""
+    return ", ".join(dict.fromkeys(readable(f"{p:.4g} Pa") for p in sorted(pressures)))
 
 
 def _open_cells(case: Case, named: Named, datasets: Datasets, job: Job) -> PressedCells:

@@ -78,12 +78,14 @@ def body_knobs(case: Case) -> Iterator[Knob]:
     """Yield the knobs of bodies with joints, at rest, in cycles and in vibration."""
     spacing = {"structure.element": 0.5, "structure.elements": 2, "structure.bodies.element": 0.5}
     both = (STRUCTURE, "vibration")
-    # meshes of files have their error in the budget
+    files = case.structure.file_meshes if case.structure else ()
+    budgeted = any(files) and all(files)  # the error of all meshes is in the budget
     yield Knob(
         "elements",
         scaled(spacing),
-        (MACRO,),
+        () if files and not budgeted else (MACRO,),
         costs=dict.fromkeys(both, PLANE),
+        measured=not budgeted,
         ratio=lambda case: case.structure.refinement() if case.structure else 2.0,
     )
     for name, keys, orders, cost in (

@@ -40,13 +40,20 @@ class Knob:
         return self._has(case, 1) or self._has(case, -1)
 
     def lowest(self, case: "Case") -> int:
-        """Return the lowest rung of a case; below a rung that is measured, the spacing differs."""
+        """Return the lowest rung of a case at which its error is known.
+
+        That of a measured knob has another spacing at the rung above it.
+        """
         rung = 0
         while rung > LOWEST and self._has(case, rung - 1):
             rung -= 1
-        while self.measured and rung < HIGHEST and self.ratio(self.change(case, rung + 1)) <= 1.0:
-            rung += 1
-        return rung
+        for first in range(rung, HIGHEST):
+            if self.ratio(self.change(case, first + self.measured)) > 1.0:
+                return first
+        raise CaseError(
+            f"the {self.name} of all settings that [accuracy] may choose are the same, and their "
+            f"error is not known; ask for other {self.name}, or leave the target out"
+        )
 
     def _has(self, case: "Case", rung: int) -> bool:
         try:

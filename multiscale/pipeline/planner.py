@@ -45,7 +45,7 @@ CLEAR_RATIO = 1.8  # of spacings, below which two differences show no order
 HIDDEN = 0.67  # bias that stays hidden in scatter, over its 95 % half-width
 NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting, and of
-a term over the error of the answer below which it is not named."""
+a term over a whole error below which it is not named."""
 
 SAMPLING = "sampling"
 
@@ -205,6 +205,13 @@ class Planner:
                 left[name] = old
                 continue
             below = {**setting, name: setting[name] - 1}
+            ratio = outcome.ratio.get(name, 2.0)
+            if ratio <= 1.0:
+                raise CaseError(
+                    f"the {name} at the setting {_rungs(setting)} and at the coarser setting "
+                    f"{_rungs(below)} are the same, and their error is not known; ask for other "
+                    f"{name}, or leave the target out"
+                )
             coarse = self.solve(below, False)
             if coarse.value.shape != outcome.value.shape or not np.isfinite(coarse.value).all():
                 raise CaseError(
@@ -213,7 +220,6 @@ class Planner:
                     f"finer settings"
                 )
             difference = 1.0 - coarse.value / outcome.value
-            ratio = outcome.ratio.get(name, 2.0)
             left[name] = _left(knob, difference, setting[name], old, sampling, ratio)
             growth |= _growth(knob, outcome.seconds, coarse.seconds)
         state = State(setting, outcome, left, growth)
@@ -351,15 +357,14 @@ class Planner:
         if state.prediction_error:
             yield SourceCost("distance from the prediction", state.prediction_error, nan)
 
-    def fixed(self, state: State) -> dict[str, float]:
-        """Return the errors of the terms that no knob reduces, without those that hardly count."""
+    def fixed(self, state: State, whole: float) -> dict[str, float]:
+        """Return the errors of the terms that no knob reduces, if they count in a whole error."""
         errors = {
             term: float(np.max(total_error(bias, half)))
             for term, (half, bias) in self._fixed_rows(state).items()
         }
-        least = NEGLIGIBLE * float(np.max(self.error(state)))
         largest = sorted(errors.items(), key=lambda item: -item[1])
-        return {term: error for term, error in largest if error > least}
+        return {term: error for term, error in largest if error > NEGLIGIBLE * whole}
 
     def _fixed_rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Return half-width and bias of the terms that no knob reduces."""
@@ -376,7 +381,8 @@ class Planner:
         floor = float(np.max(total_error(total, np.sqrt(square))))
         if floor > self.target:
             named = " and ".join(
-                f"{term} ({100.0 * error:.2g} %)" for term, error in self.fixed(state).items()
+                f"{term} ({100.0 * error:.2g} %)"
+                for term, error in self.fixed(state, floor).items()
             )
             raise CaseError(
                 f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "

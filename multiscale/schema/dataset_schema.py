@@ -41,13 +41,17 @@ class PlainDataset:
 
 @dataclass(frozen=True)
 class Schema:
-    """Names, dimensions and units of a kind of dataset; ``news`` is what earlier versions lack."""
+    """Names, dimensions and units of a kind of dataset; ``news`` is what earlier versions lack.
+
+    ``gone`` has the remedies for variables of earlier versions that no answer takes any more.
+    """
 
     name: str
     version: int
     variables: Mapping[str, Variable]
     optional: Mapping[str, Variable] = field(default_factory=dict)
     news: str = ""
+    gone: Mapping[str, str] = field(default_factory=dict)
 
     def with_samples(self, **names: Iterable[str]) -> "Schema":
         """Add the samples ``..._sample`` of optional variables, named for each dimension."""
@@ -76,8 +80,12 @@ class Schema:
         return replace(self, optional={**self.optional, **ends})
 
     def check(self, dataset: Dataset) -> None:
-        """Raise if a variable is missing or has other dimensions or units."""
-        faults = []
+        """Raise if a variable is missing, is gone, or has other dimensions or units."""
+        faults = [
+            f"{name}: not supported any more; {remedy}"
+            for name, remedy in self.gone.items()
+            if name in dataset.variables
+        ]
         for name, variable in {**self.variables, **self.optional}.items():
             if name not in dataset.variables:
                 if name in self.variables:
@@ -211,7 +219,9 @@ def read_schemas(tables: dict[str, dict[str, Any]]) -> dict[str, Schema]:
             optional = _described(name, keys.pop("optional", {}))
             for group in keys.pop("shared", ()):
                 optional |= shared[group]
-            plain = Schema(name, version, required, optional, keys.pop("news", ""))
+            plain = Schema(
+                name, version, required, optional, keys.pop("news", ""), keys.pop("gone", {})
+            )
             sampled = plain.with_samples(**keys.pop("samples", {}))
             schemas[name] = sampled.with_intervals(*keys.pop("intervals", ()))
         if keys:

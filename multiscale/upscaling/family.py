@@ -69,7 +69,7 @@ class Family:
     held: Callable[[Observations], Mapping[str, tuple[float, str]]] = field(
         default=lambda observations: {}
     )
-    even: bool = False
+    even: bool = False  # whether parts scatter alike at all pressures
 
 
 def gaps_of(observations: Observations, values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from multiscale.errors import MultiscaleError, SchemaError
 from multiscale.io import open_dataset, write_bytes, write_dataset
-from multiscale.schema import FIELDS, MICRO_RESPONSE, SCHEMAS, WORK_PRECISION
+from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, SCHEMAS, WORK_PRECISION
 from multiscale.schema.dataset_schema import HOLDING, LOADING, UNLOADING, branch_of
 
 
@@ -79,6 +79,12 @@ def test_every_fault_of_a_dataset_is_listed(response):
     assert "traction: missing; add it (averaged traction, eqs (2)-(3), Pa, dimensions" in message
     assert "mean_gap: units 'um', expected 'm'" in message
     assert "converged: dimensions ('step', 'realisation')" in message
+
+
+def test_a_variable_that_is_gone_is_refused_with_its_remedy():
+    law = INTERFACE_LAW.build({"fit_pressure": [1e6]}).assign(interface_damage=0.2)
+    with pytest.raises(SchemaError, match="interface_damage: not supported any more; fit the law"):
+        INTERFACE_LAW.check(law)
 
 
 def test_another_schema_version_is_refused_with_both_named(response, tmp_path):

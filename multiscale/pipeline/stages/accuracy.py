@@ -314,9 +314,9 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
     )
     reached = planner.run()
     asked = campaign.answers[campaign.answer]
-    replaced = {term for knob in campaign.knobs for term in knob.terms}
+    replaced = {term for knob in campaign.knobs if knob.measured for term in knob.terms}
     missing = [term for term in campaign.missing if term not in replaced]
-    if fixed := planner.fixed(reached.state):
+    if fixed := planner.fixed(reached.state, float(reached.error.max())):
         listed = ", ".join(f"{term} ({100.0 * half:.2g} %)" for term, half in fixed.items())
         lines.append(f"No setting reduces: {listed}.")
     if isfinite(planner.time):

@@ -40,6 +40,7 @@ from multiscale.upscaling.budget import (
     Term,
     has_budget,
     interval_errors,
+    known_terms,
     unknown_terms,
 )
 
@@ -193,8 +194,8 @@ def _with_intervals(
 
     def shortest(change: Change) -> np.ndarray:
         """Life of the element that cracks first with a changed law."""
-        laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
-        lives = first(cycled.solve(laws), material)
+        sliders = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
+        lives = first(cycled.solve(sliders), material)
         places.append(int(np.argmin(lives)))
         return np.array([[float(lives.min())]])
 
@@ -248,9 +249,13 @@ def _left_out(
     for number, law in enumerate(cycled.laws):
         if not has_budget(law):
             yield NO_LAW_BUDGET.format(number=number)
-    if missing := [term for term in unknown_terms(budget) if laws and term != MACRO]:
-        joints = sum((law.joints for law in laws), ())
-        yield LACKS.format(joints=joints, terms=", ".join(missing))
+    missing = dict[tuple[int, ...], list[str]]()  # by the joints of the laws that lack them
+    for term in unknown_terms(budget) if laws else ():
+        lacking = [law for law in laws if term not in known_terms(law.law)] or laws
+        missing.setdefault(sum((law.joints for law in lacking), ()), []).append(term)
+    for joints, terms in missing.items():
+        if listed := ", ".join(term for term in terms if term != MACRO):
+            yield LACKS.format(joints=", ".join(map(str, joints)), terms=listed)
     if cycled.case.fatigue.part_deviation is None:
         yield NO_PART_SCATTER
     if any(body.porous for body in cycled.bodies.bodies):

@@ -535,9 +535,16 @@ class Bodies(StructureKind):
         ]
         return touching == [number] and not self.bodies[body].supports and not self.bolts
 
+    @property
+    def file_meshes(self) -> tuple[bool, ...]:
+        """Whether a coarser mesh is given, for every mesh that is read from a file."""
+        return tuple(body.coarser is not None for body in self.bodies if body.element is None)
+
     def refinement(self) -> float:
-        """Return the ratio of the sizes of the elements of the coarser structure; 1 without any."""
-        return max(self.coarser(), default=1.0)
+        """Return the ratio of the sizes of elements at twice the asked sizes; 1 if alike."""
+        sized = [body for body in self.bodies if body.element is not None]
+        ratio = _size_ratio(sized, [body.coarsened() or body for body in sized]) if sized else 1.0
+        return ratio if ratio >= assembly_parts.COARSER else 1.0
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, if any, by the ratio of the element sizes."""
@@ -545,11 +552,7 @@ class Bodies(StructureKind):
         bodies = tuple(body for body in coarse if body is not None)
         if len(bodies) < len(coarse):
             return {}
-        fine, few = (
-            sum(assembly_parts.n_tetrahedra(body.load()) for body in each)
-            for each in (self.bodies, bodies)
-        )
-        ratio = (fine / few) ** (1.0 / 3.0)
+        ratio = _size_ratio(self.bodies, bodies)
         if ratio < assembly_parts.COARSER:
             return {}
         return {ratio: self.model_copy(update={"bodies": bodies})}
@@ -558,3 +561,14 @@ class Bodies(StructureKind):
         """Report whether elements have a lower order than the whole case takes."""
         lower = any(body.element is None and body.order_on(body.load()) > 1 for body in self.bodies)
         return "quick, elements of first order" if lower else "quick"
+
+
+def _size_ratio(
+    fine: Sequence[assembly_parts.MeshedBody], coarse: Sequence[assembly_parts.MeshedBody]
+) -> float:
+    """Return the ratio of the sizes of the elements of coarse and fine bodies."""
+    many, few = (
+        sum(assembly_parts.n_tetrahedra(body.load()) for body in bodies)
+        for bodies in (fine, coarse)
+    )
+    return float((many / few) ** (1.0 / 3.0))

@@ -47,7 +47,7 @@ class GridSettings(toml.Settings):
         """Short description of the cases of the same run folder."""
         return f"{self.points[0]} x {self.points[1]} points"
 
-    def doubt_waves(self, shortest: float | None, name: str, needs: str) -> Iterator[str]:
+    def caution_wavelength(self, shortest: float | None, name: str, needs: str) -> Iterator[str]:
         """Caution against the shortest wavelength of a surface, m, with too few points."""
         if shortest is not None and shortest < 0.99 * POINTS_PER_WAVE * self.spacing:
             yield (

@@ -450,7 +450,7 @@ class Case(Settings):
         for number, body in enumerate(self.bodies, start=1):
             if body.surface is not None:
                 shortest = body.surface.short_cutoff
-                yield from self.cell.doubt_waves(
+                yield from self.cell.caution_wavelength(
                     shortest, f"body_{number}", "gap and contact area need"
                 )
             if body.hardness is not None and (self.hardness or 0.0) > body.hardness:

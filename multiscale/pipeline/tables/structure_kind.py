@@ -122,6 +122,11 @@ class StructureKind(Settings):
         """Edge of an interface under even pressure, m; None for other structures."""
         return None
 
+    @property
+    def file_meshes(self) -> tuple[bool, ...]:
+        """Whether a coarser mesh is given, for every mesh that is read from a file."""
+        return ()
+
     def refinement(self) -> float:
         """Return the size of elements of twice the asked size over theirs; 1 if they are alike."""
         return 2.0

@@ -135,7 +135,7 @@ def rubber_faults(case: "Case") -> Iterator[str]:
 
 def doubt_road(case: "Case") -> Iterator[str]:
     """Yield cautions about the friction law, a sentence each."""
-    yield from case.cell.doubt_waves(case.road.short_cutoff, "the road", "its contact needs")
+    yield from case.cell.caution_wavelength(case.road.short_cutoff, "the road", "its contact needs")
     yield from doubt_scatter(case.sliding.realisations)
     wide = [speed for speed, late in pairwise(case.sliding.speeds) if late > 31.0 * speed]
     if wide:
