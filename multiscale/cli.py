@@ -291,7 +291,6 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
     from multiscale.upscaling import (
         best_family,
         fit_law,
-        fitted_law,
         predict,
         read_observations,
     )
@@ -310,11 +309,12 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
         [*law.attrs["cautions"].splitlines(), *predictions.unknown, *([beyond] if outside else [])]
     )
     n, points = observations.n_realisations, observations.pressure.size
-    fitted = observations.misses(fitted_law(law), "").distance
+    quantity = "mean_gap" if observations.quantity == "gap" else "stiffness"
+    error = law["error_half_width"].sel(quantity=quantity, error_term="fit").max().item()
+    fit = f"{100.0 * error:.2g} % error" if np.isfinite(error) else "unknown error"
     title = (
         f"{chosen}{'' if family else ' (the best family)'}: {n} specimen{'s' * (n > 1)} at "
-        f"{points} pressures, {100.0 * float(np.sqrt(np.mean(fitted**2))):.2g} % between law and "
-        f"mean values (root mean square)"
+        f"{points} pressures, {fit} of the fit between pressures"
     )
     print_table(title, *tabulate_prediction(observations.quantity, p_shown, predictions))
     typer.echo(f"law: {out}")

@@ -388,17 +388,17 @@ def tabulate_budget(result: Dataset, quantity: str | None = None) -> Rows:
     half = total_error(budget["error_bias"].values, budget["error_half_width"].values)
     missing = unknown_terms(result, name)
     rows: list[tuple[str, ...]] = []
-    nothing: list[str] = []
+    nothing, absent = list[str](), list[str]()
     for term, values in zip(map(str, budget["error_term"].values), half, strict=True):
         how = str(result.attrs[how_attribute(term)])
         if term not in missing and (is_absent(how) or np.all(values <= ROUNDING)):
-            nothing.append(term)
+            (absent if is_absent(how) else nothing).append(term)
         else:
             rows.append((term, *map(format_error, values), how))
-    if nothing:
-        rows.append(
-            ("all others", *("0" for _ in half[0]), f"contribute nothing: {', '.join(nothing)}")
-        )
+    others = {"contribute nothing": nothing, "do not apply": absent}
+    if nothing or absent:
+        text = "; ".join(f"{why}: {', '.join(names)}" for why, names in others.items() if names)
+        rows.append(("all others", *("0" for _ in half[0]), text))
     lacking = f"; lower bounds, without unknown terms: {', '.join(missing)}" if missing else ""
     each = [shown.isel(step=k) for k in range(shown.sizes["step"])]
     total = [

@@ -77,6 +77,7 @@ class MeasuredRow(NamedTuple):
     """A measured value with its prediction by the calibrated law."""
 
     table: str
+    row: str  # such as "row 1", or "loss stiffness of row 1"
     pressure: float  # Pa
     unit: str
     measured: float
@@ -474,7 +475,7 @@ def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None
     far = np.abs(mode.residual) > FAR
     if far.sum() <= FEW * far.size:
         return
-    names = [f"{table.name}, row {k + 1}" for table in measured for k in range(table.value.size)]
+    names = [f"{table.name}, {name}" for table in measured for name in table.row_names]
     worst = int(np.argmax(np.abs(mode.residual)))
     raise CaseError(
         f"{far.sum()} of {far.size} measured values lie more than {FAR:g} standard deviations of "
@@ -490,9 +491,11 @@ def _rows(mode: Mode, measured: Sequence[MeasuredJoint]) -> Iterator[MeasuredRow
     spread = NORMAL * np.sqrt(np.einsum("ij,jk,ik->i", J, mode.covariance, J))
     at = 0
     for table in measured:
-        for p, value, deviation in zip(table.pressure, table.value, table.deviation, strict=True):
+        columns = (table.row_names, table.pressure, table.value, table.deviation)
+        for name, p, value, deviation in zip(*columns, strict=True):
             yield MeasuredRow(
                 table.name,
+                name,
                 float(p),
                 UNIT_TEXTS[table.unit],
                 float(value),
@@ -519,7 +522,7 @@ def _sentences(
     for row in rows:
         if abs(row.residual) > FAR:
             yield (
-                f"{row.table}: {readable(f'{row.measured:.4g} {row.unit}')} at "
+                f"{row.table}, {row.row}: {readable(f'{row.measured:.4g} {row.unit}')} at "
                 f"{list_pressures(np.array([row.pressure]))} lies {abs(row.residual):.2g} standard "
                 f"deviations from the law, and has {row.weight:.2g} of the weight of another value"
             )

@@ -446,29 +446,29 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     Prediction
         A specimen differs from the mean law by the same factor at all pressures (a gap by the same
         distance): with the standard deviation s of the logarithm of that factor over n specimens,
-        the next specimen lies within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`. Where the ends of
-        the interval of the mean lie farther away than :math:`t s / \sqrt n`, as the scatter of
-        single values makes them, they replace this share.
+        the mean lies within :math:`t_{0.975, n-1}\, s / \sqrt n` where the law has too few samples
+        for a band, and the next specimen within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`. Where
+        the ends of a band lie farther away than :math:`t s / \sqrt n`, as the scatter of single
+        values makes them, they replace this share.
     """
     from scipy.stats import t
 
     predicted = QUANTITIES[seen.quantity].predict
     mean, n = fitted_law(law), seen.n_realisations
-    value, unknown_band = predicted(mean, pressure), np.full((2, pressure.size), np.nan)
-    unknown = []
-    band = unknown_band
-    if refusal := refuse_band(law):
-        unknown.append(f"the interval of the mean law is not known: {refusal}")
-    else:
-        band = np.array(law_band(law, lambda sample: predicted(sample, pressure)))
+    value, too_few = predicted(mean, pressure), bool(refuse_band(law))
     # the factor (of a gap: the distance) of each specimen, and its scatter
     additive = seen.quantity == "gap"
-    read = (lambda x: x) if additive else np.log
+    read, write = ((lambda x: x),) * 2 if additive else (np.log, np.exp)
     offset = np.nanmean(read(seen.values) - read(predicted(mean, seen.pressure)), axis=1)
-    if n < 2:
-        unknown.append("the interval of the next specimen is not known: there is one specimen")
-        return Prediction(value, band, unknown_band, tuple(unknown))
-    half, sign = t.ppf(0.975, n - 1) * offset.std(ddof=1), np.array([[-1.0], [1.0]])
-    of_mean = np.fmax(sign * (read(band) - read(value)), half / np.sqrt(n))
-    ends = read(value) + sign * np.hypot(half, of_mean)
-    return Prediction(value, band, ends if additive else np.exp(ends), tuple(unknown))
+    half, sign = t.ppf(0.975, n - 1) * offset.std(ddof=1) if n > 1 else np.nan, [[-1.0], [1.0]]
+    of_mean = np.full((2, pressure.size), half / np.sqrt(n))
+    band = write(read(value) + sign * of_mean)
+    if not too_few:
+        band = np.array(law_band(law, lambda sample: predicted(sample, pressure)))
+        of_mean = np.fmax(sign * (read(band) - read(value)), of_mean)
+    ends = write(read(value) + sign * np.hypot(half, of_mean))
+    lacking = ["mean law"] * too_few + ["next specimen"] if n < 2 else []
+    unknown = [
+        f"the interval of the {name} is not known: there is one specimen" for name in lacking
+    ]
+    return Prediction(value, band, ends, tuple(unknown))

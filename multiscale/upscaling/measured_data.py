@@ -140,6 +140,11 @@ class MeasuredJoint(ABC):
     unit: ClassVar[str]
     sheared: ClassVar[bool] = False  # whether the answer depends on kappa and mu
 
+    @property
+    def row_names(self) -> list[str]:
+        """Names of the rows in messages."""
+        return [f"row {k + 1}" for k in range(self.value.size)]
+
     @abstractmethod
     def answer(
         self, interface: BedCurve, nuisances: Mapping[str, float]

@@ -1,4 +1,4 @@
-r"""Vibration of a mass on a joint, as measured values of its law: frequency and damping."""
+"""Vibration of a mass on a joint, as measured values of its law: frequency and damping."""
 
 from functools import cached_property
 from os import PathLike
@@ -17,22 +17,27 @@ ERRORS = ("frequency error", "damping error")
 """Columns of a table of vibrations, with its units, and columns of errors, over the values."""
 
 NODES, WEIGHTS = (each / 2.0 for each in np.polynomial.legendre.leggauss(40))
+ANGLES = np.pi * (0.5 + NODES)
+"""Angles of half a cycle, and their weights in its mean."""
 
-MOST_DAMPING = 2.0 / np.pi
-"""Damping ratio of a rigid mass on Coulomb friction, which no bed of sliders exceeds."""
+SHARES = {"damping": 1.0, ERRORS[0]: 0.5, ERRORS[1]: 1.0}
+"""Limits of columns of shares; nothing vibrates with a damping ratio of 1."""
 
 
 class MeasuredVibration(MeasuredLoop):
     r"""Stiffness and loss stiffness, Pa/m, of tangential vibrations at constant preloads.
 
-    A mass m over the nominal area that vibrates with the amplitude a, the frequency f and the
-    damping ratio :math:`\zeta` has
+    A mass m over the nominal area that vibrates with the amplitude a at its phase resonance, of the
+    frequency f without damping, with the damping ratio :math:`\zeta`, has the first harmonic of the
+    shear of a closed loop,
 
-    .. math:: k' = m (2 \pi f)^2 = \frac{B(a)}{a}, \qquad
-        k'' = 2 \zeta k' = \frac{W}{\pi a^2}, \qquad
-        W = 8 \int_0^a B\, \mathrm{d}\delta - 4 a B(a)    \tag{1}
+    .. math::
+        k' = m (2 \pi f)^2 = -\frac{4}{\pi a} \int_0^\pi B \cos\theta\, \mathrm{d}\theta, \qquad
+        k'' = 2 \zeta k' =
+        \frac{4}{\pi a} \Bigl( \int_0^\pi B \sin\theta\, \mathrm{d}\theta - B(a) \Bigr),    \tag{1}
 
-    with the first loading B of :class:`MeasuredLoop`. The rows of k' come first, then of k''.
+    with the first loading B of :class:`MeasuredLoop` at :math:`a \sin^2(\theta/2)`; the work of a
+    loop is :math:`\pi a^2 k''`. The rows of k' come first, then of k''.
     """
 
     unit: ClassVar[str] = "Pa m-1"
@@ -42,12 +47,21 @@ class MeasuredVibration(MeasuredLoop):
         """Amplitudes and pressures of first loadings, and their sums (1) in the rows."""
         n = self.value.size // 2
         a, p = self.displacement[:n], self.pressure[:n]
-        each, nothing = np.eye(n), np.zeros((n, n * NODES.size))
-        inside = np.repeat(each, NODES.size, axis=1) * np.tile(WEIGHTS, n)
-        over_a = 1.0 / np.tile(a, 2)[:, None]
-        matrix = over_a * np.block([[each, nothing], [-4.0 / np.pi * each, 8.0 / np.pi * inside]])
-        amplitude = np.concatenate([a, np.outer(a, 0.5 + NODES).ravel()])
-        return amplitude, np.concatenate([p, np.repeat(p, NODES.size)]), matrix
+        each = np.eye(n)
+        cosine, sine = (
+            np.repeat(each, ANGLES.size, axis=1) * np.tile(WEIGHTS * part(ANGLES), n)
+            for part in (np.cos, np.sin)
+        )
+        matrix = np.block([[0.0 * each, -cosine], [-each / np.pi, sine]])
+        matrix *= 4.0 / np.tile(a, 2)[:, None]
+        amplitude = np.concatenate([a, np.outer(a, np.sin(0.5 * ANGLES) ** 2).ravel()])
+        return amplitude, np.concatenate([p, np.repeat(p, ANGLES.size)]), matrix
+
+    @property
+    def row_names(self) -> list[str]:
+        """Names of the rows of both stiffnesses, by the rows of the table."""
+        rows = range(1, self.value.size // 2 + 1)
+        return [f"{name} stiffness of row {k}" for name in ("storage", "loss") for k in rows]
 
 
 def read_vibration(
@@ -59,14 +73,16 @@ def read_vibration(
     frame: float | None = None,
     offset: float | None = None,
 ) -> MeasuredVibration:
-    """Read measured vibrations of a mass on a joint from a table with units in its head.
+    r"""Read measured vibrations of a mass on a joint from a table with units in its head.
 
     Parameters
     ----------
     path : path
         A table with the columns ``preload``, over the nominal area, ``amplitude``, of the
-        tangential displacement, ``frequency`` and ``damping``, the ratio to critical damping; and
-        ``frequency error`` and ``damping error``, half-widths of 95 % intervals over the values.
+        tangential displacement, ``frequency``, of phase resonance (of a free decay over
+        :math:`\sqrt{1 - \zeta^2}`), and ``damping``, the ratio to critical damping, all of it by
+        friction of the joint; and ``frequency error`` and ``damping error``, half-widths of 95 %
+        intervals over the values.
     mass : float, that vibrates, over the nominal area, kg/m²
     error : float, optional, half-width of frequency and damping, without these columns
     bodies, frame, offset : float, optional; see :func:`~.measured_data.read_measured`
@@ -74,7 +90,7 @@ def read_vibration(
     Raises
     ------
     CaseError
-        If the table is refused, has no error, or has a damping that no friction reaches.
+        If the table is refused, has no error, or has a damping of 1 or more.
     """
     path = Path(path)
     refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
@@ -90,15 +106,17 @@ def read_vibration(
     columns, _, _ = read_columns(path, COLUMNS | dict.fromkeys(given, "1"), signed=())
     p, a, frequency, damping = (columns[name] for name in COLUMNS)
     of_frequency, of_damping = (columns.get(name, np.full(p.size, error)) for name in ERRORS)
-    for name, values, most in (
-        ("damping", damping, MOST_DAMPING),
-        (ERRORS[0], of_frequency, 0.5),
-        (ERRORS[1], of_damping, 1.0),
-    ):
+    if error is not None and error >= SHARES[ERRORS[0]]:
+        raise CaseError(
+            f"{path}: the error of {error:g} of frequency and damping is not below "
+            f"{SHARES[ERRORS[0]]:g}; state a smaller error, or columns {' and '.join(ERRORS)}"
+        )
+    for name in ("damping", *given):
+        values, most = columns[name], SHARES[name]
         if (above := np.flatnonzero(values >= most)).size:
             raise CaseError(
                 f"{path}, row {above[0] + 1}: the {name} of {values[above[0]]:.4g} is not below "
-                f"{most:.3g}; give it as a share, or with its unit, such as {name} (%)"
+                f"{most:g}; give it as a share, or with its unit, such as {name} (%)"
             )
     stiffness = mass * (2.0 * np.pi * frequency) ** 2  # k', Pa/m
     value = np.concatenate([stiffness, 2.0 * damping * stiffness])

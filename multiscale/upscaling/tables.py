@@ -286,9 +286,15 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
 def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     r"""Return the law of measured specimens with its error budget: their scatter, and the fit.
 
-    With the standard deviation s of the logarithm of the factors between n specimens and the law,
-    the mean law has the half-width :math:`t_{0.975, n-1} s / \sqrt n`, and a specimen about it
-    :math:`t_{0.975, n-1} s`.
+    Their upper ends are those of :func:`~.fit.predict`: with the standard deviation s of the
+    logarithm of the factors between n specimens and the law,
+
+    .. math:: 1 + h = \exp(t_{0.975, n-1}\, s / \sqrt n), \qquad
+        1 + h' = \exp(t_{0.975, n-1}\, s \sqrt{1 + 1/n})    \tag{1}
+
+    are the half-widths h of the mean law and :math:`h'` of the next specimen, over the value, which
+    contains the mean law. Gaps of a measured stiffness, from the largest pressure, are in inverse
+    proportion to the factor; measured gaps differ by distances.
     """
     from scipy.special import stdtrit
 
@@ -299,12 +305,14 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     of_gap = seen.quantity == "gap"
     each = stiffness_of_each(seen, law) if of_gap else seen.values
     factor = np.nanmean(np.log(each / normal.stiffness(gap)), axis=1)
-    shift = np.nanmean(seen.values - gap, axis=1) if of_gap else np.zeros(n)
-    half = np.full((3, p.size), np.nan)
+    mean, following = np.full((2, 3, p.size), np.nan)
     if n > 1:
-        t = stdtrit(n - 1, 0.975)
-        half[0] = t * shift.std(ddof=1) / np.fmax(np.abs(gap), np.finfo(float).tiny)
-        half[2] = t * factor.std(ddof=1)
+        t, widths = stdtrit(n - 1, 0.975), np.sqrt([1.0 / n, 1.0 + 1.0 / n])[:, None]
+        mean[2], following[2] = np.expm1(t * factor.std(ddof=1) * widths)  # (1)
+        mean[0], following[0] = mean[2], following[2]
+        if of_gap:
+            shift = np.nanmean(seen.values - gap, axis=1).std(ddof=1)
+            mean[0], following[0] = t * shift * widths / np.fmax(np.abs(gap), np.finfo(float).tiny)
     fit = np.full((3, p.size), np.nan)
     for row, of, share_of in (
         (0, "fit_error", "gap_fit_share"),
@@ -317,7 +325,8 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     zero = Term("nothing: the values are measured", np.zeros((3, p.size)))
     terms = {term: Term("not in a law of measured specimens") for term in ERROR_TERMS}
     terms |= dict.fromkeys(ALWAYS, zero)
-    terms["sampling"] = Term(how, half / np.sqrt(n))
+    terms["sampling"] = Term(how, mean)
     terms["fit"] = Term("error at pressures that are left out of the fit", fit)
-    terms[FEW_CELLS] = Term(how.replace("interval", "interval of the next"), half)
+    about_mean = np.sqrt(following**2 - mean**2)
+    terms[FEW_CELLS] = Term(how.replace("interval", "interval of the next"), about_mean)
     return with_budget(law, assemble_budget(terms, LAW_QUANTITIES, p))

@@ -166,7 +166,9 @@ def test_digits_do_not_exceed_the_error():
 def test_rows_without_a_part_in_the_budget_share_a_row():
     rows = tabulate_budget(budgeted({"fit": 0.03, "cell size": None}))[1]
     assert [row[0] for row in rows] == ["fit", "cell size", "all others", "total"]
-    assert rows[2][-1].startswith("contribute nothing: sampling, micro discretisation, increments")
+    assert rows[2][-1].startswith(
+        "contribute nothing: sampling, increments, surface; do not apply: micro"
+    )
 
 
 def test_parameters_that_change_nothing_have_no_row():

@@ -1,7 +1,10 @@
-"""Measured vibrations of a mass on a joint: secant stiffness, loss, and what they teach."""
+"""Measured vibrations of a mass on a joint: stiffness, loss, and calibrated friction."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ive
 
 from multiscale.errors import CaseError
 from multiscale.upscaling import (
@@ -12,7 +15,7 @@ from multiscale.upscaling import (
     read_vibration,
     tangential_values,
 )
-from multiscale.upscaling.measured_data import BedCurve, Curve
+from multiscale.upscaling.measured_data import BedCurve, Curve, MeasuredLoop
 from multiscale.upscaling.measured_vibration import MeasuredVibration
 from tests.upscaling.responses import exponential_gaps, response_of
 
@@ -48,8 +51,23 @@ def test_vibrations_have_stiffness_and_loss_of_the_closed_form():
     stiffness, loss = vibration().answer(interface(), {})[0].reshape(2, -1)
     first = -mu * P * np.expm1(-a / s)
     work = 8.0 * (mu * P * a - s * first) - 4.0 * a * first
-    np.testing.assert_allclose(stiffness, first / a, rtol=1e-5)
+    harmonic = 4.0 * mu * P / a * ive(1, a / (2.0 * s))  # by the modified Bessel function
+    np.testing.assert_allclose(stiffness, harmonic, rtol=1e-5)
     np.testing.assert_allclose(loss, work / (np.pi * a**2), rtol=1e-5)
+
+
+def test_stiffnesses_are_the_harmonics_of_a_closed_loop():
+    """The shear over a cycle by Masing's rule, a loop as it is measured."""
+    table, n = vibration(), 400
+    angle = 2.0 * np.pi * np.arange(n + 1) / n
+    harmonics = []
+    for a in AMPLITUDE:
+        u = a * np.cos(angle)
+        rows = ("loop", np.full(n + 1, P), u, np.ones(n + 1), {})
+        shear = MeasuredLoop(*rows, displacement=u).answer(interface(), {})[0][:n]
+        harmonics.append(2.0 / a * np.mean(shear * np.exp(1j * angle[:n])))
+    stiffness, loss = table.answer(interface(), {})[0].reshape(2, -1)
+    np.testing.assert_allclose(stiffness - 1j * loss, harmonics, rtol=1e-3)
 
 
 def test_gradients_are_the_differences():
@@ -60,9 +78,21 @@ def test_gradients_are_the_differences():
     assert np.all(np.abs(gradient - differences) <= 1e-6 * np.abs(gradient).max(axis=0))
 
 
-def test_a_table_of_vibrations_recovers_friction_and_ratio(write):
+@pytest.fixture(scope="module")
+def law():
     fitted = fit_branches(response_of(exponential_gaps(8, spread=0.1)), n_samples=80)
-    law = assume_shear(fitted, friction=0.3, stiffness_ratio=0.8)
+    return assume_shear(fitted, friction=0.3, stiffness_ratio=0.8)
+
+
+def test_outliers_name_the_stiffness_and_the_row_of_the_table(law):
+    value = vibration().answer(interface(), {})[0]
+    n = value.size // 2
+    wrong = value * np.where(np.arange(2 * n) == n + 2, 1.5, 1.0)
+    table = replace(vibration(), value=wrong, deviation=0.02 * value)
+    assert "vibration, loss stiffness of row 3: " in " ".join(calibrate(law, [table]).sentences)
+
+
+def test_a_table_of_vibrations_recovers_friction_and_ratio(law, write):
     stiffness, loss = vibration().answer(interface(0.2, 0.75), {})[0].reshape(2, -1)
     rows = [
         f"{1e-6 * P}, {1e6 * a}, {np.sqrt(k / MASS) / (2 * np.pi)}, {50.0 * c / k}"
@@ -82,7 +112,8 @@ def test_a_table_of_vibrations_recovers_friction_and_ratio(write):
 @pytest.mark.parametrize(
     ("rows", "head", "options", "message"),
     [
-        (["20, 1, 300, 70"], HEAD, {}, "row 1: the damping of 0.7 is not below 0.637"),
+        (["20, 1, 300, 170"], HEAD, {}, "row 1: the damping of 1.7 is not below 1"),
+        (["20, 1, 300, 2"], HEAD, {"error": 0.6}, "the error of 0.6 of frequency and damping"),
         (["20, 1, -300, 2"], HEAD, {}, "positive"),
         (["20, 1, 2"], HEAD.replace(" frequency (Hz),", ""), {}, "no column frequency"),
         (["20, 1, 300, 2"], HEAD, {"error": None}, "found no such column and error = None"),

@@ -126,11 +126,9 @@ def test_the_next_specimen_scatters_as_those_measured_by_students_interval():
     half = 12.706 * 0.1 * np.sqrt(2.0) * np.sqrt(1.5)
     np.testing.assert_allclose(np.log(high / low), 2.0 * half, rtol=1e-3)
     np.testing.assert_allclose(prediction.value, np.cosh(0.1) * stiffness[2:4], rtol=5e-3)
-    assert np.isnan(prediction.mean_law).all()
-    assert prediction.unknown == (
-        "the interval of the mean law is not known: 2 realisations are too few for a band of 95 %; "
-        "use at least 4",
-    )
+    ratio = np.log(prediction.mean_law[1] / prediction.mean_law[0])
+    np.testing.assert_allclose(ratio, 2.0 * half / np.sqrt(3.0), rtol=1e-3)
+    assert prediction.unknown == ()
 
 
 def scattered_specimens(n, noise=0.15):
@@ -147,16 +145,40 @@ def test_the_interval_of_the_next_specimen_contains_the_interval_of_the_mean():
     assert np.all(prediction.mean_law[1] < prediction.next_specimen[1])
 
 
+@pytest.mark.parametrize("quantity", ["mean_gap", "stiffness"])
 @pytest.mark.parametrize("n", [1, 2, 6])
-def test_a_law_of_specimens_has_a_budget_of_their_scatter(n):
+def test_a_law_of_specimens_has_a_budget_of_their_scatter(n, quantity):
+    """Gaps of a measured stiffness are in inverse proportion to it, with the same factors."""
     seen = scattered_specimens(n, noise=0.0)
     law = with_specimen_budget(fit_law(seen, family="power"), seen)
-    half = law["error_half_width"].sel(quantity="stiffness")
+    half = law["error_half_width"].sel(quantity=quantity)
     factor = np.log(seen.values[:, 0]).std(ddof=1) if n > 1 else np.nan
     student = factor * {1: np.nan, 2: 12.706, 6: 2.5706}[n]
-    np.testing.assert_allclose(half.sel(error_term="few cells"), student, rtol=1e-4)
-    np.testing.assert_allclose(half.sel(error_term="sampling"), student / np.sqrt(n), rtol=1e-4)
+    of_mean, few = half.sel(error_term="sampling"), half.sel(error_term="few cells")
+    np.testing.assert_allclose(of_mean, np.expm1(student / np.sqrt(n)), rtol=1e-4)
+    upper = np.expm1(student * np.sqrt(1.0 + 1.0 / n))
+    np.testing.assert_allclose(np.hypot(of_mean, few), upper, rtol=1e-4)
     assert law.attrs["unknown"] == ("sampling, few cells" if n == 1 else "")
+
+
+@pytest.mark.parametrize("of", ["gap", "normal_stiffness"])
+@pytest.mark.parametrize("n", [2, 3])
+def test_intervals_of_fit_and_of_structures_have_the_same_upper_ends(n, of):
+    seen = scattered_specimens(n, noise=0.0)
+    if of == "gap":
+        gap = Exponential(4e8, 1e-6).gap_at(seen.pressure)
+        seen = observe("gap", seen.pressure, gap + np.linspace(0.0, 2e-8, n)[:, None])
+    law = with_specimen_budget(
+        fit_law(seen, family="exponential" if of == "gap" else "power"), seen
+    )
+    quantity = "mean_gap" if of == "gap" else "stiffness"
+    half = law["error_half_width"].sel(quantity=quantity).to_numpy()
+    half = dict(zip(law["error_term"].values, half, strict=True))
+    prediction = predict(law, seen, seen.pressure)
+    ends = prediction.mean_law[1], prediction.next_specimen[1]
+    for end, names in zip(ends, (["sampling"], ["sampling", "few cells"]), strict=True):
+        error = np.linalg.norm([half[name] for name in names], axis=0)
+        np.testing.assert_allclose(end, prediction.value * (1.0 + error), rtol=1e-6)
 
 
 @pytest.mark.parametrize("load", ["preload", "pressure"])

@@ -41,10 +41,12 @@ def test_every_workflow_runs(script, tmp_path):
     ("specimens", "sentence"),
     [
         (1, "the interval of the next specimen is not known: there is one specimen"),
-        (2, "the mean law within an unknown distance, the next specimen within 0.037 %"),
+        (2, "the mean law within 0.021 %, the next specimen within 0.037 %"),
     ],
 )
-def test_few_measured_specimens_have_a_law_without_a_band(specimens, sentence, tmp_path, capsys):
+def test_few_measured_specimens_have_a_law_with_students_intervals(
+    specimens, sentence, tmp_path, capsys
+):
     p = (1, 2, 4, 8, 16, 32)
     rows = [f"{x},{(3.0 + 1e-4 * k) * x**0.6},{k}" for k in range(specimens) for x in p]
     table = tmp_path / "runs.csv"
