@@ -15,6 +15,7 @@ from multiscale.units import to_si
 from multiscale.upscaling.branches import sliders_from_dataset
 from multiscale.upscaling.reading import (
     area_from_dataset,
+    count_realisations,
     law_band,
     law_from_dataset,
     refuse_band,
@@ -168,11 +169,10 @@ def write_pressure_overclosure(
             f"two overclosures of the table differ by only {smallest:.1g} {length_unit}, less than "
             f"the {SMALLEST_STEP:g} that CalculiX keeps apart; use a smaller length_unit"
         )
-    count = int(dataset.attrs["n_realisations"])
     lines = [
         f"** pressure ({pressure_unit}), overclosure ({length_unit}) of a rough interface",
         f"** {dataset.attrs.get('title', 'interface law')}, {family}, "
-        f"{count} realisation{'s' * (count > 1)}",
+        f"{count_realisations(dataset)}",
         f"** zero overclosure: mean planes {table.first_contact / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
         f"{100.0 * tolerance:g} % of the law",

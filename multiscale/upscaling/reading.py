@@ -174,8 +174,8 @@ def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
     by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
     if (n_samples == 0 or by_realisation) and confidence > most_confident(n):
         enough = next(m for m in range(3, 1000) if most_confident(m) >= confidence)
-        drawn = f"{n} realisations are" if n > 1 else "1 realisation is"
-        return f"{drawn} too few for a band of {100 * confidence:g} %; use at least {enough}"
+        few = f"{count_realisations(dataset)} {'are' if n > 1 else 'is'} too few"
+        return f"{few} for a band of {100 * confidence:g} %; use at least {enough}"
     needed = int(np.ceil(round(4.0 / (1.0 - confidence), 6)))
     if n_samples < needed:
         return (
@@ -183,6 +183,12 @@ def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
             f"with {needed} samples or more"
         )
     return ""
+
+
+def count_realisations(dataset: Dataset) -> str:
+    """Return the number of realisations of a law in words, such as "2 specimens"."""
+    n = int(dataset.attrs["n_realisations"])
+    return f"{n} {dataset.attrs.get('realisation', 'realisation')}{'s' * (n > 1)}"
 
 
 def require_law(dataset: Dataset, *names: str) -> None:

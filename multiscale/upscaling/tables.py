@@ -301,6 +301,7 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     p, normal, n = seen.pressure, fitted_law(law), seen.n_realisations
     gap = normal.gap_at(p)
     law = INTERFACE_LAW.assign(law, {"fit_mean_gap": law.get("fit_mean_gap", gap)})
+    law = law.assign_attrs(realisation="specimen")
     # factors of the stiffness, and distances of the gap, of every specimen
     of_gap = seen.quantity == "gap"
     each = stiffness_of_each(seen, law) if of_gap else seen.values

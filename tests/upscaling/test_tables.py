@@ -16,6 +16,7 @@ from multiscale.upscaling import (
     read_observations,
 )
 from multiscale.upscaling.measured_data import read_measured
+from multiscale.upscaling.reading import refuse_band
 from multiscale.upscaling.tables import quantity_of, with_specimen_budget
 
 
@@ -159,6 +160,7 @@ def test_a_law_of_specimens_has_a_budget_of_their_scatter(n, quantity):
     upper = np.expm1(student * np.sqrt(1.0 + 1.0 / n))
     np.testing.assert_allclose(np.hypot(of_mean, few), upper, rtol=1e-4)
     assert law.attrs["unknown"] == ("sampling, few cells" if n == 1 else "")
+    assert refuse_band(law)[:23] == ("2 specimens are too few" if n == 2 else "")
 
 
 @pytest.mark.parametrize("of", ["gap", "normal_stiffness"])
