@@ -48,11 +48,12 @@ TESTS = {
     "fe.elasticity": "tests/fe tests/macro/test_vibration.py tests/macro/continuum",
     "fe.faces": "tests/fe",
     "micro.elastic.compliance": (
-        "tests/micro/elastic/test_layered.py tests/micro/elastic/test_flat_cell.py"
+        "tests/micro/elastic/test_layered.py tests/micro/elastic/test_flat_cell.py "
+        "tests/micro/elastic/test_slope_expansion.py"
     ),
     "micro.damage.fatigue": "tests/micro/damage/test_fatigue.py",
     "micro.damage.cracks": "tests/micro/damage/test_cracks.py",
-    "micro.damage.sections": "tests/micro/damage/test_sections.py",
+    "micro.damage.sections": "tests/micro/damage/test_sections.py tests/test_refused_calls.py",
     "upscaling.budget": "tests/report/test_unknown_error.py tests/upscaling/test_budget.py",
     "upscaling.scales": "tests/upscaling/test_scales.py",
     "upscaling.regression": "tests/upscaling/test_tables.py tests/upscaling/test_fit.py",

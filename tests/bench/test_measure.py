@@ -5,7 +5,14 @@ import os
 import numpy as np
 import pytest
 
-from multiscale.bench.measure import BenchFamily, extrapolate, judge, measure, measure_family
+from multiscale.bench.measure import (
+    BenchFamily,
+    extrapolate,
+    judge,
+    limit_of,
+    measure,
+    measure_family,
+)
 from multiscale.bench.rough_contact import common_reference
 from multiscale.bench.summary import join_families, tabulate_cheapest, tabulate_runs
 from multiscale.errors import CaseError
@@ -116,6 +123,12 @@ def test_the_observed_order_is_limited_to_the_range_from_1_to_2(values, limit):
     assert extrapolate(np.array(values)) == pytest.approx(limit, nan_ok=True)
 
 
+def test_the_distance_of_the_finest_grid_is_relative_to_the_limit():
+    limit, distance = limit_of([{"value": 8.0 - 4.0 * 0.5**level} for level in range(4)])
+    assert limit == pytest.approx(8.0)
+    assert distance == pytest.approx(0.5 / 8.0)
+
+
 def test_a_code_without_a_limit_is_not_a_reference():
     reference = common_reference(np.array([np.nan, 2.0]), np.array([np.nan, 2.1]))
     np.testing.assert_array_equal(reference, [2.0, np.nan])
@@ -174,7 +187,7 @@ def test_a_family_that_fails_does_not_take_the_others_with_it(command, tmp_path,
             raise CaseError("no points") if name == "chain" else ValueError("no grains")
         return family_of([0.04], [1.0])
 
-    monkeypatch.setattr("multiscale.bench.bench", fail)
+    monkeypatch.setattr("multiscale.bench.commands.bench", fail)
     status, output, printed = command("bench", "chain", "grains", "laws", "-o", tmp_path)
     assert status == 1
     assert "the family chain failed: no points" in printed

@@ -6,7 +6,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from multiscale.pipeline.showing import format_mean
-from multiscale.plotting import load_pictures, vibration_pictures
+from multiscale.plotting import load_pictures, plot_lines, vibration_pictures
 
 NAN = np.nan
 
@@ -48,3 +48,19 @@ def test_frequencies_are_drawn_from_two_amplitudes_on(second, drawn):
 def test_values_that_are_alike_have_no_scatter():
     assert format_mean(np.full(3, 0.3431) + 1e-16 * np.arange(3)) == "0.3431"
     assert format_mean(np.array([0.3431, 0.3412, 0.3450])) == "0.3431 ± 0.0019"
+
+
+def test_bands_have_the_unit_of_their_line():
+    ends = [[1.5e12, 2.5e12], [2.5e12, 3.5e12]]
+    joint = xr.Dataset(
+        {
+            "preload": ("step", [1e6, 2e6]),
+            "joint_stiffness": ("step", [2e12, 3e12]),
+            "joint_stiffness_mean_law": (("limit", "step"), ends),
+        }
+    )
+    ax = plot_lines(joint, "joint_stiffness", over="preload", ax=Figure().add_subplot())
+    ((line,), (band,)) = ax.lines, ax.collections
+    y, unit = band.get_paths()[0].vertices[:, 1], line.get_ydata()[0] / 2e12
+    assert unit < 1e-3
+    np.testing.assert_allclose([y.min(), y.max()], [1.5e12 * unit, 3.5e12 * unit])

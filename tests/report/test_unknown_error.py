@@ -45,6 +45,13 @@ def test_the_table_of_a_joint_states_an_unknown_error(total, sentence):
     assert dict(zip(head, rows[0], strict=True))["error (%)"] == sentence
 
 
+def test_answers_of_cycles_have_an_interval_at_the_last_cycle():
+    cycles = joint(0.1).assign(cycle_energy=("cycle", [3.0, 2.0]))
+    ends = with_intervals(cycles.assign_coords(quantity=["cycle_energy"]))
+    np.testing.assert_allclose(ends["cycle_energy_mean_law"][:, 1], [1.8, 2.2])
+    assert np.isnan(ends["cycle_energy_mean_law"][:, 0]).all()
+
+
 @pytest.mark.parametrize(("total", "sentence"), [(0.0123, " ± 1.2 %"), (np.nan, ", error unknown")])
 def test_the_parts_of_a_joint_state_an_unknown_error(total, sentence):
     result = joint(total).assign(interface_stiffness=("step", [2e13]))

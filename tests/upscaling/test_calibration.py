@@ -342,6 +342,8 @@ def test_few_cells_add_their_scatter_where_all_samples_are_alike(law):
     )
     alike, other = (_covariance_of_cells(scatter, s * np.eye(2), 4.0) for s in (0.0, 2e-3))
     np.testing.assert_allclose(alike, alike[0, 0])
+    single = _covariance_of_cells(scatter, np.zeros((2, 2)), 1.0)
+    np.testing.assert_allclose(single, 4.0 * alike)
     assert other[0, 0] - 2e-3 == pytest.approx(alike[0, 0])
     table = measure(stiffness(), interface(), np.random.default_rng(4))
     with pytest.raises(CaseError, match="cells must be positive"):

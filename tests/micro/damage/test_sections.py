@@ -92,6 +92,13 @@ def test_the_worst_plane_of_a_lattice_is_the_densest_plane():
     assert np.abs(damage["worst_normal"].values) == pytest.approx(np.full(3, 3**-0.5))
 
 
+@pytest.mark.parametrize("place", [0.0, 0.5, 1.3])
+def test_the_place_of_a_void_in_a_periodic_box_does_not_matter(place):
+    rve = Cavities((2.0, 2.0, 2.0), [spheres([[place] * 3], 0.4)])
+    damage = max_damage(rve, closed=True, level=0)
+    assert float(damage["maximum_damage"]) == pytest.approx(np.pi * 0.04, rel=1e-6)
+
+
 def test_one_sphere_and_one_ellipsoid_in_a_cube():
     rve = Cavities((2.0, 2.0, 2.0), [spheres([[1.0, 1.0, 1.0]], 0.4)])
     assert plane_damage(rve, (1, 0, 0)) == pytest.approx(np.pi * 0.04, abs=1e-14)
