@@ -73,7 +73,12 @@ def larger(scene, **structure):
     return scene | {"structure": scene["structure"] | structure}
 
 
+EQUIVALENT = {
+    "structure": {"kind": "equivalent_plate", "links": GRID["structure"], "elements": [4, 4]},
+    "statics": {"load_factors": [0.0, 1.0]},
+}
 LARGE = {
+    "equivalent plate": larger(EQUIVALENT, elements=[24, 24]),
     "grid": larger(GRID, n=40, prestress="16 kN"),
     "motion": larger(MOTION, n=30, prestress="9 kN"),
     "plate": larger(PLATE, elements=[32, 32, 2]) | {"substructures": {"parts": [4, 4]}},
@@ -81,6 +86,7 @@ LARGE = {
     "smooth grains": SMOOTH | {"grains": SMOOTH["grains"] | {"number": 2000}},
 }
 SMALL = {
+    "equivalent plate": EQUIVALENT,
     "grid": GRID,
     "motion": MOTION,
     "plate": PLATE,

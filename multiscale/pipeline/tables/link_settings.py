@@ -168,13 +168,17 @@ class EquivalentPlate(StructureKind):
     resolve: bool = True
     """Whether the links themselves are solved too, for the error of the plate."""
 
+    @property
+    def divisions(self) -> tuple[int, int]:
+        """Elements of the plate along x and y, or its modules."""
+        return self.elements or (self.links.n, self.links.m or self.links.n)
+
     def build(self) -> "macro.links.EquivalentPlate":
         """Build the plate, its cell and its links."""
         grid = self.links
         module = grid.model_copy(update={"n": 1, "m": 1}).build()
         cell = macro.links.plate_cell(module, (grid.size, grid.size))
-        elements = self.elements or (grid.n, grid.m or grid.n)
-        return macro.links.EquivalentPlate(grid.build(), cell, elements)
+        return macro.links.EquivalentPlate(grid.build(), cell, self.divisions)
 
     def faults_with(self, case: "Case") -> Iterator[str]:
         """Report links of fixed length and large displacements."""
