@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from xarray import Dataset
 
 from multiscale.errors import CaseError
@@ -14,10 +15,10 @@ LENGTH, BENDING, MASS = 3.0, 700.0, 2.5  # m, N m², kg/m
 
 
 def row(n, law, tension):
-    """A row of n links along x between two hinges, which moves in the plane of x and z."""
+    """A row of n links along x between two hinges, which moves along z."""
     components = 6 if isinstance(law, Beam) else 3
     fixed = np.zeros((n + 1, components), dtype=bool)
-    fixed[[0, n], :3] = fixed[:, 1] = True
+    fixed[[0, n], :3] = fixed[:, :2] = True
     fixed[:, 3::2] = True
     position = np.column_stack([np.linspace(0.0, LENGTH, n + 1), np.zeros((n + 1, 2))])
     ends = np.column_stack([np.arange(n), np.arange(1, n + 1)])
@@ -50,6 +51,40 @@ def test_a_beam_under_tension_has_its_closed_form(tension):
     errors = [np.abs(frequencies(row(n, beam, force), count=3) / exact - 1.0) for n in counts]
     assert np.all(errors[-1] < 2e-3)
     assert observed_rate(1.0 / counts, [error[2] for error in errors]) > 1.9
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.3])
+def test_rotary_inertia_gives_the_closed_form_of_a_rayleigh_beam(radius):
+    """omega^2 = EI k^4 / (m (1 + r^2 k^2)) between two hinges, r^2 = EI / EA."""
+    wave = np.arange(1, 4) * np.pi / LENGTH
+    inertia = MASS * (1.0 + (radius * wave) ** 2)
+    exact = wave**2 * np.sqrt(BENDING / inertia) / (2.0 * np.pi)
+    beam = Beam(BENDING / radius**2, 1e6, BENDING, 2.0 * BENDING)
+    coarse, middle, fine = (frequencies(row(n, beam, 0.0), count=3) for n in (16, 32, 64))
+    # the ends turn with the mass of a whole beam, an error of first order
+    assert np.all(np.abs(fine / exact - 1.0) < 0.01)
+    np.testing.assert_allclose((middle - coarse) / (fine - middle), 2.0, rtol=0.2)
+    np.testing.assert_allclose(2.0 * fine - middle, exact, rtol=6e-4)
+
+
+def cantilever(turn, n=32):
+    """A straight beam along the first axis of a rotation, clamped at one end."""
+    fixed = np.zeros((n + 1, 6), dtype=bool)
+    fixed[0] = True
+    ends = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    position = np.linspace(0.0, LENGTH, n + 1)[:, None] * turn[:, 0]
+    beam = Beam(2e4, 60.0, BENDING, 2.0 * BENDING, up=tuple(turn[:, 2]))
+    return LinkSystem(position, ends, (beam,), np.zeros(n, int), fixed, np.zeros((n + 1, 6)))
+
+
+def test_a_shaft_has_the_inertia_of_both_bendings_and_any_direction():
+    """Twist of a clamped shaft: omega = pi / (2 L) sqrt(GJ / (m (r_y^2 + r_z^2)))."""
+    reach = LENGTH * (1.0 + 0.5 / 32)  # the last node has the mass of a whole beam
+    shaft = np.sqrt(60.0 / (MASS * 3.0 * BENDING / 2e4)) / (4.0 * reach)
+    turn = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
+    straight, turned = (frequencies(cantilever(axes), count=8) for axes in (np.eye(3), turn))
+    assert np.min(np.abs(straight / shaft - 1.0)) < 2e-4
+    np.testing.assert_allclose(turned, straight, rtol=1e-8)
 
 
 def test_a_string_has_its_closed_form():

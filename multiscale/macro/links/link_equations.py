@@ -201,6 +201,28 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return np.concatenate(rows), np.concatenate(coefficients), np.concatenate(stiffness)
 
 
+def rotary_inertia(system: LinkSystem) -> np.ndarray:
+    r"""Return inertias of the nodes against rotations over their mass, shape (nodes, 3, 3), m2.
+
+    The mass of a node is that of its beams by their lengths. With a homogeneous section, a beam has
+
+    .. math:: (r_y^2 + r_z^2)\, e_x e_x^T + r_y^2\, e_y e_y^T + r_z^2\, e_z e_z^T,
+        \qquad r^2 = I / A = EI / EA.    \tag{1}
+    """
+    length, inertia = np.zeros(system.n_nodes), np.zeros((system.n_nodes, 3, 3))
+    for index, law in enumerate(system.laws):
+        if not isinstance(law, Beam):
+            continue
+        links = np.flatnonzero(system.kind == index)
+        axes = np.array(_beam_axes(system.direction[links], np.array(law.up, dtype=float)))
+        about_y, about_z = law.bending_y / law.rigidity, law.bending_z / law.rigidity
+        each = np.einsum("a,abi,abj->bij", [about_y + about_z, about_y, about_z], axes, axes)  # (1)
+        for end in system.ends[links].T:
+            np.add.at(length, end, system.length[links])
+            np.add.at(inertia, end, system.length[links, None, None] * each)
+    return np.asarray(inertia / np.where(length > 0.0, length, 1.0)[:, None, None])
+
+
 def _beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the local axes x, y, z of beams, each of shape (beams, 3)."""
     up = up / np.sqrt(up @ up)

@@ -2,11 +2,11 @@
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse import csr_array, diags_array, triu
+from scipy.sparse import csr_array, triu
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from multiscale.errors import CaseError, MultiscaleError, require
-from multiscale.macro.links.link_equations import equations
+from multiscale.macro.links.link_equations import LinkEquations, equations, rotary_inertia
 from multiscale.macro.links.link_system import LinkSystem
 from multiscale.numerics.factorisation import prepare_cholesky
 from multiscale.schema import MACRO_RESULT, Dataset
@@ -48,8 +48,9 @@ def natural_frequencies(
     .. math::
         \Big( B^T k B + \sum \frac{\tau}{L} (I - n n^T) \Big) \phi = \omega^2 M \phi.    \tag{1}
 
-    Rotations of the nodes of beams have no inertia. A beam is divided into several, between whose
-    nodes its tension does not bend it.
+    The mass of a node with beams is distributed over their sections, taken as homogeneous, which
+    gives it the inertia :math:`m\, EI / EA` against bending, and the sum of both against twist. A
+    beam is divided into several, between whose nodes its tension does not bend it.
 
     Examples
     --------
@@ -63,8 +64,8 @@ def natural_frequencies(
     if np.isinf(system.stiffness).any():
         raise CaseError("frequencies need extensible links; give a finite rigidity")
     model, links = equations(system), system.n_links
-    inertia = diags_array(np.where(np.nonzero(model.number >= 0)[1] < 3, mass, 0.0)).tocsr()
-    count = min(count, inertia.count_nonzero())
+    inertia = mass * _inertia(system, model)
+    count = min(count, int(np.count_nonzero(inertia.diagonal())))
     values = np.full((rest.sizes["step"], count), np.nan)
     for step in np.flatnonzero(rest["converged"].to_numpy() == 1):
         tension, slack = (rest[name].to_numpy()[step] for name in ("tension", "slack"))
@@ -75,6 +76,18 @@ def natural_frequencies(
         values[step] = lowest_frequencies(model.tangent.matrix(entries), inertia, count)
     moving = {"natural_frequency": values, "first_frequency": values[:, 0]}
     return MACRO_RESULT.assign(rest, moving).assign_coords(mode=np.arange(1, count + 1))
+
+
+def _inertia(system: LinkSystem, model: LinkEquations) -> csr_array:
+    """Return the inertia of the unknowns over the mass of a node."""
+    each = np.zeros((system.n_nodes, *2 * (model.unit.size,)))
+    each[:, range(3), range(3)] = 1.0
+    if model.unit.size > 3:
+        each[:, 3:, 3:] = rotary_inertia(system)
+    each /= np.outer(model.unit, model.unit)
+    row, column = np.broadcast_arrays(model.number[:, :, None], model.number[:, None])
+    moves = (row >= 0) & (column >= 0) & (each != 0.0)
+    return csr_array((each[moves], (row[moves], column[moves])), shape=(model.n, model.n))
 
 
 def lowest_frequencies(stiffness: csr_array, mass: csr_array, count: int) -> np.ndarray:

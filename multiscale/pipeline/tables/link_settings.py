@@ -72,8 +72,8 @@ class Statics(toml.Settings):
     See `multiscale.macro.solve_past_limit`."""
 
     mass: Mass | None = None
-    """Mass of each node, kg, for the first frequencies of small vibration at every load factor. See
-    `multiscale.macro.links.natural_frequencies`."""
+    """Mass of each node, kg, for the first frequencies of small vibration at every load factor; of
+    beams with their rotary inertia. See `multiscale.macro.links.natural_frequencies`."""
 
     def _faults(self) -> Iterator[str]:
         if self.exact and self.mass is not None:
