@@ -289,14 +289,33 @@ def test_first_order_intervals_of_the_mean_law_agree_with_its_samples(tmp_path):
     bodies, (law,) = joints_of(case)
     beds = [[sliders_from_dataset(law, k, **bodies.beds(case))] for k in range(40)]
     drawn = [load_joint(bodies.build(case, bed).assembly, loading) for bed in beds]
-    for name in ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy"):
+    for name in ("joint_stiffness", "tangential_stiffness", "cycle_energy"):
         column, alone = (1, 0) if name.endswith("stiffness") else (-1, -1)
         samples = [float(sample[name][alone]) for sample in drawn]
         half = 0.5 * np.ptp(np.percentile(samples, [2.5, 97.5])) / float(result[name][column])
         part = result["error_half_width"].sel(quantity=name, error_term="sampling")
-        # under an exponential law the load that slips hardly depends on its length
-        alike = 1e-3 if name == "slipping_load" else 0.0
         # at rest the changes by all samples are of first order; in cycles law and friction add as
         # if they were independent, which is wider (1.31 times) where a sample moves both
         most = 1.1 if name.endswith("stiffness") else 1.4
-        assert 0.9 * half - alike < float(part[column]) < most * half + alike, name
+        assert 0.9 * half < float(part[column]) < most * half, name
+
+
+def test_the_slipping_load_has_the_error_of_the_decay_length(joint, tmp_path):
+    """Exponential laws of other lengths hardly change it: by .0036 of the change of the length.
+
+    Samples of free form scatter more, by 0.03 % of it, since each has other knots; friction bed,
+    number of cells and discrepancy of the model have larger errors.
+    """
+    law, case = write_cells(tmp_path / "law.nc"), load_case(write_scene(tmp_path, SCENE))
+    loading = case.cycles.loading(case.statics.preloads[1:])
+    bodies, laws = joints_of(case)
+    (sliders,) = bodies.sliders(case, laws)
+    loads = []
+    for length in (0.98 * 0.2e-6, 1.02 * 0.2e-6):
+        exact = [replace(sliders, normal=Exponential(2e9, length))]
+        result = load_joint(bodies.build(case, exact).assembly, loading)
+        loads.append(float(result["slipping_load"][-1]))
+    slope = np.log(loads[0] / loads[1]) / np.log(1.02 / 0.98)
+    sampling = law["error_half_width"].sel(error_term="sampling", quantity="mean_gap")
+    half = joint["error_half_width"].sel(error_term="sampling", quantity="slipping_load")
+    np.testing.assert_allclose(half[-1], slope * float(sampling.mean()), rtol=0.05)
