@@ -21,8 +21,8 @@ Periodic Surface{right()} = {left()} Translate{2, 0, 0};
 Periodic Surface{back()} = {front()} Translate{0, 2, 0};
 top() = Abs(Boundary{ Volume{9}; });
 top() -= {left(), right(), front(), back(), bottom(), pore()};
-Physical Surface("bottom") = {bottom()};
-Physical Surface("top") = {top()};
+Physical Surface("base") = {bottom()};
+Physical Surface("summits") = {top()};
 Physical Volume("steel") = {9};
 
 dome() = Surface In BoundingBox{0.3 - e, 0.3 - e, 1.5 - e, 1.7 + e, 1.7 + e, 1.6 + e};

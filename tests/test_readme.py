@@ -125,7 +125,9 @@ def folder(run_folder, tmp_path, monkeypatch):
     Path("workflows").symlink_to(ROOT / "workflows")
     whole = [text for text in blocks("toml").values() if text.startswith("title")]
     for name, text in zip(
-        ("my_joint.toml", "pores.toml", "lamp.toml", "blocks.toml"), whole, strict=True
+        (f"{name}.toml" for name in ("my_joint", "pores", "lamp", "grid", "plate", "blocks")),
+        whole,
+        strict=True,
     ):
         Path(name).write_text(text, encoding="utf-8")
     for name, text in zip(("nodes.csv", "links.csv"), blocks("csv").values(), strict=True):
