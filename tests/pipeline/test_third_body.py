@@ -228,6 +228,11 @@ def test_a_layer_of_grains_sheared_again_agrees(tmp_path):
     [
         ('speed = "0.5 m/s"', 'speed = "1e-6 m/s"', "grains do not flow steadily before 20 diam"),
         (
+            '"5 cm", "5 cm"',
+            '"5 cm", "2.5 cm"',
+            r"^\[third_body\] size has a period of 0.025",
+        ),
+        (
             GRAINS[GRAINS.index("[grains]") : GRAINS.index("[third_body]")],
             "",
             r"\[third_body\] presses and shears \[grains\]",

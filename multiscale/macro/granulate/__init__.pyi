@@ -9,6 +9,7 @@ from .grain_cells import shear_cells as shear_cells
 from .grain_cells import shear_layer as shear_layer
 from .grain_cells import shear_response as shear_response
 from .grain_cells import shear_steps as shear_steps
+from .grain_motion import least_period as least_period
 from .model import ContactLaw as ContactLaw
 from .model import Model as Model
 from .model import Solver as Solver

@@ -325,18 +325,29 @@ def _advance(model: Model, state: GrainState, shift: np.ndarray) -> GrainState:
     )
 
 
+def least_period(radii: np.ndarray, reach: float = 0.0) -> float:
+    """Return the shortest period in which listed pairs of grains have one shortest distance, m.
+
+    Parameters
+    ----------
+    radii : ndarray, shape (grains,), m
+    reach : float, largest approach of two grains in a step, m
+    """
+    return 2.0 * (2.0 * float(radii.max()) + LIST_MARGIN * float(radii.mean()) + reach)
+
+
 def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
     """Return the state with a new list of neighbours, and the contacts of persistent pairs."""
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = LIST_MARGIN * float(radius.mean())
-    widest = 2.0 * float(radius.max()) + margin
+    widest = 0.5 * least_period(radius)
     room = 0.5 * state.period - widest  # for a unique shortest distance of a pair
     short = np.flatnonzero(room < reach)
     if short.size:
         raise CaseError(
             f"period along {'xyz'[short[0]]} is {state.period[short[0]]:.4g} m and must be at "
-            f"least {2.0 * (widest + reach):.4g} m, twice the reach of the largest grains in a "
-            f"step; take a longer period, or shorter steps"
+            f"least {least_period(radius, reach):.4g} m, twice the reach of the largest grains in "
+            f"a step; take a longer period (size in a case), more grains, or shorter steps"
         )
     margin += min(2.0 * reach, float(room.min()))  # the list holds for a second step, if possible
     near = find_pairs(state.position, radius, margin, state.period)

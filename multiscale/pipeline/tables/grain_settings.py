@@ -107,13 +107,26 @@ class ThirdBody(toml.Settings):
         return radii, options
 
     def steps(self, grains: GrainSettings) -> list[int]:
-        """Return the number of steps of the shear at each pressure; refuse too many."""
+        """Return the number of steps at each pressure; refuse too many, and short periods."""
         radii, _ = self.cell(grains, 0)
         some = granulate.Grains(np.zeros((grains.number, 3)), radii, grains.density)
-        return [
-            granulate.shear_steps(some, pressure, self.speed, self.distance)[1]
-            for pressure in self.pressures
-        ]
+        lengths, counts = zip(
+            *(
+                granulate.shear_steps(some, pressure, self.speed, self.distance)
+                for pressure in self.pressures
+            ),
+            strict=True,
+        )
+        largest = max((self.cell(grains, k)[0] for k in range(self.realisations)), key=np.max)
+        # two grains that the plate takes along approach by twice its way in a step
+        least = granulate.least_period(largest, 2.0 * self.speed * max(lengths))
+        if min(self.size) < least:
+            raise CaseError(
+                f"[third_body] size has a period of {min(self.size):.4g} m, and grains of a radius "
+                f"of up to {largest.max():.4g} m need {least:.4g} m or more; give longer periods, "
+                f"or smaller grains"
+            )
+        return list(counts)
 
 
 def third_body_faults(case: "Case") -> Iterator[str]:
