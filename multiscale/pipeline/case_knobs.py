@@ -36,7 +36,8 @@ def cell_knobs(case: Case) -> Iterator[Knob]:
     # does not fall with the number of cells
     sampled = case.measured is None
     if sampled:
-        yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+        chance = ("sampling", "friction bed")
+        yield Knob("cells", _more, chance, (0.5, 0.5), each, measured=False, adds=True)
     yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), {CELLS: 1.0}, measured=False)
     if case.cell.mesh is None:
         fine = LAYERED if case.cell.geometry != "flat" else PLANE

@@ -49,6 +49,9 @@ a term over a whole error below which it is not named."""
 
 SAMPLING = "sampling"
 
+REMEDIES = {"friction bed": "give the case larger cells, or more points in [micro.shear]"}
+"""What lowers terms that no knob does: a bed of sliders that is nearer to the sheared cells."""
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -237,12 +240,14 @@ class Planner:
         up, rung = up or {}, {knob.name: knob for knob in self.knobs}
         draws = sum(knob.draws * up.get(knob.name, 0) for knob in self.knobs)
         square, bias = np.zeros((2, *state.outcome.value.shape))
+        averaged = self._averaged()
         for term, (half, shift) in self._rows(state).items():
-            fall = draws if term == SAMPLING else 0.0
+            fall, chance = 0.0, draws if term in averaged else 0.0
             for knob in self.knobs:
-                if not knob.measured and term in knob.terms:
-                    fall += knob.orders[0] * up.get(knob.name, 0)
-            square = square + (2.0**-fall * half) ** 2
+                rungs = knob.orders[0] * up.get(knob.name, 0)
+                if term in knob.terms and not knob.measured:
+                    fall, chance = (fall, chance + rungs) if knob.adds else (fall + rungs, chance)
+            square = square + (2.0 ** -(fall + chance) * half) ** 2
             bias = bias + 2.0**-fall * shift
         bias = np.abs(bias) + state.prediction_error  # terms have signs, bounds have none
         for name, left in state.left.items():
@@ -347,7 +352,8 @@ class Planner:
             return halving_seconds(seconds, powers, order, knob.adds)
 
         for term, (half, bias) in self._rows(state).items():
-            knob = next((k for k in self.knobs if not k.measured and term in k.terms), None)
+            lowering = (k for k in self.knobs if not k.measured and term in k.terms)
+            knob = next((k for k in lowering if not (k.adds and np.any(bias))), None)
             seconds = halving(knob, knob.orders[0] if knob else nan)
             yield SourceCost(term, float(np.max(total_error(bias, half))), seconds)
         for knob in self.knobs:
@@ -367,11 +373,19 @@ class Planner:
         return {term: error for term, error in largest if error > NEGLIGIBLE * whole}
 
     def _fixed_rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return half-width and bias of the terms that no knob reduces."""
-        moved = {term for knob in self.knobs for term in knob.terms}
-        if any(knob.draws for knob in self.knobs):
-            moved.add(SAMPLING)
-        return {term: row for term, row in self._rows(state).items() if term not in moved}
+        """Return half-width and bias that no knob reduces; further cells lower no bias."""
+        lowered = {term for knob in self.knobs if not knob.adds for term in knob.terms}
+        averaged = self._averaged()
+        return {
+            term: (np.zeros(half.shape) if term in averaged else half, bias)
+            for term, (half, bias) in self._rows(state).items()
+            if term not in lowered
+        }
+
+    def _averaged(self) -> set[str]:
+        """Return the terms with a half-width by the chance of cells."""
+        averaged = {term for knob in self.knobs if knob.adds for term in knob.terms}
+        return averaged | ({SAMPLING} if any(knob.draws for knob in self.knobs) else set())
 
     def _refuse_floor(self, state: State) -> None:
         """Refuse a target below the terms that no knob reduces."""
@@ -380,14 +394,13 @@ class Planner:
             square, total = square + half**2, total + bias
         floor = float(np.max(total_error(total, np.sqrt(square))))
         if floor > self.target:
-            named = " and ".join(
-                f"{term} ({100.0 * error:.2g} %)"
-                for term, error in self.fixed(state, floor).items()
-            )
+            fixed = self.fixed(state, floor)
+            named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())
+            remedies = "".join(f": {REMEDIES[term]}" for term in fixed if term in REMEDIES)
             raise CaseError(
                 f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
                 f"reduces {named}; ask for more than {100.0 * floor:.2g} %, or change what that "
-                f"comes from"
+                f"comes from{remedies}"
             )
 
     def _reason(self, state: State, error: float, rounds: int) -> str:

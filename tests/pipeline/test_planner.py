@@ -234,6 +234,28 @@ def test_a_target_below_a_term_without_a_knob_names_it(term, target, sentence):
     assert stage.spent == first.spent  # before coarser settings are solved
 
 
+class Bed(Synthetic):
+    """A synthetic stage with a second term that falls with the cells, but for its bias."""
+
+    def __call__(self, v, whole):
+        done = super().__call__(v, whole)
+        slopes = np.full(2, self.slopes * 2.0 ** (-0.5 * v["cells"]))
+        return replace(
+            done, half_width={**done.half_width, "small slopes": slopes} if whole else {}
+        )
+
+    def knobs(self):
+        cells, *others = super().knobs()
+        return [replace(cells, terms=("sampling", "small slopes")), *others]
+
+
+def test_further_cells_lower_the_chance_in_a_term_and_not_its_bias():
+    _, reached = Bed(0, slopes=0.08).plan(0.05)
+    assert reached.error.max() <= 0.05
+    with pytest.raises(CaseError, match=r"5 % is out of reach: .* reduces small slopes \(8 %\)"):
+        Bed(0, bias=0.08).plan(0.05)
+
+
 def test_a_bias_of_the_budget_counts_in_full():
     errors = [Synthetic(0, bias=bias).plan(np.inf, time=50.0)[1].error.max() for bias in (0, 0.05)]
     assert errors[1] > errors[0] + 0.04
