@@ -90,6 +90,12 @@ def test_pressures_without_steady_shear_are_named_and_one_layer_has_no_scatter(t
     assert "slide of one cell" not in taken.attrs["cautions"]
 
 
+def test_the_unknown_size_of_the_cells_is_printed(law):
+    assert "cell size" in law.attrs["unknown"].split(", ")
+    assert law.attrs["how_cell_size"].endswith("compare twice the size and 4 times the grains")
+    assert "do not contain the size of its cells" in [*THIRD_BODY_LAW.answer(law)][-1]
+
+
 @pytest.mark.parametrize("speed", [1e-6, 0.05, 0.5, 1e3])
 def test_the_law_at_another_speed_has_the_inertial_number_of_its_cells(law, speed):
     scaled = at_speed(law, speed)

@@ -25,6 +25,10 @@ PRESSING, SWEPT = 300, 1.2e-4  # steps before the shear, and s of a step and gra
 NOTHING = ("micro discretisation", "increments", "small slopes", "surface")
 """Terms of the error of cells on grids that cells of grains do not have."""
 
+ONE_SIZE = (
+    "not known: layers of one size were sheared; compare twice the size and 4 times the grains"
+)
+
 TABLE = Table(
     (
         "sliding_pressure",
@@ -88,7 +92,8 @@ def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
     response = datasets[MICRO_RESPONSE.name]
     law = fit_law(response, family="dilatant", n_samples=case.law.samples)
     nothing = Term("nothing: the grains are rigid spheres", np.zeros((3, law.sizes["step"])))
-    known = {**dict.fromkeys(NOTHING, nothing), "fit": _lack_of_fit(response, law)}
+    known = {**dict.fromkeys(NOTHING, nothing), "cell size": Term(ONE_SIZE)}
+    known["fit"] = _lack_of_fit(response, law)
     budget = error_budget(response, law, known=known, discrepancy=case.law.discrepancy)
     return with_steady_friction(with_budget(law, budget), response).assign_attrs(title=case.title)
 
@@ -143,7 +148,10 @@ def _answer(law: Dataset) -> Iterator[str]:
         f"{mu[0]:.3g} of the pressure, at inertial numbers of {number[-1]:.2g} to {number[0]:.2g}, "
         f"and is {height[-1]:.4g} to {height[0]:.4g} mm high."
     )
-    yield "At another speed v the law holds at pressures in proportion to v squared."
+    yield (
+        "At another speed v the law holds at pressures in proportion to v squared; it is of this "
+        "number of grains on the area, and its intervals do not contain the size of its cells."
+    )
 
 
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
