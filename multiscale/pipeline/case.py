@@ -208,7 +208,7 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
     )
     defaults = {name: field.default for name, field in Case.model_fields.items()}
     given = [name for name, value in case if value not in (None, defaults[name])]
-    if case.way == "direct" and case.structure is not None:
+    if case.structure is not None and case.way == "direct":
         try:
             case = case.structure.with_wide_cells(case)
         except CaseError as error:
