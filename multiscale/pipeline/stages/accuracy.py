@@ -110,14 +110,17 @@ class Asked:
                 for name in ("error_half_width", "error_bias")
             )
             widths, shifts = half.to_numpy(), bias.to_numpy()
-            known = np.flatnonzero(np.isfinite(widths).all(axis=0) | np.any(shifts, axis=0))
-            if term in OF_ONE_PART or not known.size:
+            certain, shifted = np.isfinite(widths).all(axis=0), np.any(shifts, axis=0)
+            if term in OF_ONE_PART or not np.any(certain | shifted):
                 continue
-            for rows, of_term in ((half_widths, widths), (biases, shifts)):
+            for rows, of_term, given in (
+                (half_widths, widths, certain),
+                (biases, shifts, shifted),
+            ):
                 if len(names) == 1 and of_term.shape[1] == value.size:  # of every step
                     every = of_term[0]
-                else:  # of the last step, of every load
-                    every = of_term[:, known[-1]]
+                else:  # of the last step that has it, of every load
+                    every = of_term[:, np.flatnonzero(given)[-1] if given.any() else -1]
                 if every.size != value.size:
                     every = np.full(value.size, every[np.argmax(np.abs(every))])
                 rows[term] = every[places]
