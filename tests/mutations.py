@@ -63,7 +63,7 @@ TESTS = {
     "macro.links.statics": "tests/macro/test_link_statics.py tests/test_refused_calls.py",
     "macro.links.dynamics": "tests/macro/test_links.py tests/verification/test_dynamics.py",
     "macro.granulate.packings": (
-        "tests/macro/granulate/test_biaxial.py tests/macro/granulate/test_motion.py"
+        "tests/macro/granulate/test_packings.py tests/macro/granulate/test_motion.py"
     ),
     "macro.vibration.modes": "tests/macro/test_vibration.py",
     "macro.substructures.cut_interfaces": (

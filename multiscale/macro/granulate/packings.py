@@ -156,10 +156,13 @@ def silo(
     """
     largest, bore = float(np.max(radii)), 0.5 * diameter
     across = int(diameter / (2.2 * largest))
-    ticks = (np.arange(across) - 0.5 * (across - 1)) * 2.2 * largest
-    x, y = (axis.ravel() for axis in np.meshgrid(ticks, ticks))
-    inside = np.hypot(x, y) + 1.08 * largest < bore
-    if not inside.any():
+    for count in (across, 1):  # on a square lattice, or in a single file
+        ticks = (np.arange(count) - 0.5 * (count - 1)) * 2.2 * largest
+        x, y = (axis.ravel() for axis in np.meshgrid(ticks, ticks))
+        inside = np.hypot(x, y) + 1.08 * largest < bore
+        if inside.any():
+            break
+    else:
         raise CaseError(
             f"a grain of radius {largest:g} m does not fit into a pipe of {diameter:g} m; use "
             f"smaller grains"
