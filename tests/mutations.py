@@ -67,9 +67,12 @@ TESTS = {
     ),
     "macro.vibration.modes": "tests/macro/test_vibration.py",
     "macro.substructures.cut_interfaces": (
-        "tests/macro/substructures/test_cut_joints.py tests/macro/substructures/test_methods.py"
+        "tests/macro/substructures/test_cut_joints.py tests/macro/substructures/test_methods.py "
+        "tests/macro/test_non_matching.py"
     ),
-    "pipeline.showing": "tests/pipeline/test_intervals.py tests/report",
+    "pipeline.showing": (
+        "tests/pipeline/test_intervals.py tests/report tests/plotting/test_single_steps.py"
+    ),
     "pipeline.knobs": "tests/pipeline/test_planner.py",
     "plotting.lines": "tests/plotting",
     "report.page": "tests/report",

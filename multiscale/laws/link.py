@@ -115,7 +115,8 @@ class Beam(LinkLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("torsion", "bending_y", "bending_z", "shear_y", "shear_z"):
-            require(f"{name} of a beam", getattr(self, name), "(0, inf]")
+            limits = "(0, inf)" if name.startswith("bending") else "(0, inf]"
+            require(f"{name} of a beam", getattr(self, name), limits)
         if not np.any(self.up):
             raise CaseError("up of a beam must not be zero; give the direction of its third axis")
 

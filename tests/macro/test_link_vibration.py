@@ -111,7 +111,11 @@ def test_an_unstable_structure_has_no_frequencies(system):
 
 @pytest.mark.parametrize(
     ("law", "mass", "sentence"),
-    [(Cable(np.inf), 1.0, "need extensible links"), (Cable(1e6), 0.0, "mass of a node must be")],
+    [
+        (Cable(np.inf), 1.0, "need extensible links"),
+        (Beam(1e9, np.inf, BENDING, BENDING), 1.0, "links and beams; give finite rigidities"),
+        (Cable(1e6), 0.0, "mass of a node must be"),
+    ],
 )
 def test_frequencies_without_masses_or_springs_are_refused(law, mass, sentence):
     system = row(4, law, 10.0)

@@ -65,6 +65,11 @@ def test_the_page_has_the_result_the_method_and_the_cautions(page):
     assert re.findall(r"<td>micro.unload</td><td>false</td>", page)
 
 
+def test_figures_across_the_page_are_those_with_several_panels(page):
+    across = page.count('<figure class="across">')
+    assert 0 < across < page.count("<figure class=")
+
+
 def test_laws_and_inputs_are_downloads_of_the_page(page, run_folder):
     result = dict(re.findall(r'<a download="(.*?)" href="data:text/plain;base64,(.*?)">', page))
     assert b"PRESSURE-OVERCLOSURE" in base64.b64decode(result["abaqus.inp"])

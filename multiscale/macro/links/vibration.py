@@ -61,9 +61,9 @@ def natural_frequencies(
     array([26.43, 26.41])
     """
     require("mass of a node", mass, "(0, inf)", "kg")
-    if np.isinf(system.stiffness).any():
-        raise CaseError("frequencies need extensible links; give a finite rigidity")
     model, links = equations(system), system.n_links
+    if np.isinf(model.stiffness).any():
+        raise CaseError("frequencies need extensible links and beams; give finite rigidities")
     inertia = mass * _inertia(system, model)
     count = min(count, int(np.count_nonzero(inertia.diagonal())))
     values = np.full((rest.sizes["step"], count), np.nan)
