@@ -66,7 +66,7 @@ def make_case(quick: bool) -> dict[str, Any]:
     case = tomllib.loads(find_case("bolted_lap").read_text(encoding="utf-8"))
     del case["body_2"]["surface"]
     if quick:
-        del case["micro"]["shear"]
+        del case["micro"]["shear"], case["law"]
         case["interface"] = {"friction": 0.2, "stiffness_ratio": 0.82}
     heights = ["0.3 um", "0.8 um"] if quick else ["0.2 um", "0.4 um", "0.8 um", "1.6 um"]
     surface = {"rms_height": heights, "hurst_exponent": [0.8] if quick else [0.5, 0.8]}

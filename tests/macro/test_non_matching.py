@@ -121,19 +121,14 @@ def test_a_lap_joint_of_plates_meshed_apart_equals_the_matching_joint():
     loading = JointLoading((40e6,))
     alike = [lap_joint(item, (Elastic(210e9, 0.3),) * 2, LAW) for item in (shape, finer)]
     lower, upper = alike[0].bodies[0], alike[1].bodies[1]
-    share = alike[0].areas[0] / alike[1].areas[0]  # of the washers, which must press alike
-    pressed = (0.0, 0.0, lambda position, time: -share * (1.0 - time) + 0.0 * position[0])
-    upper = replace(upper, tractions=dict(upper.tractions) | {"washer": pressed})
     apart = replace(alike[0], bodies=(lower, upper))
     assert lower.mesh.p.shape != upper.mesh.p.shape
     results = [load_joint(item, loading, method=AssembledNewton()) for item in (*alike, apart)]
-    # with elements of 3, 2, 1.5 and 1.2 mm the approach is .430, .429, .450 and .456 um: about .46
-    for name, error in (("joint_stiffness", 1e-3), ("tangential_stiffness", 0.012)):
-        coarse, fine, mixed = (result[name].item() for result in results)
-        assert abs(mixed / coarse - 1.0) < error
-        assert abs(mixed / fine - 1.0) < error
-    coarse, fine, mixed = (result["approach"].item() for result in results)
-    assert abs(mixed - 0.46e-6) < abs(coarse - 0.46e-6)
+    # with elements of 3, 2, 1.5 and 1.2 mm the approach is .466, .448, .454 and .456 um: about .46
+    for name, error in (("joint_stiffness", 1e-3), ("tangential_stiffness", 0.006)):
+        *alike, mixed = (result[name].item() for result in results)
+        assert (1.0 - error) * min(alike) < mixed < (1.0 + error) * max(alike)
+    assert abs(results[-1]["approach"].item() - 0.46e-6) < 0.03e-6
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,8 @@ TABLE = Table(
     missing="slides away",
 )
 
+SMOOTH = 1e-4  # friction of a smooth preload; none would leave bodies that slide freely to rounding
+
 BUDGETED = ("frequency", "fall", "damping")
 
 STATED_BED = 2  # ratio of the slabs of two beds from which the error of the finer bed is estimated
@@ -96,7 +98,7 @@ def _press(
     """Preload bodies, from a state ``near``, and compute their modes; also return facts."""
     asked = case.vibration
     parts = bodies.build(case, laws)
-    smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]  # all have a friction
+    smooth = [replace(cast(Sliders, law), friction=SMOOTH) for law in laws]  # all have a friction
     try:
         rest = macro.vibration.press_structure(
             parts.assembly,
