@@ -82,6 +82,8 @@ TESTS = {
 """Modules of every package, and the tests that guard each."""
 
 EQUIVALENT = {
+    "compliance:159: 2.0 * np.pi -> 2.0 / np.pi": "the unit of wavenumbers cancels",
+    "packings:199: 1.0 -> 1.5": "discs stand in the plane y = 0 of a box of any depth",
     "not given.endswith(unit)) -> given is None and unit not in _PREFIXED and "
     "(not given.endswith(unit))": "pint converts units that the table of prefixes lacks",
     "1e-12 * across -> 1e-12 / across": "a bound against division by rounding",

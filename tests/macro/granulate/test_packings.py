@@ -16,11 +16,12 @@ def overlap(grains):
     return np.max(grains.radius[i] + grains.radius[j] - pdist(grains.position))
 
 
-@pytest.mark.parametrize("diameter", [0.023, 0.05, 0.11])
-def test_grains_in_a_silo_fill_the_pipe_and_touch_nothing(diameter):
+@pytest.mark.parametrize(("diameter", "least_extent"), [(0.023, 0.0), (0.05, 0.0), (0.11, 0.06)])
+def test_grains_in_a_silo_fill_the_pipe_and_touch_nothing(diameter, least_extent):
     grains = silo(draw_radii(80, 8e-3, 10e-3), diameter, LAW).grains
     across = np.hypot(*grains.position[:, :2].T) + grains.radius
     assert np.all(across < 0.5 * diameter)
+    assert np.ptp(grains.position[:, 0]) >= least_extent
     assert np.all(grains.position[:, 2] > grains.radius)
     assert overlap(grains) < 0.0
 
