@@ -18,7 +18,7 @@ SETTINGS = ("points", "realisations", "time_step", "tolerance")
 """Variables that label the runs of a method; the first in the dataset is used."""
 
 SMALLEST_ERROR = 1e-17  # value at which an error of zero is drawn, dimensionless
-LEGEND_ROOM = 3.0  # factor by which the axis extends above the lines of growth, for the legend
+LEGEND_ROOM = 0.055  # share of the axis that the legend of the lines of growth takes for each line
 
 
 def plot_work_precision(
@@ -182,7 +182,8 @@ def plot_growth(
         lowest = factor * cost[sizes == along[1]].min()  # the line ends at half of it
         view = ax.get_ylim()
         ax.plot(along, 0.5 * lowest * along / along[1], ":", color="0.5", label="slope 1")
-        ax.set_ylim(min(view[0], 0.4 * lowest), LEGEND_ROOM * view[1])
+        low, room = min(view[0], 0.4 * lowest), LEGEND_ROOM * len(ax.lines)
+        ax.set_ylim(low, low * (view[1] / low) ** (1.0 / (1.0 - room)))
     ax.grid(color="0.92")
     ax.legend(loc="upper left", fontsize=8)
     return ax
