@@ -33,7 +33,7 @@ class Knob:
     draws: float = 0.0  # power of 2 by which the sampling error falls
     adds: bool = False  # whether a higher rung adds cells to the cells of the rungs below
     ratio: "Callable[[Case], float]" = lambda case: 2.0
-    """Return the spacing at the rung below over that of a case; 1 if it is the same."""
+    """Return the spacing at the rung below over the spacing of a case; 1 for equal spacings."""
 
     def applies(self, case: "Case") -> bool:
         """Whether a case has the setting."""
@@ -42,7 +42,7 @@ class Knob:
     def lowest(self, case: "Case") -> int:
         """Return the lowest rung of a case at which its error is known.
 
-        That of a measured knob has another spacing at the rung above it.
+        A measured knob has another spacing at the rung above its lowest rung.
         """
         rung = 0
         while rung > LOWEST and self._has(case, rung - 1):

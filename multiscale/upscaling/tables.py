@@ -286,8 +286,9 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
 def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     r"""Return the law of measured specimens with its error budget: their scatter, and the fit.
 
-    Their upper ends are those of :func:`~.fit.predict`: with the standard deviation s of the
-    logarithm of the factors between n specimens and the law,
+    The intervals of the mean law and of the next specimen have the upper ends of
+    :func:`~.fit.predict`: with the standard deviation s of the logarithm of the factors between n
+    specimens and the law,
 
     .. math:: 1 + h = \exp(t_{0.975, n-1}\, s / \sqrt n), \qquad
         1 + h' = \exp(t_{0.975, n-1}\, s \sqrt{1 + 1/n})    \tag{1}

@@ -204,7 +204,8 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def rotary_inertia(system: LinkSystem) -> np.ndarray:
     r"""Return inertias of the nodes against rotations over their mass, shape (nodes, 3, 3), m2.
 
-    The mass of a node is that of its beams by their lengths. With a homogeneous section, a beam has
+    The mass of a node is the mass of its beams, in proportion to their lengths. A beam with a
+    homogeneous section has
 
     .. math:: (r_y^2 + r_z^2)\, e_x e_x^T + r_y^2\, e_y e_y^T + r_z^2\, e_z e_z^T,
         \qquad r^2 = I / A = EI / EA.    \tag{1}
