@@ -28,9 +28,9 @@ from .fit import predict as predict
 from .law_budget import error_budget as error_budget
 from .law_budget import with_scales as with_scales
 from .law_checks import admissibility as admissibility
-from .measured_data import MeasuredJoint as MeasuredJoint
-from .measured_data import read_measured as read_measured
-from .measured_vibration import read_vibration as read_vibration
+from .measured.joints import MeasuredJoint as MeasuredJoint
+from .measured.tables import read_measured as read_measured
+from .measured.vibrations import read_vibration as read_vibration
 from .observations import observe as observe
 from .propagation import Bound as Bound
 from .propagation import Correction as Correction

@@ -24,7 +24,7 @@ from multiscale.units import readable
 from multiscale.upscaling.branches import tangential_values
 from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.law_budget import DISCREPANCY, EXPONENT
-from multiscale.upscaling.measured_data import BedCurve, Curve, MeasuredJoint
+from multiscale.upscaling.measured.joints import BedCurve, Curve, MeasuredJoint
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, Residual, draw, find_mode
 from multiscale.upscaling.posterior_law import DATA_POINTS, law_of_interfaces

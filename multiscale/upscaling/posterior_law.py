@@ -21,7 +21,7 @@ from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.fit import with_branch
 from multiscale.upscaling.free_form import N_TERMS, fit_spline, place_knots
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
-from multiscale.upscaling.measured_data import BedCurve
+from multiscale.upscaling.measured.joints import BedCurve
 from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.sampling import half_range
 

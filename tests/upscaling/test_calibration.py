@@ -26,7 +26,7 @@ from multiscale.upscaling.budget import (
 )
 from multiscale.upscaling.calibration import HEIGHTS, _covariance_of_cells
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
-from multiscale.upscaling.measured_data import (
+from multiscale.upscaling.measured.joints import (
     BedCurve,
     Curve,
     MeasuredClosure,

@@ -15,8 +15,8 @@ from multiscale.upscaling import (
     read_vibration,
     tangential_values,
 )
-from multiscale.upscaling.measured_data import BedCurve, Curve, MeasuredLoop
-from multiscale.upscaling.measured_vibration import MeasuredVibration
+from multiscale.upscaling.measured.joints import BedCurve, Curve, MeasuredLoop
+from multiscale.upscaling.measured.vibrations import MeasuredVibration
 from tests.upscaling.responses import exponential_gaps, response_of
 
 P, AMPLITUDE, MASS = 2e7, 1e-6 * np.geomspace(0.02, 0.4, 7), 4e4  # Pa, m, kg/m²

@@ -15,7 +15,7 @@ from multiscale.upscaling import (
     predict,
     read_observations,
 )
-from multiscale.upscaling.measured_data import read_measured
+from multiscale.upscaling.measured.tables import read_measured
 from multiscale.upscaling.reading import refuse_band
 from multiscale.upscaling.tables import quantity_of, with_specimen_budget
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.budget import NORMAL
-from multiscale.upscaling.measured_data import MeasuredLoop, refuse_settings, usual_nuisances
+from multiscale.upscaling.measured.joints import MeasuredLoop
+from multiscale.upscaling.measured.tables import refuse_settings, usual_nuisances
 from multiscale.upscaling.tables import read_columns, units_of_columns
 
 COLUMNS = {"preload": "Pa", "amplitude": "m", "frequency": "s-1", "damping": "1"}
@@ -85,7 +86,7 @@ def read_vibration(
         intervals over the values.
     mass : float, that vibrates, over the nominal area, kg/m²
     error : float, optional, half-width of frequency and damping, without these columns
-    bodies, frame, offset : float, optional; see :func:`~.measured_data.read_measured`
+    bodies, frame, offset : float, optional; see :func:`~.tables.read_measured`
 
     Raises
     ------

@@ -1,0 +1,1 @@
+"""Measured joints: their answers by a law with gradients, and their tables."""
