@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -12,6 +12,7 @@ from multiscale import __version__
 from multiscale.bench.commands import bench_command, stability_command
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import workers
+from multiscale.law_commands import export_command, fit_command
 from multiscale.options import (
     ANYWAY,
     AnywayOption,
@@ -24,15 +25,16 @@ from multiscale.options import (
     QuietOption,
     VerboseOption,
     check_dataset_file,
+    load_with,
     out_option,
 )
-from multiscale.printing import print_lines, print_table, report_line, shown_progress, warn_of
+from multiscale.printing import print_lines, report_line, shown_progress, warn_of
 from multiscale.units import to_lengths, to_si
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from multiscale.pipeline import Case, Sweep
+    from multiscale.pipeline import Sweep
     from multiscale.pipeline.stage import ShowProgress
 
 app = typer.Typer(
@@ -201,7 +203,7 @@ def micro_command(
     from multiscale.pipeline import refuse_excess, run_micro
 
     check_dataset_file(out)
-    settings = _load_with("micro", case)
+    settings = load_with("micro", case)
     if quick:
         settings = settings.quick()
     if not (force or dask):
@@ -212,180 +214,8 @@ def micro_command(
     typer.echo(response.attrs["behaviour"])
 
 
-@app.command("fit")
-def fit_command(
-    response: Annotated[
-        Path,
-        typer.Argument(help="Response to fit; or a table .csv of measured stiffnesses or gaps."),
-    ],
-    out: Annotated[Path, out_option("Law to write.")] = Path("interface_law.nc"),
-    family: Annotated[
-        str,
-        typer.Option(
-            help="convex_decreasing (the default of a response), exponential or power; of a table "
-            "the best admissible family if not given."
-        ),
-    ] = "",
-    shear: Annotated[
-        Path | None, typer.Option(help="Response of the cells that were sheared, for friction.")
-    ] = None,
-    sliding: Annotated[
-        Path | None, typer.Option(help="Response of the cells that slid, for friction.")
-    ] = None,
-    pressure: Annotated[
-        list[str] | None,
-        typer.Option(help='Pressure such as "5 MPa" at which the law of a table is printed.'),
-    ] = None,
-    measured: Annotated[
-        str, typer.Option(help="Case of the cells with tables `measured` that calibrate the law.")
-    ] = "",
-) -> None:
-    """Fit the interface law to a response, or to a table of measurements."""
-    from multiscale.io import open_dataset, open_response, save_law
-    from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
-    from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
-    from multiscale.upscaling import fit_branches
-    from multiscale.upscaling.branches import describe_shear
-
-    check_dataset_file(out)
-    if response.suffix.lower() == ".csv":
-        if shear or sliding or measured:
-            raise CaseError(
-                f"{response}: --shear, --sliding and --measured belong to a response, not to a "
-                f"table"
-            )
-        _fit_table(response, out, family, [to_si(text, "Pa") for text in pressure or ()])
-        return
-    if pressure:
-        raise CaseError(f"--pressure needs a table .csv, got {response}")
-    case = _load_with("measured", measured) if measured else None
-    options: dict[str, Any] = {}
-    if case is not None:
-        fit = case.law
-        options = {"apart": fit.apart, "n_terms": fit.terms, "n_samples": fit.samples}
-    law = fit_branches(
-        open_response(response),
-        shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
-        sliding=None if sliding is None else open_dataset(sliding, SLIDING_RESPONSE),
-        family=family or "convex_decreasing",
-        **options,
-    )
-    if case is not None:
-        law = calibrate_case(case, law).law
-    save_law(law, out)
-    warn_of(law.attrs["cautions"].splitlines())
-    for table in calibration_tables(law):
-        print_table(*table)
-    if case is not None:
-        typer.echo(f"{law.attrs['effective_draws']:.3g} independent draws")
-    typer.echo(law.attrs["branches"])
-    print_lines(describe_shear(law))
-
-
-def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> None:
-    """Fit measured specimens, and print family, fit error and predictions with intervals."""
-    import numpy as np
-
-    from multiscale.io import save_law
-    from multiscale.pipeline.showing import tabulate_prediction
-    from multiscale.upscaling import (
-        best_family,
-        fit_law,
-        predict,
-        read_observations,
-    )
-    from multiscale.upscaling.tables import quantity_of, with_specimen_budget
-
-    observations = read_observations(file, quantity_of(file))
-    chosen = family or best_family(observations)[0]
-    law = with_specimen_budget(fit_law(observations, family=chosen), observations)
-    save_law(law, out)
-    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
-    p_shown = np.array(pressure or np.geomspace(low, high, 5))
-    predictions = predict(law, observations, p_shown)
-    outside = [f"{1e-6 * p:.4g}" for p in p_shown if not 0.999 * low <= p <= 1.001 * high]
-    beyond = f"pressures of {', '.join(outside)} MPa lie outside the data; the law extrapolates"
-    warn_of(
-        [*law.attrs["cautions"].splitlines(), *predictions.unknown, *([beyond] if outside else [])]
-    )
-    n, points = observations.n_realisations, observations.pressure.size
-    quantity = "mean_gap" if observations.quantity == "gap" else "stiffness"
-    error = law["error_half_width"].sel(quantity=quantity, error_term="fit").max().item()
-    fit = f"{100.0 * error:.2g} % error" if np.isfinite(error) else "unknown error"
-    title = (
-        f"{chosen}{'' if family else ' (the best family)'}: {n} specimen{'s' * (n > 1)} at "
-        f"{points} pressures, {fit} of the fit between pressures"
-    )
-    print_table(title, *tabulate_prediction(observations.quantity, p_shown, predictions))
-    typer.echo(f"law: {out}")
-
-
-@app.command("export")
-def export_command(
-    law: Annotated[Path, typer.Argument(help="Interface law to export.")],
-    out: Annotated[
-        Path, typer.Argument(help="File to write: .inp for Abaqus and CalculiX, or a .csv table.")
-    ],
-    friction: Annotated[
-        str, typer.Option(help="abaqus or calculix: write friction and stick stiffness for it.")
-    ] = "",
-    stick_pressure: Annotated[
-        str,
-        typer.Option(help='Pressure at which the stick stiffness is written, such as "20 MPa".'),
-    ] = "",
-    conductance: Annotated[
-        str, typer.Option(help="abaqus or calculix: write the thermal conductance for it.")
-    ] = "",
-    leakage: Annotated[
-        bool, typer.Option("--leakage", help="Write hydraulic apertures, to a .csv table.")
-    ] = False,
-    face_to_face: Annotated[
-        bool,
-        typer.Option(
-            "--face-to-face", help="Table that CalculiX 2.20 reads with TYPE=SURFACE TO SURFACE."
-        ),
-    ] = False,
-    name: Annotated[str, typer.Option(help="Name of the surface interaction.")] = "ROUGH",
-    tolerance: Annotated[float, typer.Option(help="Error of the pressure between points.")] = 0.01,
-    length_unit: Annotated[str, typer.Option(help="Unit of lengths in the file.")] = "mm",
-    pressure_unit: Annotated[str, typer.Option(help="Unit of pressures in the file.")] = "MPa",
-) -> None:
-    """Write an interface law for other finite-element codes."""
-    from multiscale.io import open_law, try_to_write
-    from multiscale.upscaling import write_law_table, write_pressure_overclosure
-    from multiscale.upscaling.reading import refuse_band
-
-    dataset = open_law(law)
-    try_to_write(out)
-    if out.suffix == ".csv":
-        if friction or conductance or face_to_face:
-            raise CaseError(
-                f"--friction, --conductance and --face-to-face are written to an .inp file, got "
-                f"{out}"
-            )
-        write_law_table(
-            dataset, out, length_unit=length_unit, pressure_unit=pressure_unit, leakage=leakage
-        )
-        refusal = refuse_band(dataset)
-        warn_of([f"the table has no band: {refusal}"] if refusal else [])
-    elif leakage:
-        raise CaseError(f"--leakage is written to a .csv table, got {out}")
-    elif out.suffix == ".inp":
-        write_pressure_overclosure(
-            dataset,
-            out,
-            name=name,
-            length_unit=length_unit,
-            pressure_unit=pressure_unit,
-            tolerance=tolerance,
-            friction_for=friction or None,  # type: ignore[arg-type]  # which refuses another code
-            stick_pressure=to_si(stick_pressure, "Pa") if stick_pressure else None,
-            conductance_for=conductance or None,  # type: ignore[arg-type]  # as friction_for
-            face_to_face=face_to_face,
-        )
-    else:
-        raise CaseError(f"a law is exported to a file that ends in .inp or .csv, got {out}")
-    typer.echo(f"written: {out}")
+app.command("fit")(fit_command)
+app.command("export")(export_command)
 
 
 @app.command("macro")
@@ -412,7 +242,7 @@ def macro_command(
     from multiscale.pipeline.stages import stages_of
     from multiscale.report.page import brief_lines
 
-    settings, team = _load_with("structure", case).from_structure(law), world()
+    settings, team = load_with("structure", case).from_structure(law), world()
     if quick:
         settings = settings.quick()
     if explain:
@@ -617,16 +447,6 @@ def _refuse_both(verbose: bool, quiet: bool) -> None:
     """Refuse options that exclude each other, before any folder is made."""
     if quiet and verbose:
         raise typer.BadParameter("--quiet and --verbose exclude each other")
-
-
-def _load_with(table: str, case: str) -> "Case":
-    """Read a case with the table at which a command begins."""
-    from multiscale.pipeline import load_case
-
-    settings = load_case(case)
-    if table in settings.tables:
-        return settings
-    raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")
 
 
 def main() -> None:

@@ -1,11 +1,14 @@
-"""Options that several commands share."""
+"""Options that several commands share, and checks of files that they name."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from multiscale.errors import CaseError
+
+if TYPE_CHECKING:
+    from multiscale.pipeline import Case
 
 CaseArgument = Annotated[str, typer.Argument(help="A case file, or the name of a shipped case.")]
 JobsOption = Annotated[
@@ -46,3 +49,13 @@ def check_dataset_file(out: Path) -> None:
             f"{out.name or 'result'}.nc, for instance"
         )
     try_to_write(out)
+
+
+def load_with(table: str, case: str) -> "Case":
+    """Read a case with the table at which a command begins."""
+    from multiscale.pipeline import load_case
+
+    settings = load_case(case)
+    if table in settings.tables:
+        return settings
+    raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")

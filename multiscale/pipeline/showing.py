@@ -24,7 +24,6 @@ from multiscale.upscaling.budget import (
     total_error,
     unknown_terms,
 )
-from multiscale.upscaling.fit import Prediction
 
 Rows: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]  # head and rows of text
 
@@ -332,22 +331,6 @@ def _error(step: Dataset, name: str) -> str:
     if "error_total" not in step or name not in step["quantity"].values:
         return ""
     return format_total_error(step, name)
-
-
-def tabulate_prediction(quantity: str, pressure: np.ndarray, prediction: Prediction) -> Rows:
-    """Head and rows of predictions of a law at pressures, Pa, with their intervals."""
-    import xarray as xr
-
-    name, ends = "mean_gap" if quantity == "gap" else "stiffness", ("limit", "step")
-    values = {
-        "nominal_pressure": ("step", pressure),
-        name: ("step", prediction.value),
-        f"{name}_mean_law": (ends, prediction.mean_law),
-        f"{name}_next": (ends, prediction.next_specimen),
-    }
-    heads = {f"{name}:next": "next specimen, 95 %"}
-    columns = ("nominal_pressure", *(f"{name}{form}" for form in ("", ":mean_law", ":next")))
-    return Table(columns, heads).rows(xr.Dataset(values))
 
 
 def list_facts(result: Dataset) -> list[str]:
