@@ -11,11 +11,10 @@ from multiscale.macro import (
     Body,
     Contact,
     FiniteAssembly,
-    RigidGraph,
+    RigidObstacle,
     RigidPlane,
     solve_contact,
 )
-from multiscale.macro.continuum.contact import RigidObstacle
 from tests.closed_forms import hertz, mindlin
 from tests.closed_forms.rings import NestedRings
 
@@ -327,11 +326,8 @@ def ball_on_rough_half_space(friction, rings, growth):
 
     far = [far_field(i, -1, material, force, lambda t: (0.0, 0.0)) for i in range(3)]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
-    ball = RigidGraph(
-        lambda x: (x[0] ** 2 + x[1] ** 2) / (2.0 * radius),
-        lambda x: x / radius,
-        motion=(0.0, 0.0, lambda x, t: -(reached(t) ** 2) / radius),
-    )
+    sinks = (0.0, 0.0, lambda x, t: -(reached(t) ** 2) / radius)
+    ball = RigidBall((0.0, 0.0, radius), radius, motion=sinks)
     problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball, friction)},

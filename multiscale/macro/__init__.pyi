@@ -15,7 +15,7 @@ from .bodies import shank_stiffness as shank_stiffness
 from .continuum import Body as Body
 from .continuum import Contact as Contact
 from .continuum import FiniteAssembly as FiniteAssembly
-from .continuum import RigidGraph as RigidGraph
+from .continuum import RigidObstacle as RigidObstacle
 from .continuum import RigidPlane as RigidPlane
 from .continuum import load_mesh as load_mesh
 from .continuum import solve_contact as solve_contact

@@ -14,7 +14,6 @@ from .calibration import Calibration as Calibration
 from .calibration import by_differences as by_differences
 from .calibration import calibrate as calibrate
 from .calibration import predict_measured as predict_measured
-from .cell_size import at_rms_height as at_rms_height
 from .export import write_law_table as write_law_table
 from .export import write_pressure_overclosure as write_pressure_overclosure
 from .family import FAMILIES as FAMILIES
@@ -49,6 +48,7 @@ from .reading import law_from_dataset as law_from_dataset
 from .reading import require_law as require_law
 from .response_observations import friction_observations as friction_observations
 from .response_observations import loading_branch as loading_branch
+from .scales import at_rms_height as at_rms_height
 from .scales import cell_share as cell_share
 from .tables import read_observations as read_observations
 from .transport import CONDUCTANCES as CONDUCTANCES

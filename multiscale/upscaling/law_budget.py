@@ -4,7 +4,7 @@ Half-widths have the shape (3, steps): gap, contact fraction and stiffness.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,15 +28,14 @@ from multiscale.upscaling.budget import (
     how_attribute,
     of_this_version,
 )
-from multiscale.upscaling.cell_size import (
-    compared,
-    ensembles_of_cells,
-    surface_term,
-    values_of_cells,
-)
+from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
-from multiscale.upscaling.response_observations import normal_observations, up_to_limit
-from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.response_observations import (
+    area_observations,
+    normal_observations,
+    up_to_limit,
+)
+from multiscale.upscaling.scales import ScaleSeparation, surface_term
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, STEEPEST, tangential_terms
 
 FIT_ERRORS = {
@@ -113,7 +112,7 @@ def error_budget(
     :func:`~.law_budget.fit_term`,
     :func:`~.law_budget.grid_term` (micro discretisation),
     :func:`~.law_budget.increment_term`, :func:`~.law_budget.slope_term`,
-    :func:`~.cell_size.surface_term`, :func:`~.law_budget.separation_term` and, for few cells,
+    :func:`~.scales.surface_term`, :func:`~.law_budget.separation_term` and, for few cells,
     :func:`~.law_budget.scatter_term`; :func:`~.law_budget.discrepancy_term`; see
     :func:`mean_law_error`.
 
@@ -195,7 +194,7 @@ def sampling_term(response: Dataset, law: Dataset, control: Dataset | None = Non
     from scipy.special import stdtrit
 
     gap = normal_observations(response, control)
-    quantities = ensembles_of_cells(response, control, law)
+    quantities = _ensembles(response, control, law)
     quantities[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in quantities[2]]
     half, scatter = np.full((2, 3, gap.pressure.size), np.nan)
     for k, ensembles in enumerate(quantities):
@@ -207,6 +206,18 @@ def sampling_term(response: Dataset, law: Dataset, control: Dataset | None = Non
         half[k] = np.where(estimable, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
         scatter[k] = np.where(estimable, np.sqrt(variance.sum(axis=0)), np.nan)
     return Sampling(half, scatter)
+
+
+def _ensembles(
+    response: Dataset, control: Dataset | None = None, law: Dataset | None = None
+) -> list[list[tuple[np.ndarray, int]]]:
+    """Return ensembles, (values, freedom), with means that add up to gap, area and stiffness."""
+    gap, area = normal_observations(response, control), area_observations(response, control)
+    stiffness = [
+        (stiffness_of_each(replace(gap, values=values, control=None), law), freedom)
+        for values, freedom in gap.ensembles
+    ]
+    return [[*gap.ensembles], [*area.ensembles], stiffness]
 
 
 def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -289,9 +300,10 @@ def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
     """
     from scipy.special import stdtrit
 
+    # gap, contact fraction and stiffness of every cell, (3, realisations, steps), by the ratio
     by_ratio = {
-        ratio: values_of_cells(grid)
-        for ratio, grid in sorted(compared(response, resolutions).items())
+        ratio: np.array([values for ((values, _),) in _ensembles(grid)])
+        for ratio, grid in sorted(_compared(response, resolutions).items())
     }
     ratios = np.array([*by_ratio])
     for (_, fine), (ratio, coarse) in pairwise(by_ratio.items()):
@@ -325,6 +337,23 @@ def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
         biases.append(scale * (solved @ change))
         how = how or estimate.how
     return Term(how, np.array(rows), np.array(biases))
+
+
+def _compared(response: Dataset, others: Mapping[float, Dataset]) -> dict[float, Dataset]:
+    """Return compared responses by their ratios, with the response where none has the ratio 1."""
+    if list(others) == [1.0]:
+        raise CaseError(
+            "resolutions with the spacing of the response are compared among themselves, so that "
+            "two are needed, got 1"
+        )
+    expected = normal_observations(response).pressure
+    for ratio, other in others.items():
+        p = normal_observations(other).pressure
+        if p.size != expected.size or not np.allclose(p, expected, rtol=1e-6):
+            raise CaseError(
+                f"the response at the ratio {ratio:g} has other pressures; press it as the first"
+            )
+    return {1.0: response, **others}
 
 
 def increment_term(response: Dataset) -> Term:

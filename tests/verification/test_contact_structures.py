@@ -9,7 +9,7 @@ from skfem import MeshHex, MeshQuad, MeshTri
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.bulk_law import contact_modulus
-from multiscale.macro import Body, Contact, FiniteAssembly, RigidGraph, RigidPlane, solve_contact
+from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, solve_contact
 from tests import contact_scenes as scenes
 from tests.closed_forms import hertz, mindlin, spence
 from tests.contact_scenes import CONTACT_RADIUS, FORCE, FRICTION, LIMIT, PEAK, near
@@ -309,28 +309,6 @@ def test_a_ball_pressed_with_friction_sticks_where_theory_predicts(friction, gro
     # pressure; at .1 only this takes 11 % off its .2240
     if friction > 0.1:
         assert computed == pytest.approx(mindlin.spence_stick_radius(friction, 0.3), rel=0.05)
-
-
-def test_a_graph_presses_like_the_sphere_that_it_follows():
-    body = Body(
-        scenes.block(MeshHex, (6, 6, 4), (-1, -1, -1), (1, 1, 0)),
-        Elastic(1e9, 0.3),
-        {"bottom": (0.0, 0.0, 0.0)},
-    )
-    radius = 5.0
-    down = (0.0, 0.0, -0.05)
-    ball = scenes.RigidBall((0.0, 0.0, radius), radius, motion=down)
-    cap = RigidGraph(
-        lambda x: radius - np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
-        lambda x: x / np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
-        motion=down,
-    )
-    forces = []
-    for obstacle in (ball, cap):
-        contact = Contact(("base", "top"), obstacle, finite_sliding=True)
-        problem = FiniteAssembly({"base": body}, {"ball": contact})
-        forces.append(solve_contact(problem)[-1].unwrap().contact["ball"].force)
-    np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3, atol=1e-3 * forces[0][2])
 
 
 def press_fit(facets, **how):

@@ -2,7 +2,7 @@ from .body import Body as Body
 from .body import load_mesh as load_mesh
 from .body import load_vector as load_vector
 from .contact import Contact as Contact
-from .contact import RigidGraph as RigidGraph
+from .contact import RigidObstacle as RigidObstacle
 from .contact import RigidPlane as RigidPlane
 from .contact_steps import solve_contact as solve_contact
 from .crack_band import SHAPES as SHAPES

@@ -25,7 +25,7 @@ References
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -99,38 +99,6 @@ class RigidPlane(RigidObstacle):
 
 
 @dataclass(frozen=True)
-class RigidGraph(RigidObstacle):
-    """Obstacle above a height function (or below it).
-
-    Parameters
-    ----------
-    height, slope : callable
-        Height of the surface over the lateral positions, shape (d - 1, n), m, and its derivatives,
-        shape (d - 1, n), dimensionless.
-    above : bool, default True, whether the obstacle lies above its surface
-
-    Notes
-    -----
-    The distance is measured to the tangent plane over (or under) the point: exact in contact.
-    """
-
-    height: Callable[[np.ndarray], np.ndarray]
-    slope: Callable[[np.ndarray], np.ndarray]
-    above: bool = True
-    motion: Sequence[Value] = ()
-
-    def distance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance to the tangent plane."""
-        lateral = x[:, :-1].T
-        slope = np.broadcast_to(self.slope(lateral), lateral.shape)
-        normal = np.concatenate([slope, -np.ones((1, len(x)))]).T
-        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        side = 1.0 if self.above else -1.0
-        gap = side * (x[:, -1] - self.height(lateral)) * normal[:, -1]
-        return gap, side * normal
-
-
-@dataclass(frozen=True)
 class Contact:
     r"""Contact between two surfaces.
 
@@ -142,7 +110,6 @@ class Contact:
     friction_coefficient : float, default 0.0, Coulomb's :math:`\mu \ge 0`, dimensionless
     finite_sliding : bool, default False
         Whether partners and normals follow the motion. Otherwise they are constant.
-    reach : float, default inf, distance of surfaces up to which they may come into contact, m
     fitted : bool, default False
         Whether the bodies fit at the start. The initial gap between the facets of two curved meshes
         is then an error of the meshes and is subtracted.
@@ -155,13 +122,11 @@ class Contact:
     side2: tuple[str, str] | RigidObstacle
     friction_coefficient: float = 0.0
     finite_sliding: bool = False
-    reach: float = np.inf
     fitted: bool = False
     interference: float = 0.0
 
     def __post_init__(self) -> None:
         require("friction_coefficient", self.friction_coefficient, "[0, inf)")
-        require("the reach of a contact", self.reach, "(0, inf]", "m")
         if not 0.0 <= self.interference < np.inf or (self.interference and not self.fitted):
             raise CaseError(
                 f"the interference of a contact must not be negative (m) and needs fitted=True, "
@@ -245,7 +210,6 @@ class ContactInterface:
             D, M = mortar_rows(
                 facets,
                 (side1, x[numbers[1]]),
-                self.contact.reach,
                 columns=(numbers[0][facets[0]], numbers[1][facets[1]]),
                 sizes=(len(x), len(x)),
             )

@@ -134,8 +134,7 @@ def solve_contact(
         if not np.any(state.coupling.transmits[interface.rows, 0]):
             raise CaseError(
                 f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
-                f"{interface.contact.side2} have no common area; check positions, boundaries "
-                f"and reach"
+                f"{interface.contact.side2} have no common area; check positions and boundaries"
             )
     solve = _choose(assembly, state, condensed, Limits(max_iterations, tolerance), callback)
 

@@ -11,7 +11,6 @@ from multiscale.macro import (
     Body,
     Contact,
     FiniteAssembly,
-    RigidGraph,
     RigidPlane,
     solve_contact,
 )
@@ -196,10 +195,6 @@ def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(friction, deformab
 OBSTACLES = [
     pytest.param(RigidPlane((0.0, 0.0, 1.0), (0.0, 0.0, -2.0)), id="plane"),
     pytest.param(RigidBall((0.5, 0.5, 6.0), 5.0), id="sphere"),
-    pytest.param(
-        RigidGraph(lambda x: 1.0 + 0.1 * (x[0] - 0.5) ** 2, lambda x: 0.2 * (x - 0.5) * [[1], [0]]),
-        id="graph",
-    ),
 ]
 
 
