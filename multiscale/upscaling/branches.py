@@ -23,6 +23,7 @@ from multiscale.upscaling.response_observations import (
     unloading_observations,
     usable_steps,
 )
+from multiscale.upscaling.sampling import student
 from multiscale.upscaling.shear_fit import with_shear
 
 SAME = 1e-6  # relative difference of pressures that are the same
@@ -148,13 +149,11 @@ def with_steady_friction(law: Dataset, response: Dataset) -> Dataset:
 
     The law holds at this speed, the attribute ``sliding_speed``; :func:`at_speed` gives others.
     """
-    from scipy.special import stdtrit
-
     seen = friction_observations(response)
     (speed,) = np.unique(seen.conditions[1])
     n = seen.counted.sum(axis=0)
     variance = np.nanvar(seen.values, axis=0) / np.maximum(n - 1, 1)
-    half = np.where(n > 1, stdtrit(np.maximum(n - 1, 1), 0.975) * np.sqrt(variance), np.nan)
+    half = np.where(n > 1, student(n - 1) * np.sqrt(variance), np.nan)
     values = {
         "sliding_pressure": seen.pressure,
         "sliding_friction": seen.mean,

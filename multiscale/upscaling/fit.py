@@ -25,7 +25,7 @@ from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.reading import area_from_dataset, fitted_law, law_band, refuse_band
 from multiscale.upscaling.regression import BY_REALISATION, NONE, fit_family, regression_of
 from multiscale.upscaling.response_observations import area_observations, normal_observations
-from multiscale.upscaling.sampling import draw_counts
+from multiscale.upscaling.sampling import draw_counts, student
 
 BRANCHES = {
     "loading": "measured",
@@ -451,8 +451,6 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
         the ends of a band lie farther away than :math:`t s / \sqrt n`, as the scatter of single
         values makes them, they replace this share.
     """
-    from scipy.stats import t
-
     predicted = QUANTITIES[seen.quantity].predict
     mean, n = fitted_law(law), seen.n_realisations
     value, too_few = predicted(mean, pressure), bool(refuse_band(law))
@@ -460,7 +458,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     additive = seen.quantity == "gap"
     read, write = ((lambda x: x),) * 2 if additive else (np.log, np.exp)
     offset = np.nanmean(read(seen.values) - read(predicted(mean, seen.pressure)), axis=1)
-    half, sign = t.ppf(0.975, n - 1) * offset.std(ddof=1) if n > 1 else np.nan, [[-1.0], [1.0]]
+    half, sign = student(n - 1) * offset.std(ddof=1) if n > 1 else np.nan, [[-1.0], [1.0]]
     of_mean = np.full((2, pressure.size), half / np.sqrt(n))
     band = write(read(value) + sign * of_mean)
     if not too_few:

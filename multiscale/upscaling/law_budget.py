@@ -35,6 +35,7 @@ from multiscale.upscaling.response_observations import (
     normal_observations,
     up_to_limit,
 )
+from multiscale.upscaling.sampling import student
 from multiscale.upscaling.scales import ScaleSeparation, surface_term
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, STEEPEST, tangential_terms
 
@@ -191,8 +192,6 @@ def sampling_term(response: Dataset, law: Dataset, control: Dataset | None = Non
     of the intervals of residuals of pairs and of cheap cells, see :class:`~.sampling.Control`, add
     up.
     """
-    from scipy.special import stdtrit
-
     gap = normal_observations(response, control)
     quantities = _ensembles(response, control, law)
     quantities[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in quantities[2]]
@@ -202,7 +201,7 @@ def sampling_term(response: Dataset, law: Dataset, control: Dataset | None = Non
         square, freedom, n = (np.array(column) for column in zip(*sums, strict=True))
         estimable = np.all((freedom > 0) & (n > 0), axis=0)
         variance = square / np.maximum(freedom, 1)
-        factor = stdtrit(np.maximum(freedom, 1), 0.975) / np.sqrt(np.maximum(n, 1))
+        factor = student(freedom) / np.sqrt(np.maximum(n, 1))
         half[k] = np.where(estimable, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
         scatter[k] = np.where(estimable, np.sqrt(variance.sum(axis=0)), np.nan)
     return Sampling(half, scatter)
@@ -242,8 +241,6 @@ def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
     are negative, errors are relative to the distance in which the pressure changes by a factor e.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
-    from scipy.special import stdtrit
-
     rows, errors = [], []
     gap, normal = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
     size = np.abs(gap) if np.all(gap > 0.0) else np.abs(np.gradient(gap, np.log(p)))
@@ -254,7 +251,7 @@ def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
             error = error / to_gap
         finite = error[np.isfinite(error)]
         rms = np.sqrt(np.mean(finite**2)) if finite.size else np.nan
-        factor = stdtrit(finite.size, 0.975) if finite.size >= FEWEST_UNSEEN else NORMAL
+        factor = student(finite.size) if finite.size >= FEWEST_UNSEEN else NORMAL
         rows.append(np.full(p.size, factor * float(law[share]) * rms))
         errors.append(NORMAL * np.abs(error))
     # the ends of the gap, the errors of the stiffness, and the observed gaps
@@ -298,8 +295,6 @@ def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
     half-width is the error of the finest grid by the observed order, with the intervals of the
     differences, without the variance that the square of a mean difference contains.
     """
-    from scipy.special import stdtrit
-
     # gap, contact fraction and stiffness of every cell, (3, realisations, steps), by the ratio
     by_ratio = {
         ratio: np.array([values for ((values, _),) in _ensembles(grid)])
@@ -329,7 +324,7 @@ def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
         deviation = np.array([np.nanstd(difference, axis=0) for difference in differences])
         deviation /= np.sqrt(freedom)[:, None]
         variance = np.sum(weight[:, None] * deviation, axis=0) ** 2  # as if all were correlated
-        spread = (weight * stdtrit(freedom, 0.975)) @ deviation
+        spread = (weight * student(freedom)) @ deviation
         square = (weight @ change) ** 2
         sure = np.sqrt(np.maximum(square - variance, 0.0) / np.maximum(square, 1e-300))
         scale = near**-order / np.abs(finest)

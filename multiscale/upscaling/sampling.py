@@ -31,6 +31,13 @@ def draw_counts(
     return np.hstack(drawn).astype(float)
 
 
+def student(freedom: np.ndarray | int, probability: float = 0.975) -> np.ndarray:
+    """Return quantiles of Student's distribution, of at least one degree of freedom."""
+    from scipy.special import stdtrit  # of scipy.stats, which takes half a second to load
+
+    return np.asarray(stdtrit(np.maximum(freedom, 1), probability))
+
+
 def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:
     r"""Return the factor from the width of a percentile interval of few data to Student's.
 
@@ -39,10 +46,10 @@ def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) ->
     for :math:`\nu` degrees of freedom and the confidence c; the root only if n, the number N of
     independent data, is given: the variance of a bootstrap has the divisor N.
     """
-    from scipy.special import ndtri, stdtrit  # of scipy.stats, which takes half a second to load
+    from scipy.special import ndtri
 
     tail = 0.5 * (1.0 + confidence)
-    factor = float(stdtrit(max(freedom, 1), tail) / ndtri(tail))
+    factor = float(student(freedom, tail) / ndtri(tail))
     return factor if n is None else float(np.sqrt(n / max(n - 1.0, 1.0))) * factor
 
 

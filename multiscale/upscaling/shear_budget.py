@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term, estimate_grid_error
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
-from multiscale.upscaling.sampling import half_range
+from multiscale.upscaling.sampling import half_range, student
 
 STEEPEST = np.exp(-1.0)
 """Largest change of t / (mu p) with the logarithm of the stiffness: of x exp(-x)."""
@@ -64,8 +64,6 @@ def tangential_terms(
 
 def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
     """Return half-widths of measured friction and stiffness ratio over them, by term."""
-    from scipy.special import stdtrit
-
     n_samples = int(law.sizes.get("shear_sample", 0))
     if not n_samples:
         stated = law.get("shear_friction_error")
@@ -75,7 +73,7 @@ def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]
         values = pick(law, name, [None, *range(n_samples)], of="shear")
         mean, *drawn = (float(np.nanmean(value)) for value in values)
         half = float(half_range(np.array(drawn))) / mean
-        scatter = half * np.sqrt(n) / stdtrit(max(n - 1, 1), 0.975)
+        scatter = half * np.sqrt(n) / float(student(n - 1))
         few = NORMAL * scatter * float(law.attrs.get("cell_ratio", np.nan))
         errors[parameter] = {"sampling": np.full(p.size, half), FEW_CELLS: np.full(p.size, few)}
     if "tangential_traction" in law["quantity"].values:

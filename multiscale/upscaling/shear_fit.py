@@ -24,7 +24,7 @@ from multiscale.upscaling.response_observations import (
     normal_observations,
     up_to_limit,
 )
-from multiscale.upscaling.sampling import draw_counts, widening
+from multiscale.upscaling.sampling import draw_counts, student, widening
 
 FULL_SLIP = 0.98  # share of the contact nodes that slip where friction is observed
 SLABS = 192  # of the fitted beds; the ratio then errs by .03 %
@@ -257,12 +257,10 @@ def _pressures(shear: Dataset, low: float, high: float) -> np.ndarray:
 
 def _lay(ratio: np.ndarray) -> list[str]:
     """Return a caution if the stiffness along x and y differs by more than chance."""
-    from scipy.special import stdtrit
-
     n, change = len(ratio), ratio[:, 0] - ratio[:, 1]
     if n < 3 or np.any(np.isnan(change)):
         return []
-    if abs(change.mean()) <= stdtrit(n - 1, 0.995) * change.std(ddof=1) / np.sqrt(n):
+    if abs(change.mean()) <= student(n - 1, 0.995) * change.std(ddof=1) / np.sqrt(n):
         return []
     return [
         f"the tangential stiffness ratios along x and y, {ratio[:, 0].mean():.3g} and "

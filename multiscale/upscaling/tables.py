@@ -27,6 +27,7 @@ from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
 from multiscale.upscaling.reading import TABLE, fitted_law
+from multiscale.upscaling.sampling import student
 
 _COLUMN = {
     name: "stiffness" if name.endswith("stiffness") else name.replace("_", " ")
@@ -297,8 +298,6 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     contains the mean law. Gaps of a measured stiffness, from the largest pressure, are in inverse
     proportion to the factor; measured gaps differ by distances.
     """
-    from scipy.special import stdtrit
-
     p, normal, n = seen.pressure, fitted_law(law), seen.n_realisations
     gap = normal.gap_at(p)
     law = INTERFACE_LAW.assign(law, {"fit_mean_gap": law.get("fit_mean_gap", gap)})
@@ -309,7 +308,7 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     factor = np.nanmean(np.log(each / normal.stiffness(gap)), axis=1)
     mean, following = np.full((2, 3, p.size), np.nan)
     if n > 1:
-        t, widths = stdtrit(n - 1, 0.975), np.sqrt([1.0 / n, 1.0 + 1.0 / n])[:, None]
+        t, widths = student(n - 1), np.sqrt([1.0 / n, 1.0 + 1.0 / n])[:, None]
         mean[2], following[2] = np.expm1(t * factor.std(ddof=1) * widths)  # (1)
         mean[0], following[0] = mean[2], following[2]
         if of_gap:
