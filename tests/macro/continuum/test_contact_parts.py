@@ -6,14 +6,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
-from multiscale.errors import CaseError
 from multiscale.fe.elasticity import prepare_elements
 from multiscale.fe.faces import face_of
-from multiscale.laws.bulk import Elastic, NeoHookean
+from multiscale.laws.bulk import NeoHookean
 from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, load_mesh, solve_contact
 from multiscale.macro.continuum.contact_newton import linearise_contact
 from tests.contact_scenes import block, moved, rotation_2d
-from tests.support import alart_curnier, keep_ignoring_broken_pipes
+from tests.support import alart_curnier
 
 RUBBER = NeoHookean(2e7, 0.3)
 
@@ -202,39 +201,3 @@ def test_a_mesh_file_keeps_its_shape_and_its_names(kind, tmp_path):
     assert len(entry.boundaries["top"]) == len(facets)
     middle = entry.p[:, entry.facets[:, entry.boundaries["top"]]].mean(axis=1)
     np.testing.assert_allclose(middle[-1], 1e-3 * (1.0, 3.0)[d - 2])
-
-
-def test_a_mesh_of_gmsh_is_pressed_between_plates(tmp_path):
-    gmsh = pytest.importorskip("gmsh", exc_type=Exception)
-    gmsh.initialize(interruptible=False)
-    keep_ignoring_broken_pipes()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 2.0, 1.0, 1)
-    gmsh.model.occ.synchronize()
-    for tag, name in ((1, "bottom"), (3, "top")):
-        gmsh.model.addPhysicalGroup(1, [tag], name=name)
-    gmsh.model.addPhysicalGroup(2, [1], name="solid")
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.3)
-    gmsh.model.mesh.generate(2)
-    gmsh.write(str(tmp_path / "block.msh"))
-    gmsh.finalize()
-
-    mesh = load_mesh(tmp_path / "block.msh")
-    body = Body(mesh, Elastic(1e9, 0.3), {"bottom": (0.0, 0.0)})
-    plate = RigidPlane((0.0, 1.0), (0.0, -1.0), motion=(0.0, -1e-3))
-    problem = FiniteAssembly({"block": body}, {"plate": Contact(("block", "top"), plate)})
-    surface = solve_contact(problem)[-1].unwrap().contact["plate"]
-    assert np.sum(surface.area) == pytest.approx(2.0)
-    assert np.all(surface.pressure > 0.0)
-
-
-def test_files_that_hold_no_body_are_refused(tmp_path):
-    with pytest.raises(CaseError, match="no such file"):
-        load_mesh(tmp_path / "absent.msh")
-    (tmp_path / "text.msh").write_text("not a mesh")
-    with pytest.raises(CaseError, match="cannot be read as a mesh"):
-        load_mesh(tmp_path / "text.msh")
-    lines = meshio.Mesh(np.eye(3), [("line", [[0, 1]])])
-    lines.write(tmp_path / "lines.vtk")
-    with pytest.raises(CaseError, match="a body needs elements of one kind"):
-        load_mesh(tmp_path / "lines.vtk")
