@@ -16,6 +16,14 @@ from multiscale.io.files import first_line, missing_file
 MOST_VOXELS = 2**30  # of an image
 
 
+def check_box(size: Sequence[float], of: str = "a volume") -> tuple[float, ...]:
+    """Return the size of a box, m; a box without volume is refused."""
+    lengths = np.asarray(size, dtype=float)
+    if lengths.shape != (3,) or not np.all((lengths > 0.0) & np.isfinite(lengths)):
+        raise CaseError(f"the size of {of} must be three positive lengths (m), got {size}")
+    return tuple(lengths.tolist())
+
+
 @dataclass(frozen=True)
 class VoxelImage:
     """A box of solid and void voxels; other values and lengths are refused."""
@@ -37,13 +45,8 @@ class VoxelImage:
                     f"comparison such as image < threshold, true where there is void"
                 )
             image = image == 1
-        lengths = np.asarray(self.size, dtype=float)
-        if lengths.shape != (3,) or not np.all((lengths > 0.0) & np.isfinite(lengths)):
-            raise CaseError(
-                f"the size of an image must be three positive lengths (m), got {self.size}"
-            )
         object.__setattr__(self, "void", np.ascontiguousarray(image))
-        object.__setattr__(self, "size", tuple(float(length) for length in lengths))
+        object.__setattr__(self, "size", check_box(self.size, "an image"))
 
     @property
     def spacing(self) -> tuple[float, float, float]:

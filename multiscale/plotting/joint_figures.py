@@ -5,7 +5,7 @@ A ``result`` follows ``MACRO_RESULT``.
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from multiscale.plotting.figure import (
     set_box,
 )
 from multiscale.plotting.law_figures import plot_joint_stiffness
-from multiscale.plotting.lines import BANDS, plot_lines
+from multiscale.plotting.lines import BANDS, draw_band, plot_lines
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
@@ -228,10 +228,9 @@ def plot_hysteresis(result: Dataset, *, ax: Axes | None = None) -> Axes:
         if f"cycle_energy_{kind}" not in result or not loss > 0.0:
             continue
         low, high = result[f"cycle_energy_{kind}"].values[:, -1] / loss
-        style: dict[str, Any] = {"color": "C0", "alpha": alpha, "linewidth": 0}
         for side, label in ((-1.0, f"{kind.replace('_', ' ')}, 95 %"), (1.0, None)):
-            ends = (middle + side * ratio * width for ratio in (low, high))
-            ax.fill_betweenx(shear[last:][:half], *ends, label=label, **style)
+            ends = np.stack([middle + side * ratio * width for ratio in (low, high)])
+            draw_band(ax, shear[last:][:half], ends, alpha=alpha, label=label, sideways=True)
         ax.legend(loc="upper left", fontsize="small")
     ax.plot(slip, shear, ".-", color="C0", linewidth=1.0, markersize=4)
     caption = "no loss known" if np.isnan(loss) else f"{1e3 * loss:.3g} mJ dissipated"

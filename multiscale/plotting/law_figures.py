@@ -52,9 +52,7 @@ def _draw_law(
     """Draw the answer of the mean law, the first, as a line, and of its samples as a band."""
     mean, *samples = answers
     if samples:
-        fill = ax.fill_betweenx if sideways else ax.fill_between
-        ends = np.percentile(samples, BAND_PERCENTILES, axis=0)
-        fill(along, *ends, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+        draw_band(ax, along, np.percentile(samples, BAND_PERCENTILES, axis=0), sideways=sideways)
     ax.plot(*((mean, along) if sideways else (along, mean)), color="C0", label="law")
     ax.legend()
 
@@ -89,10 +87,8 @@ def plot_unloading(response: Dataset, law: Dataset, *, ax: Axes | None = None) -
         names = ("stiffness_ratio", "exponent")
         drawn: Any = {name: law[f"unloading_{name}_sample"].values[:, None] for name in names}
         back = replace(hysteretic, **drawn).recovery(share * peak, np.array(peak))
-        low, high = 1e6 * (corner + np.percentile(back, BAND_PERCENTILES, axis=0))
-        ax.fill_betweenx(
-            1e-6 * share * peak, low, high, color="C1", alpha=0.3, linewidth=0, label="95 % band"
-        )
+        ends = 1e6 * (corner + np.percentile(back, BAND_PERCENTILES, axis=0))
+        draw_band(ax, 1e-6 * share * peak, ends, "C1", sideways=True)
     ax.plot(
         1e6 * (corner + hysteretic.recovery(share * peak, np.array(peak))),
         1e-6 * share * peak,
@@ -223,8 +219,8 @@ def plot_friction_bell(
             return np.asarray(sample.coefficient(nearest, along / shift))
 
         try:
-            low, high = law_band(law, bell)
-            ax.fill_between(along, low, high, color=colour, alpha=0.25, linewidth=0)
+            ends = np.array(law_band(law, bell))
+            draw_band(ax, along, ends, colour, alpha=0.25, label=None)
         except CaseError:  # too few realisations for a band
             pass
         mean = at_temperature.coefficient(np.array(nearest), along)

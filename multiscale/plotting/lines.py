@@ -88,9 +88,11 @@ def draw_band(
     *,
     alpha: float = 0.3,
     label: str | None = "95 % band",
+    sideways: bool = False,
 ) -> None:
-    """Fill between two ends, (2, points)."""
-    ax.fill_between(x, *ends, color=colour, alpha=alpha, linewidth=0, label=label)
+    """Fill between two ends, (2, points), over the horizontal or, sideways, the vertical axis."""
+    fill = ax.fill_betweenx if sideways else ax.fill_between
+    fill(x, *ends, color=colour, alpha=alpha, linewidth=0, label=label)
 
 
 def _lines(data: Dataset, by: str, along: str) -> Iterator[tuple[Dataset, str]]:

@@ -10,6 +10,7 @@ from multiscale.laws.bulk.bulk_law import youngs_modulus_along
 from multiscale.micro.damage.sections import sphere_directions
 from multiscale.plotting.damage_figures import colour_sphere
 from multiscale.plotting.figure import Axes, axes_or_current, colour_faces
+from multiscale.plotting.lines import draw_band
 from multiscale.schema import Dataset
 from multiscale.units import length_unit
 
@@ -163,7 +164,7 @@ def _band(
     edges = _edges(rve, sizes)
     edges = edges * length_unit(_edges(rve, share)).scale
     ax.plot(edges, mean, "o-", color=colour, label=label, markersize=4)
-    ax.fill_between(edges, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
+    draw_band(ax, edges, np.stack([mean - spread, mean + spread]), colour, alpha=0.18, label=None)
 
 
 def plot_crack_damage(growth: Dataset, *, ax: Axes | None = None) -> Axes:

@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from multiscale.errors import CaseError, require
-from multiscale.io.images import VoxelImage
+from multiscale.io.images import VoxelImage, check_box
 
 NEGLIGIBLE = 1e-9  # ratio of a length to the size of its body below which it counts as zero
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
@@ -225,8 +225,7 @@ class Cavities:
     periodic: bool = True
 
     def __post_init__(self) -> None:
-        check_box(self.size)
-        object.__setattr__(self, "size", tuple(float(length) for length in self.size))
+        object.__setattr__(self, "size", check_box(self.size))
         single = isinstance(self.bodies, CavityShapes)
         object.__setattr__(self, "bodies", (self.bodies,) if single else tuple(self.bodies))
 
@@ -295,13 +294,6 @@ class Cavities:
             for kind in self.images
         ]
         return Cavities((x, y, z), inside, periodic=False)
-
-
-def check_box(size: tuple[float, float, float]) -> None:
-    """Refuse a box without volume."""
-    lengths = np.asarray(size, dtype=float)
-    if lengths.shape != (3,) or not np.all((lengths > 0.0) & np.isfinite(lengths)):
-        raise CaseError(f"the size of a volume must be three positive lengths (m), got {size}")
 
 
 def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
