@@ -8,6 +8,7 @@ from .elastic.elastic_cells import FlatCell as FlatCell
 from .elastic.elastic_cells import GraphCell as GraphCell
 from .elastic.viscoelastic import RelaxingSolid as RelaxingSolid
 from .elastic.viscoelastic import solve_sliding as solve_sliding
+from .ensemble import run_ensemble as run_ensemble
 from .finite.finite_cell import FiniteCell as FiniteCell
 from .layer import Coating as Coating
 from .layer import SecondBody as SecondBody
@@ -17,6 +18,5 @@ from .mesh.meshing import ElementKind as ElementKind
 from .mesh.meshing import cell_from_file as cell_from_file
 from .mesh.meshing import graph_mesh_cell as graph_mesh_cell
 from .path import Path as Path
-from .slide import run_ensemble as run_ensemble
 from .slide import shear_path as shear_path
 from .slide import slide_cell as slide_cell

@@ -17,7 +17,7 @@ from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import process_pool, run_jobs, thread_count
 from multiscale.micro import Cell, FlatCell, GraphCell, Path, run_ensemble
 from multiscale.micro import cell as steps_module
-from multiscale.micro import slide as module
+from multiscale.micro import ensemble as module
 from multiscale.micro.cell import Checkpoint
 from multiscale.micro.elastic import active_set
 from multiscale.micro.path import ContactState

@@ -119,7 +119,7 @@ def test_a_folder_that_cannot_be_written_to_is_a_sentence_before_anything_is_com
         message = "read-only file system; choose another folder"
     else:
         folder, message = tmp_path / "case.toml" / "folder", "not a directory"
-    for solver in ("micro.slide.run_realisations", "macro.solve_static"):
+    for solver in ("micro.ensemble.run_realisations", "macro.solve_static"):
         monkeypatch.setattr(f"multiscale.{solver}", lambda *_, **__: pytest.fail("it computed"))
     out = folder / ("out" if arguments[0] == "run" else "out.nc")
     (tmp_path / "response.nc").write_bytes(b"")

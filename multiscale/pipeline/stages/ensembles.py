@@ -13,7 +13,7 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.micro import FiniteCell, run_ensemble, shear_path, slide_cell
 from multiscale.micro import Path as LoadPath
 from multiscale.micro.averages import Keep
-from multiscale.micro.slide import record_realisation, run_realisations
+from multiscale.micro.ensemble import record_realisation, run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells, smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage

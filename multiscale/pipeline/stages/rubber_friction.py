@@ -11,7 +11,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.micro.elastic.viscoelastic import solve_sliding
-from multiscale.micro.slide import run_realisations
+from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_knobs import road_knobs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from multiscale.macro import granulate
-from multiscale.micro.slide import run_realisations
+from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage

@@ -11,7 +11,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cracks import grow_volumes
 from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
-from multiscale.micro.slide import run_realisations
+from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_knobs import volume_knobs
 from multiscale.pipeline.showing import Rows, Table, View, format_mean
