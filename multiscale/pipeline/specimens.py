@@ -9,8 +9,8 @@ import numpy as np
 from multiscale.pipeline.showing import Rows, Table
 from multiscale.schema import Dataset
 from multiscale.upscaling import best_family, fit_law, predict, read_observations
-from multiscale.upscaling.fit import Prediction
-from multiscale.upscaling.tables import quantity_of, with_specimen_budget
+from multiscale.upscaling.specimens import Prediction, with_specimen_budget
+from multiscale.upscaling.tables import quantity_of
 
 PREDICTED = 5  # number of pressures of a prediction that are chosen in the range of the data
 

@@ -23,7 +23,6 @@ from .family import unloading_family as unloading_family
 from .fit import best_family as best_family
 from .fit import compare_laws as compare_laws
 from .fit import fit_law as fit_law
-from .fit import predict as predict
 from .law_budget import error_budget as error_budget
 from .law_budget import with_scales as with_scales
 from .law_checks import admissibility as admissibility
@@ -50,6 +49,7 @@ from .response_observations import friction_observations as friction_observation
 from .response_observations import loading_branch as loading_branch
 from .scales import at_rms_height as at_rms_height
 from .scales import cell_share as cell_share
+from .specimens import predict as predict
 from .tables import read_observations as read_observations
 from .transport import CONDUCTANCES as CONDUCTANCES
 from .transport import conductance_ratios as conductance_ratios

@@ -1,7 +1,7 @@
 """From observations of many cells, or of specimens, to laws with their uncertainty."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,10 @@ from multiscale.upscaling.free_form import (
 )
 from multiscale.upscaling.law_checks import admissibility
 from multiscale.upscaling.observations import QUANTITIES, Observations
-from multiscale.upscaling.reading import area_from_dataset, fitted_law, law_band, refuse_band
+from multiscale.upscaling.reading import area_from_dataset, fitted_law
 from multiscale.upscaling.regression import BY_REALISATION, NONE, fit_family, regression_of
 from multiscale.upscaling.response_observations import area_observations, normal_observations
-from multiscale.upscaling.sampling import draw_counts, student
+from multiscale.upscaling.sampling import draw_counts
 
 BRANCHES = {
     "loading": "measured",
@@ -398,16 +398,6 @@ def compare_laws(
     ).assign_coords(family=[names[k] for k in order])
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Values of a law at pressures, with 95 % intervals, NaN where they are not known."""
-
-    value: np.ndarray  # (points,), SI unit of the quantity
-    mean_law: np.ndarray  # (2, points), ends of the interval of the mean
-    next_specimen: np.ndarray  # (2, points), ends of the interval of a further specimen
-    unknown: tuple[str, ...]  # why an interval is not known, a sentence each
-
-
 def best_family(observations: Observations) -> tuple[str, Dataset]:
     """Return the admissible family with the least error at unseen pressures, and the comparison.
 
@@ -430,43 +420,3 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
             f"that they are of one loading branch"
         )
     return str(admissible[0]), families
-
-
-def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Prediction:
-    r"""Predict the quantity of a law at pressures.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``; fitted to ``seen``, values over pressures only
-    seen : Observations
-    pressure : ndarray, shape (points,), Pa
-
-    Returns
-    -------
-    Prediction
-        A specimen differs from the mean law by the same factor at all pressures (a gap by the same
-        distance): with the standard deviation s of the logarithm of that factor over n specimens,
-        the mean lies within :math:`t_{0.975, n-1}\, s / \sqrt n` where the law has too few samples
-        for a band, and the next specimen within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`. Where
-        the ends of a band lie farther away than :math:`t s / \sqrt n`, as the scatter of single
-        values makes them, they replace this share.
-    """
-    predicted = QUANTITIES[seen.quantity].predict
-    mean, n = fitted_law(law), seen.n_realisations
-    value, too_few = predicted(mean, pressure), bool(refuse_band(law))
-    # the factor (of a gap: the distance) of each specimen, and its scatter
-    additive = seen.quantity == "gap"
-    read, write = ((lambda x: x),) * 2 if additive else (np.log, np.exp)
-    offset = np.nanmean(read(seen.values) - read(predicted(mean, seen.pressure)), axis=1)
-    half, sign = student(n - 1) * offset.std(ddof=1) if n > 1 else np.nan, [[-1.0], [1.0]]
-    of_mean = np.full((2, pressure.size), half / np.sqrt(n))
-    band = write(read(value) + sign * of_mean)
-    if not too_few:
-        band = np.array(law_band(law, lambda sample: predicted(sample, pressure)))
-        of_mean = np.fmax(sign * (read(band) - read(value)), of_mean)
-    ends = write(read(value) + sign * np.hypot(half, of_mean))
-    lacking = ["mean law"] * too_few + ["next specimen"] if n < 2 else []
-    unknown = [
-        f"the interval of the {name} is not known: there is one specimen" for name in lacking
-    ]
-    return Prediction(value, band, ends, tuple(unknown))

@@ -16,18 +16,14 @@ from multiscale.units import to_si
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
-    FEW_CELLS,
-    NORMAL,
     STATED,
     Term,
     assemble_budget,
     with_budget,
 )
-from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
-from multiscale.upscaling.reading import TABLE, fitted_law
-from multiscale.upscaling.sampling import student
+from multiscale.upscaling.reading import TABLE
 
 _COLUMN = {
     name: "stiffness" if name.endswith("stiffness") else name.replace("_", " ")
@@ -281,53 +277,4 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
     terms = {term: Term("not in a law with a stated error") for term in ERROR_TERMS}
     terms |= dict.fromkeys(ALWAYS, zero)
     terms[STATED] = Term(f"law_error = {100.0 * error:.3g} %", half)
-    return with_budget(law, assemble_budget(terms, LAW_QUANTITIES, p))
-
-
-def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
-    r"""Return the law of measured specimens with its error budget: their scatter, and the fit.
-
-    The intervals of the mean law and of the next specimen have the upper ends of
-    :func:`~.fit.predict`: with the standard deviation s of the logarithm of the factors between n
-    specimens and the law,
-
-    .. math:: 1 + h = \exp(t_{0.975, n-1}\, s / \sqrt n), \qquad
-        1 + h' = \exp(t_{0.975, n-1}\, s \sqrt{1 + 1/n})    \tag{1}
-
-    are the half-widths h of the mean law and :math:`h'` of the next specimen, over the value, which
-    contains the mean law. Gaps of a measured stiffness, from the largest pressure, are in inverse
-    proportion to the factor; measured gaps differ by distances.
-    """
-    p, normal, n = seen.pressure, fitted_law(law), seen.n_realisations
-    gap = normal.gap_at(p)
-    law = INTERFACE_LAW.assign(law, {"fit_mean_gap": law.get("fit_mean_gap", gap)})
-    law = law.assign_attrs(realisation="specimen")
-    # factors of the stiffness, and distances of the gap, of every specimen
-    of_gap = seen.quantity == "gap"
-    each = stiffness_of_each(seen, law) if of_gap else seen.values
-    factor = np.nanmean(np.log(each / normal.stiffness(gap)), axis=1)
-    mean, following = np.full((2, 3, p.size), np.nan)
-    if n > 1:
-        t, widths = student(n - 1), np.sqrt([1.0 / n, 1.0 + 1.0 / n])[:, None]
-        mean[2], following[2] = np.expm1(t * factor.std(ddof=1) * widths)  # (1)
-        mean[0], following[0] = mean[2], following[2]
-        if of_gap:
-            shift = np.nanmean(seen.values - gap, axis=1).std(ddof=1)
-            mean[0], following[0] = t * shift * widths / np.fmax(np.abs(gap), np.finfo(float).tiny)
-    fit = np.full((3, p.size), np.nan)
-    for row, of, share_of in (
-        (0, "fit_error", "gap_fit_share"),
-        (2, "stiffness_fit_error", "stiffness_fit_share"),
-    ):
-        error, share = law[of].to_numpy(), law[share_of]
-        fit[row] = NORMAL * float(share) * np.sqrt(np.nanmean(error**2))
-    unknown = "not known: a single specimen does not show the scatter, measure 2 or more"
-    how = f"Student's interval of {n} specimens" if n > 1 else unknown
-    zero = Term("nothing: the values are measured", np.zeros((3, p.size)))
-    terms = {term: Term("not in a law of measured specimens") for term in ERROR_TERMS}
-    terms |= dict.fromkeys(ALWAYS, zero)
-    terms["sampling"] = Term(how, mean)
-    terms["fit"] = Term("error at pressures that are left out of the fit", fit)
-    about_mean = np.sqrt(following**2 - mean**2)
-    terms[FEW_CELLS] = Term(how.replace("interval", "interval of the next"), about_mean)
     return with_budget(law, assemble_budget(terms, LAW_QUANTITIES, p))

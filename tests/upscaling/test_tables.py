@@ -17,7 +17,8 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.measured.tables import read_measured
 from multiscale.upscaling.reading import refuse_band
-from multiscale.upscaling.tables import quantity_of, with_specimen_budget
+from multiscale.upscaling.specimens import with_specimen_budget
+from multiscale.upscaling.tables import quantity_of
 
 
 @pytest.fixture
