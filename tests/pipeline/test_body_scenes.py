@@ -98,6 +98,20 @@ def test_homogenised_substructures_of_a_case_at_rest_and_in_motion(tmp_path):
         np.testing.assert_allclose(moved[name], whole[name], rtol=0.0, atol=error * scale)
 
 
+def test_homogenised_substructures_with_slack_links_follow_the_law_of_their_modules(tmp_path):
+    cut = ("[4, 4]", '[4, 4]\nmodel = "homogenised"')
+    result = run_macro(load_case(write_scene(tmp_path, GRID, cut)), tmp_path / "grid.nc")
+    assert result["converged"].values.all()
+    expected = solve_static(tensegrity_grid(16), [0.25, 0.5, 1.0])
+    off = np.abs(result["tension"] - expected["tension"])
+    assert np.all((off < result["tension_error"]).mean("link") > 0.95)
+    slack = (expected["slack"] > 0.0).sum("link")
+    assert np.all(np.abs(result["slack_links"] / slack - 1.0) < result["slack_links_error"])
+    few = ("n = 16", "n = 12")  # too few for a specimen: links must not slacken
+    refused = run_macro(load_case(write_scene(tmp_path, GRID, cut, few)), tmp_path / "few.nc")
+    assert 'set model = "adaptive"' in refused.attrs["failure"]
+
+
 def test_homogenised_substructures_of_links_from_tables(tmp_path):
     grid = tensegrity_grid(8)
     nodes = [f"{axis}" for axis in "xyz"] + [f"fix_{axis}" for axis in "xyz"] + ["load_z"]

@@ -1,9 +1,13 @@
 """Elements of plates with membrane, bending and transverse shear: any law of the resultants."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array, kron
+
+if TYPE_CHECKING:
+    from skfem import Basis
 
 UNKNOWNS = 5
 """Unknowns of a node of a plate: displacements along x, y and z, and rotations of the section."""
@@ -89,10 +93,7 @@ def plate_elements(
     elements : tuple of int, elements along x and y
     places : ndarray, shape (2, places), positions on the plate at which its motion is asked, m
     """
-    from skfem import Basis, ElementQuad2, MeshQuad
-
-    edges = (np.linspace(0.0, length, n + 1) for length, n in zip(size, elements, strict=True))
-    basis = Basis(MeshQuad.init_tensor(*edges), ElementQuad2(), intorder=4)
+    basis = _basis(size, elements)
     shapes = [basis.basis[i][0] for i in range(basis.Nbfun)]
     value = np.stack([np.broadcast_to(shape, basis.dx.shape) for shape in shapes], axis=-1)
     dx, dy = (np.stack([shape.grad[k] for shape in shapes], axis=-1) for k in range(2))
@@ -117,6 +118,41 @@ def plate_elements(
         basis.doflocs,
         csr_array(basis.probes(places)),
     )
+
+
+def smooth_at(
+    size: tuple[float, float], elements: tuple[int, int], places: np.ndarray
+) -> csr_array:
+    """Return the operator from values at all points of a plate to places, (places, points).
+
+    Values are fitted in every element by bilinear functions, since strains at points oscillate with
+    the transverse shear, which is right in the mean of an element.
+
+    Parameters
+    ----------
+    size, elements : tuple, as of :func:`plate_elements`
+    places : ndarray, shape (2, places), m
+    """
+    basis = _basis(size, elements)
+    element = basis.mesh.element_finder(basis.mapping)(*places)
+    local = basis.mapping.invF(places[:, :, None], tind=element)[..., 0]
+    fit = _bilinear(local) @ np.linalg.pinv(_bilinear(basis.X))
+    column = fit.shape[1] * element[:, None] + np.arange(fit.shape[1])
+    first = fit.shape[1] * np.arange(element.size + 1)
+    return csr_array((fit.ravel(), column.ravel(), first), shape=(element.size, basis.dx.size))
+
+
+def _basis(size: tuple[float, float], elements: tuple[int, int]) -> "Basis":
+    """Shapes of the elements of a rectangular plate."""
+    from skfem import Basis, ElementQuad2, MeshQuad
+
+    edges = (np.linspace(0.0, length, n + 1) for length, n in zip(size, elements, strict=True))
+    return Basis(MeshQuad.init_tensor(*edges), ElementQuad2(), intorder=4)
+
+
+def _bilinear(x: np.ndarray) -> np.ndarray:
+    """Bilinear functions at positions of shape (2, points), shape (points, 4)."""
+    return np.stack([np.ones(x.shape[1]), x[0], x[1], x[0] * x[1]], axis=1)
 
 
 def _linear_along(points: np.ndarray, weight: np.ndarray, axis: int) -> np.ndarray:

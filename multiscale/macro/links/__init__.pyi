@@ -13,5 +13,7 @@ from .mechanisms import prestress_by_itself as prestress_by_itself
 from .mechanisms import self_stress as self_stress
 from .plate_cells import PlateCell as PlateCell
 from .plate_cells import plate_cell as plate_cell
+from .slack_modules import RESIDUAL as RESIDUAL
+from .slack_modules import with_specimen_error as with_specimen_error
 from .statics import solve_static as solve_static
 from .vibration import natural_frequencies as natural_frequencies

@@ -12,7 +12,12 @@ from scipy.sparse import csr_array, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError, MultiscaleError, require
-from multiscale.macro.continuum.plate import UNKNOWNS, PlateElements, plate_elements
+from multiscale.macro.continuum.plate import (
+    UNKNOWNS,
+    PlateElements,
+    plate_elements,
+    smooth_at,
+)
 from multiscale.macro.links.link_system import LinkSystem, link_dataset
 from multiscale.macro.links.plate_cells import STRAINS, PlateCell, PlateResponse
 from multiscale.macro.links.vibration import lowest_frequencies
@@ -97,6 +102,46 @@ class EquivalentPlate:
         return plate_elements(self.size, self.elements, self.system.position[:, :2].T)
 
     @cached_property
+    def members(self) -> np.ndarray:
+        """Links of every cell in the order of the cell, shape (cells, links)."""
+        system, links = self.system, len(self.cell.elastic)
+        stretch = system.length[:, None] * system.direction[:, [0, 1, 0]]
+        stretch *= system.direction[:, [0, 1, 1]]  # by extensions and shear in the plane
+        order = np.argsort(system.group, kind="stable")
+        whole = order.size % links == 0
+        if whole and np.allclose(stretch[order].reshape(-1, links, 3), self.cell.strain[:, :3]):
+            return np.asarray(order.reshape(-1, links))
+        raise CaseError(
+            "the groups of links of an equivalent plate must each be its cell, with the same links "
+            "in the same order; give every cell a group"
+        )
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Middles of the cells, shape (2, cells), m."""
+        ends = self.system.position[self.system.ends[self.members], :2]
+        return np.asarray(ends.mean(axis=(1, 2)).T)
+
+    @cached_property
+    def ring(self) -> np.ndarray:
+        """Number of cells between each cell and the edge, shape (cells,)."""
+        plan = np.round(self.middle / max(self.size) / ON_EDGE)
+        rank = np.array([np.unique(x, return_inverse=True)[1] for x in plan])
+        return np.asarray(np.minimum(rank, rank.max(axis=1, keepdims=True) - rank).min(axis=0))
+
+    @cached_property
+    def smooth(self) -> csr_array:
+        """Operator from values at the points of the plate to its cells."""
+        return smooth_at(self.size, self.elements, self.middle)
+
+    def elastic_tension(self, u: np.ndarray) -> np.ndarray:
+        """Return the tension without slack of all links, (links,), N, in their cells."""
+        strain = self.smooth @ self.plate.strain(u)
+        elastic = np.zeros(self.system.n_links)
+        elastic[self.members] = self.cell.elastic_tension(strain, self.cell.respond(strain).relaxed)
+        return elastic
+
+    @cached_property
     def free(self) -> np.ndarray:
         """Numbers of the unknowns of the plate that are not fixed."""
         fixed = np.zeros((self.plate.position.shape[1], UNKNOWNS), dtype=bool)
@@ -132,6 +177,7 @@ def solve_plate(
     load_factors: Sequence[float],
     *,
     mass: float | None = None,
+    links: bool = False,
     max_iterations: int = 60,
     tolerance: float = 1e-9,
 ) -> Dataset:
@@ -142,6 +188,9 @@ def solve_plate(
     structure : EquivalentPlate
     load_factors : sequence of float
     mass : float, optional, of every node of the structure, kg, for the first frequency
+    links : bool
+        Whether to evaluate ``tension`` and ``slack`` of every link, by a cell in the strain of the
+        plate at the middle of its own; the groups of links of the structure must be its cells.
     max_iterations : int, largest number of Newton steps of a load factor
     tolerance : float, residual of the forces relative to the load
 
@@ -156,10 +205,11 @@ def solve_plate(
     Raises
     ------
     CaseError
-        If the mass is not positive.
+        If the mass is not positive, or groups of links are not cells of the plate.
     """
     if mass is not None:
         require("mass of a node", mass, "(0, inf)", "kg")
+    count = structure.members.size if links else 0  # links are refused before the first step
     limits = Limits(max_iterations, tolerance)
     u, relaxed = np.zeros(structure.plate.n), None
     rows, failures = list[dict[str, Any]](), list[str]()
@@ -171,12 +221,15 @@ def solve_plate(
             solution.unwrap()
             u, relaxed = solution.value, response.relaxed
             row |= {"converged": 1, **_measure(structure, u, response, mass)}
+            if links:
+                row |= _link_values(structure, u)
         except MultiscaleError as error:  # also where the slack plate is a mechanism
             failures.append(f"load factor {factor:g}: {error}")
         rows.append(row | {"wall_time": perf_counter() - begin})
     # values that a failed step lacks are NaN
     shapes = {name: np.shape(value) for row in rows for name, value in row.items()}
     shapes |= {"residual": (), "displacement": structure.system.position.shape}
+    shapes |= dict.fromkeys(("tension", "slack") if links else (), (count,))
     values: dict[str, Any] = {
         name: np.array([row.get(name, np.full(shape, np.nan)) for row in rows])
         for name, shape in shapes.items()
@@ -246,6 +299,13 @@ def _measure(
         motion = csr_array(vstack(structure.motion))[:, free]
         (values["first_frequency"],) = lowest_frequencies(K, mass * (motion.T @ motion), 1)
     return values
+
+
+def _link_values(structure: EquivalentPlate, u: np.ndarray) -> dict[str, Any]:
+    """Return tension and slack of the links of the structure."""
+    elastic = structure.elastic_tension(u)
+    tension = np.clip(elastic, *structure.system.bounds)
+    return {"tension": tension, "slack": np.abs(tension - elastic) / structure.system.stiffness}
 
 
 def compare_with_links(result: Dataset, links: Dataset) -> Dataset:

@@ -20,6 +20,7 @@ STRAINS = (
 MATCH = 1e-6  # distance, over a period, up to which nodes on opposite edges are the same
 SOFT = 1e-12  # stiffness against a strain, over the largest of its kind, that counts as none
 FLOOR = 1e-6  # stiffness of a slack link in the tangent, over its elastic stiffness
+REST = 1e-13  # stiffness of a periodic motion, over the largest, that counts as none
 TOLERANCE, MOST = 1e-12, 100  # residual of a cell over its tensions; Newton steps and halvings
 
 
@@ -104,6 +105,11 @@ class PlateCell:
             relaxed = relaxed + share[:, None] * step
         raise ConvergenceError(f"a cell of links did not converge: {Status.MAX_ITERATIONS.value}")
 
+    def elastic_tension(self, strain: np.ndarray, relaxed: np.ndarray) -> np.ndarray:
+        """Tension without slack of the links, (points, links), N; the argument of P in (1)."""
+        stretch = strain @ self.strain.T + relaxed @ self.motion.T
+        return np.asarray(self.prestress + self.elastic * stretch)
+
     def _energy(self, tension: np.ndarray, elastic: np.ndarray) -> np.ndarray:
         """Energy of the links, J, whose derivative by the elongation is the tension."""
         return np.asarray((tension * (elastic - 0.5 * tension)) @ (1.0 / self.elastic))
@@ -117,9 +123,9 @@ class PlateCell:
         return np.asarray(condensed / self.area)
 
     def _solve(self, stiffness: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Solve for periodic motions of every cell; motions without stiffness stay at rest."""
+        """Solve for periodic motions of every cell."""
         K = self.motion.T @ (stiffness[..., None] * self.motion)
-        return np.asarray(np.linalg.pinv(K, rcond=1e-13, hermitian=True) @ right)
+        return np.linalg.solve(K, right)
 
 
 def plate_cell(system: LinkSystem, periods: tuple[float, float]) -> PlateCell:
@@ -166,11 +172,14 @@ def plate_cell(system: LinkSystem, periods: tuple[float, float]) -> PlateCell:
     # no mean displacement, and no mean rotation of the sections
     mean = np.kron(np.ones(count), np.eye(3))
     rotation = np.kron(height - height.mean(), np.eye(3)[:2])
-    free = null_space(np.vstack([mean, rotation]))
     flat = elongate.reshape(system.n_links, 3 * n)
+    motion = flat @ merge @ null_space(np.vstack([mean, rotation]))
+    # motions without stiffness stay at rest
+    stiffness, modes = np.linalg.eigh(motion.T @ (system.stiffness[:, None] * motion))
+    modes = modes[:, stiffness > REST * stiffness.max(initial=0.0)]
     cell = PlateCell(
         flat @ _unit_strains(system.position).reshape(3 * n, 8),
-        flat @ merge @ free,
+        motion @ modes,
         periods[0] * periods[1],
         system.stiffness,
         system.prestress,

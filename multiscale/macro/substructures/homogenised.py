@@ -14,7 +14,7 @@ least that bend: rigid and linear motions lock, and quadratic motions have no sh
 
 Where links would leave their range, a substructure is resolved: its inside has all its unknowns and
 links, and so have its edges. The result is then the equilibrium of all links, in the displacements
-that the remaining edges admit.
+that the remaining edges admit. Where that happens in most substructures, all are resolved at once.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,6 +41,9 @@ INDEPENDENT = 1e-8
 ROUNDING = 1e-9
 """Tension outside the range of a link, relative to the largest, that is ascribed to rounding."""
 
+MOST = 0.5
+"""Share of the substructures with links outside their range above which all are resolved."""
+
 DIGITS = 9
 """Decimal digits in which substructures and edges agree that share their condensed stiffness."""
 
@@ -58,7 +61,8 @@ def solve_homogenised(
     problem : CutProblem, the structure, cut; its prestress in equilibrium
     solve : callable
         Solves a problem at rest or in motion, such as ``NewtonSchur().solve`` or a call of
-        :func:`simulate_latin`. It is called for the coarse structure, of one substructure.
+        :func:`simulate_latin`. It is called for the coarse structure, of one substructure, and for
+        ``problem`` where all substructures are resolved.
     adaptive : bool
         Whether substructures are resolved in which links leave their range. Otherwise steps in
         which links do so are refused.
@@ -93,7 +97,7 @@ def solve_homogenised(
     sizes = [each.links.number.size if each.links else 0 for each in problem.substructures]
     owner = np.repeat(np.arange(resolved.size), sizes)
     while True:
-        coarse = cells.assemble(resolved)
+        coarse = problem if resolved.all() else cells.assemble(resolved)
         result = solve(coarse)
         # links outside their range, in homogenised substructures
         solved = np.flatnonzero(result["converged"].to_numpy() == 1)
@@ -105,6 +109,7 @@ def solve_homogenised(
         if not adaptive or not beyond.any():
             break
         resolved[owner[beyond.any(axis=0)]] = True
+        resolved |= resolved.mean() > MOST
 
     # tension and slack of all links, in their order
     shape = result.sizes["step"], problem.n_links

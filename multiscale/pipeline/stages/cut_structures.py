@@ -39,6 +39,12 @@ OF_MOTION = "How do the links move, which tensions do they carry, and where does
 OF_PATH = "At which load do the links snap through or buckle, and where do they come to rest?"
 """Question of a path past limit points."""
 
+BY_MODULES = (
+    "Substructures follow the law of their modules with slack links: a specimen of fewer modules "
+    "is right within {largest_displacement_error} of its largest displacement and "
+    "{largest_tension_error} of its largest tension, and wrong for as many links as "
+    "{slack_links_error} of the number of slack links."
+)
 FIRST_FREQUENCY = "The first frequency of small vibration is {first_frequency}."
 
 LEAST_SHARE = 1e-3  # share of the energy below which a kind of energy is not reported
@@ -53,15 +59,19 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         assert case.dynamics is not None  # the case has been validated
         moved = _measured(_move(links, case, case.dynamics, datasets, job))
         return with_too_far(moved.assign_attrs(question=OF_MOTION))
-    if case.substructures is not None:
-        factors = np.array(statics.load_factors)
-        result = _solve_cut(
-            links.cut(case, datasets, job),
-            case,
-            job,
-            lambda method, problem: method.solve(problem, factors),
-            system,
-        )
+    if (by_modules := _by_modules(links, case, statics)) is not None:
+        result = by_modules
+    elif case.substructures is not None:
+        problem, factors = links.cut(case, datasets, job), np.array(statics.load_factors)
+        # links that are all resolved need no cut, unless prestress is a part of their stiffness
+        uncut = case.cut.model == "adaptive" and not links.prestressed
+
+        def rest(method: "substructures.Method", part: "substructures.CutProblem") -> Dataset:
+            if uncut and part is problem:
+                return macro.solve_static(system, statics.load_factors)
+            return method.solve(part, factors)
+
+        result = _solve_cut(problem, case, job, rest, system)
     elif statics.past_limit:
         path = macro.solve_past_limit(system, statics.load_factors[0])
         return with_too_far(
@@ -173,6 +183,19 @@ def _move(
     return _solve_cut(links.cut(case, datasets, job), case, job, move, system)
 
 
+def _by_modules(links: LinkStructure, case: Case, statics: Statics) -> Dataset | None:
+    """Solve homogenised substructures by their modules if links slacken in them."""
+    plates = links.modules(case.cut.parts) if case.cut.model == "homogenised" else ()
+    if not plates:
+        return None
+    result = macro.links.solve_plate(
+        plates[0], statics.load_factors, links=True, tolerance=macro.links.RESIDUAL
+    )
+    if not (result["slack"] > 0.0).any():
+        return None
+    return macro.links.with_specimen_error(result, *plates)
+
+
 def _solve_cut(
     problem: "substructures.CutProblem",
     case: Case,
@@ -236,7 +259,7 @@ def _of_loads(result: Dataset) -> Iterator[str]:
         "{link}; {slack_links} of {links} links are slack, and the nodes move by up to "
         "{largest_displacement}.",
     )
-    yield from View(result).sentences(result.isel(step=-1), FIRST_FREQUENCY)
+    yield from View(result).sentences(result.isel(step=-1), BY_MODULES, FIRST_FREQUENCY)
     first = int(np.argmax(slack > 0.0))
     if slack[first] > 0.0 and first > 0:
         yield (

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
 QUICK = 4  # modules or meshes each way
+LEAST, MOST = 8, 0.5  # modules of a specimen each way, and their largest share of those of a grid
 
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
@@ -118,6 +119,10 @@ class LinkStructure(StructureKind):
         owner = substructures.split_grid(system, case.cut.parts)
         return macro.cut_links(system, owner, prestressed=self.prestressed)
 
+    def modules(self, parts: tuple[int, int]) -> tuple["macro.links.EquivalentPlate", ...]:
+        """Return the plate of the modules of substructures and its specimen; else nothing."""
+        return ()
+
     def faults_with(self, case: "Case") -> Iterator[str]:
         """Report options that a cut structure does not have."""
         if case.substructures is None:
@@ -152,6 +157,22 @@ class TensegrityGrid(LinkStructure):
             cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same
         )
 
+    def plate(self, elements: tuple[int, int]) -> "macro.links.EquivalentPlate":
+        """Build the plate of the modules of the grid."""
+        module = self.model_copy(update={"n": 1, "m": 1}).build()
+        cell = macro.links.plate_cell(module, (self.size, self.size))
+        return macro.links.EquivalentPlate(self.build(), cell, elements)
+
+    def modules(self, parts: tuple[int, int]) -> tuple["macro.links.EquivalentPlate", ...]:
+        """Return the plate of all modules, and of a specimen with two each way of every element."""
+        across, along = max(2 * parts[0], LEAST), self.m or self.n
+        ratio = across / self.n
+        if ratio > MOST or inf in (self.cable_rigidity, self.bar_rigidity):
+            return ()
+        fewer = {"n": across, "m": max(round(ratio * along), 1)}
+        specimen = self.model_copy(update={**fewer, "prestress": self.prestress * ratio**2})
+        return self.plate(parts), specimen.plate(parts)
+
 
 class EquivalentPlate(StructureKind):
     """The plate equivalent to a grid; see :class:`multiscale.macro.links.EquivalentPlate`."""
@@ -175,10 +196,7 @@ class EquivalentPlate(StructureKind):
 
     def build(self) -> "macro.links.EquivalentPlate":
         """Build the plate, its cell and its links."""
-        grid = self.links
-        module = grid.model_copy(update={"n": 1, "m": 1}).build()
-        cell = macro.links.plate_cell(module, (grid.size, grid.size))
-        return macro.links.EquivalentPlate(grid.build(), cell, self.divisions)
+        return self.links.plate(self.divisions)
 
     def faults_with(self, case: "Case") -> Iterator[str]:
         """Report links of fixed length and large displacements."""

@@ -1,0 +1,146 @@
+r"""Homogenised substructures with slack links: a plate of their modules, with a band.
+
+Every substructure is an element of a plate. Its resultants over its strains are those of a
+periodic cell of a single module, eq. (1) of :class:`~.PlateCell`, in which links slacken: a law
+with a convex energy. The tension of a link is that of the cell in the strain of its module.
+
+The law assumes that neighbouring modules strain alike. What it lacks, along edges and supports and
+between zones of slack links, is measured by a specimen: a structure with the same elements, load
+factors, supports and ratio of load to prestress, but fewer modules each way, which is solved by its
+links too. The error of a plate decreases with the size of a module over the structure, so that the
+errors of the specimen, by kind of link and distance from the edge, are a band for the structure.
+"""
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.links.equivalent_plate import EquivalentPlate, solve_plate
+from multiscale.macro.links.statics import solve_static
+from multiscale.schema import MACRO_RESULT, Dataset
+
+INSIDE = 2  # distance from the edge, in modules, from which modules count as inside
+
+COVER = 0.95
+"""Share of the links of the specimen that a band covers."""
+
+LARGEST_ERROR = 0.2
+"""Error of the displacement of a specimen, relative, above which the law does not hold."""
+
+RESIDUAL = 1e-6
+"""Residual of plates over their load, which is far below the error of the law."""
+
+OF_ANSWERS = ("largest_displacement_error", "largest_tension_error", "slack_links_error")
+"""Relative half-widths of the bands of answers."""
+
+
+def with_specimen_error(
+    result: Dataset, structure: EquivalentPlate, specimen: EquivalentPlate
+) -> Dataset:
+    """Return the result of a plate of modules with its error, by a specimen with fewer modules.
+
+    Parameters
+    ----------
+    result : Dataset, from :func:`~.solve_plate` with ``links=True``
+    structure : EquivalentPlate, with an element for each substructure
+    specimen : EquivalentPlate
+        Has the elements of the structure, fewer modules, and a prestress smaller by the square of
+        their ratio, so that as many of a hundred links are slack.
+
+    Returns
+    -------
+    Dataset
+        ``result`` with ``tension_error`` (N), half-width of the interval that contains 95 % of the
+        links, and ``largest_displacement_error``, ``largest_tension_error`` and
+        ``slack_links_error``, relative. A step fails where the specimen does, or where it is off by
+        more than :data:`LARGEST_ERROR`.
+
+    Raises
+    ------
+    CaseError
+        If the specimen has no fewer modules, or groups of links are not cells of the plates.
+
+    Examples
+    --------
+    >>> from multiscale.macro import tensegrity_grid
+    >>> from multiscale.macro.links import EquivalentPlate, plate_cell
+    >>> def plate(n):
+    ...     options = {"prestress": 10.0 * n**2}
+    ...     cell = plate_cell(tensegrity_grid(1, **options), (1.0, 1.0))
+    ...     return EquivalentPlate(tensegrity_grid(n, **options), cell, (4, 4))
+    >>> result = solve_plate(plate(16), [1.0], links=True)
+    >>> result = with_specimen_error(result, plate(16), plate(8))
+    >>> 0.05 < result.largest_displacement_error.item() < 0.15
+    True
+    """
+    if len(specimen.members) >= len(structure.members):
+        raise CaseError(
+            f"the specimen of {len(specimen.members)} modules has no fewer than the structure with "
+            f"{len(structure.members)}, and its links take as long; solve the links, or cut the "
+            f"structure into fewer substructures"
+        )
+    factors = result["load_factor"].to_numpy().tolist()
+    plate = solve_plate(specimen, factors, links=True, tolerance=RESIDUAL)
+    links = solve_static(specimen.system, factors)
+    tension, exact = (data["tension"].to_numpy() for data in (plate, links))
+    error = np.abs(tension - exact) / np.abs(exact).max(axis=1, keepdims=True)
+
+    # error of links of the same kind, at the same distance from the edge
+    known, classes = (_classes(each) for each in (specimen, structure))
+    band = np.zeros((len(error), classes.size))
+    for alike in np.unique(classes):
+        share = np.quantile(error[:, known == alike], COVER, axis=1)
+        band[:, classes == alike] = share[:, None]
+    pull = result["tension"].to_numpy()
+    band *= np.abs(pull).max(axis=1, keepdims=True)
+
+    # of answers: the largest tension may be that of another link
+    moved, pulled, slack = _errors(plate, links)
+    at = np.arange(len(pull)), pull.argmax(axis=1)
+    pulled = np.maximum(pulled, band[at] / pull[at])
+    values = dict(zip(OF_ANSWERS, (moved, pulled, slack), strict=True))
+    return _refuse_far(MACRO_RESULT.assign(result, {"tension_error": band, **values}))
+
+
+def _classes(structure: EquivalentPlate) -> np.ndarray:
+    """Return a number for every kind of link at every distance of its module from the edge."""
+    classes = np.zeros(structure.system.n_links, dtype=int)
+    ring = np.minimum(structure.ring, INSIDE)
+    classes[structure.members] = len(structure.system.laws) * ring[:, None]
+    return np.asarray(classes + structure.system.kind)
+
+
+def _errors(plate: Dataset, links: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors of the displacements, the largest tension and the slack links of a specimen."""
+    u, exact = (data["displacement"].to_numpy() for data in (plate, links))
+    size = np.linalg.norm(exact, axis=2).max(axis=1)
+    moved = np.linalg.norm(u - exact, axis=2).max(axis=1) / np.where(size > 0.0, size, 1.0)
+    pull, pulled = (data["tension"].to_numpy().max(axis=1) for data in (plate, links))
+    status, slack = (data["slack"].to_numpy() > 0.0 for data in (plate, links))
+    wrong = np.count_nonzero(status != slack, axis=1)
+    return moved, np.abs(pull / pulled - 1.0), wrong / np.maximum(slack.sum(axis=1), 1)
+
+
+def _refuse_far(result: Dataset) -> Dataset:
+    """Refuse steps at which the specimen shows that the law does not hold, or has no answer."""
+    solved = result["converged"].to_numpy() == 1
+    error = result["largest_displacement_error"].to_numpy()
+    far = solved & ~(error <= LARGEST_ERROR)
+    if not far.any():
+        return result
+    step = int(np.argmax(far))
+    why = (
+        f"is off by {100.0 * error[step]:.3g} % of the largest displacement, more than "
+        f"{100.0 * LARGEST_ERROR:g} %"
+        if np.isfinite(error[step])
+        else "has no equilibrium"
+    )
+    result = result.assign(converged=result["converged"].copy(data=solved & ~far))
+    answers = result[["displacement", "tension", "slack", "tension_error", *OF_ANSWERS]]
+    result = result.assign(answers.where(result["converged"] == 1))
+    failure = (
+        f"load factor {float(result['load_factor'][step]):g}: modules with slack links leave their "
+        f"law, whose specimen {why}; take more substructures, or the model adaptive"
+    )
+    return result.assign_attrs(
+        failure="\n".join(filter(None, [result.attrs.get("failure"), failure]))
+    )
