@@ -278,7 +278,8 @@ def _first_loading(
         """Displacement at q = exp(y) less the given displacement, and its derivative by y."""
         q = np.exp(y)
         delta = mu / kappa * (total - plain.closure(q)[0]) + series * mu * (p - q)
-        slope = -q * mu * (np.exp(-plain.at(q)[0]) / kappa + series)
+        compliance = np.exp(-np.interp(y, curve.x, curve.log_stiffness))  # 1 / K(q)
+        slope = -q * mu * (compliance / kappa + series)
         return delta - amplitude, slope
 
     # q by Newton's method between ends that are halved; full slip below the lowest pressure
@@ -305,8 +306,9 @@ def _first_loading(
     safe = np.exp(np.where(full, curve.x[0], y))
     soft = np.exp(-curve.at(safe)[0]) / kappa  # 1 / (kappa K(q))
     stick = np.where(full, 0.0, 1.0 / (soft + series))  # dt / d delta
-    slip = mu / kappa * (total - curve.closure(safe)[0])
-    by_curve = -stick * mu / kappa * (rates - curve.closure(safe)[1])
+    closed, closed_rates = curve.closure(safe)
+    slip = mu / kappa * (total - closed)
+    by_curve = -stick * mu / kappa * (rates - closed_rates)
     by_p = mu - stick * mu * (np.exp(-curve.at(p)[0]) / kappa + series)
     by_friction = np.where(full, t, t - stick * (slip + series * t))
     return t, by_curve, stick * slip, by_friction, -stick * t, by_p
