@@ -198,6 +198,7 @@ def test_no_instance_is_called_solved_that_is_not(count, solved):
     assert number >= solved
 
 
+@pytest.mark.slow
 def test_a_pile_that_friction_makes_unsolvable_is_refused_with_its_remedy():
     W, q, mu = sphere_pile(100, np.random.default_rng(seed=1)).condensed()
     solution = solve_friction(W, q, mu, max_iterations=60)

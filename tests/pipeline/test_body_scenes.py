@@ -298,13 +298,10 @@ def test_load_beyond_the_law_is_reported_on_the_command_line(
     assert sentence in f"{done.output}{done.exception}"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("quick", [True, False])
-def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path, quick):
-    scene = load_case(SCENES / "lap_joint.toml")
-    scene = scene.model_copy(update={"cycles": None})
-    law = run_folder / "interface_law.nc"
-    result = run_macro(scene.quick() if quick else scene, tmp_path / "lap.nc", law=law)
+@pytest.mark.long
+def test_the_shipped_lap_joint_is_known_with_the_shipped_law(run_folder, tmp_path):
+    scene = load_case(SCENES / "lap_joint.toml").model_copy(update={"cycles": None})
+    result = run_macro(scene, tmp_path / "lap.nc", law=run_folder / "interface_law.nc")
     assert result["known"].values.tolist() == [1, 1, 1]
 
 

@@ -83,8 +83,7 @@ def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
         return [(out / f"{name}.nc").stat().st_mtime_ns for name in run(case, out)]
 
     before = written()
-    assert written() == before
-    case = case.model_copy(update={"cycles": case.cycles.model_copy(update={"cycles": 2})})
+    case = case.model_copy(update={"cycles": None})
     loaded = written()
     assert loaded[:2] == before[:2]
     assert loaded[2] > before[2]

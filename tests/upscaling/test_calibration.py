@@ -177,15 +177,13 @@ def test_weights_of_a_few_draws_are_not_reliable():
     assert smooth_weights(np.append(np.zeros(3), np.full(97, -np.inf)))[1] == np.inf
 
 
-@pytest.mark.parametrize(
-    "repeats", [pytest.param(16, id="few"), pytest.param(100, marks=pytest.mark.slow, id="many")]
-)
-def test_intervals_cover_the_true_joint(law, repeats):
+@pytest.mark.slow
+def test_intervals_cover_the_true_joint(law):
     """True joints are drawn from the prior: stiffness, friction, and a loop for validation."""
     random, fixed = np.random.default_rng(3), loop(4e7, 2.0 * U, {})
     tables, inside = (stiffness(), loop()), []
     cells = fitted_laws(law, range(law.sizes["sample"]))
-    for seed in range(repeats):
+    for seed in range(40):
         z, mean = random.normal(size=9), cells[random.integers(len(cells))]
         x = X - 0.2 / HALF * z[0]
         p = np.exp(np.clip(x, np.log(5e6), np.log(1e8)))
@@ -208,7 +206,7 @@ def test_intervals_cover_the_true_joint(law, repeats):
             drawn = calibrated[f"shear_{name}_sample"].to_numpy().reshape(law.sizes["sample"], -1)
             low, high = np.percentile(drawn.mean(axis=1), [2.5, 97.5])
             inside.append(low <= value <= high)
-    assert 0.91 <= np.mean(inside) <= 0.98
+    assert 0.91 <= np.mean(inside) <= 0.98  # of 40 in four answers: .95 +- .017
 
 
 def test_a_frame_is_identified_and_an_outlier_has_little_weight(law):

@@ -15,8 +15,10 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.schema import GRANULATE, MACRO_RESULT
 
 FOLDER = Path(__file__).parents[2] / "workflows"
-SCRIPTS = ("damage_to_joint.py", "ploughing.py", "roughness_sweep.py", "surfaces_to_joint.py")
-SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
+SLOW = (
+    *("damage_to_joint.py", "measured_joint.py", "ploughing.py", "roughness_sweep.py"),
+    *("surfaces_to_joint.py", "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml"),
+)
 OTHERS = ("tensegrity_grid.py", "three_ways.py")
 """Scripts that separate tests run."""
 

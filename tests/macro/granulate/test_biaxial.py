@@ -90,6 +90,7 @@ def test_lateral_stress_and_pressure_balance_the_cell_in_every_step(test_run):
     assert late.mean() == pytest.approx(PRESSURE, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_at_rest_the_lateral_stress_is_the_pressure_and_the_network_bears_it(test_run):
     _, model, step, result = test_run
     period = tuple(result["period"].values[-1].tolist())
