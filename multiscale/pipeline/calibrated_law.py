@@ -15,7 +15,7 @@ from multiscale.upscaling.calibration import ROUGHNESS
 from multiscale.upscaling.law_budget import DISCREPANCY, EXPONENT
 
 PARAMETERS = ("parameter", "cells", "±", "calibrated", "±", "learned", "pull")
-ROWS = ("table", "pressure", "measured", "calibrated law", "±", "deviations", "weight")
+ROWS = ("table", "row", "pressure", "measured", "calibrated law", "±", "deviations", "weight")
 """Heads of the tables of a calibration."""
 
 SHOWN_UNITS = {"Pa/m": (1e-12, "MPa/µm"), "m/Pa": (1e12, "µm/MPa")}
@@ -97,6 +97,7 @@ def _measured(calibration: Calibration) -> list[tuple[str, ...]]:
     return [
         (
             row.table,
+            row.row,
             _text(row.pressure, "Pa"),
             _text(row.measured, row.unit),
             _text(row.predicted, row.unit),

@@ -34,7 +34,7 @@ from multiscale.upscaling.sampling import widening
 HEIGHTS = "factor of the heights"
 UNITS = {"frame": "m/Pa", "offset": "Pa", "zero": "m"}  # of nuisances
 
-UNIT_TEXTS = {"Pa m-1": "Pa/m", "m": "m", "Pa": "Pa"}
+UNIT_TEXTS = {"Pa m-1": "Pa/m", "s-1": "Hz"}
 
 FRICTION, RATIO = 0.5, 0.12
 """Half-widths of the 95 % intervals of the prior, of the logarithms of friction and stiffness
@@ -77,7 +77,7 @@ class MeasuredRow(NamedTuple):
     """A measured value with its prediction by the calibrated law."""
 
     table: str
-    row: str  # such as "row 1", or "loss stiffness of row 1"
+    row: str  # such as "row 1", or "damping of row 1"
     pressure: float  # Pa
     unit: str
     measured: float
@@ -167,7 +167,8 @@ def calibrate(
     if not mode.settled:
         raise ConvergenceError(
             f"the parameters of the law do not settle in {mode.solves} solves; look for rows that "
-            f"contradict each other, or state larger errors"
+            f"contradict each other, or for an area far below the size of a cell, or state larger "
+            f"errors"
         )
     # samples of the law, as many as the cells have
     count = int(law.sizes.get("sample", 0)) or SAMPLES
@@ -475,7 +476,7 @@ def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None
     far = np.abs(mode.residual) > FAR
     if far.sum() <= FEW * far.size:
         return
-    names = [f"{table.name}, {name}" for table in measured for name in table.row_names]
+    names = [f"{table.name}, {name}" for table in measured for name, _ in table.rows]
     worst = int(np.argmax(np.abs(mode.residual)))
     raise CaseError(
         f"{far.sum()} of {far.size} measured values lie more than {FAR:g} standard deviations of "
@@ -491,13 +492,13 @@ def _rows(mode: Mode, measured: Sequence[MeasuredJoint]) -> Iterator[MeasuredRow
     spread = NORMAL * np.sqrt(np.einsum("ij,jk,ik->i", J, mode.covariance, J))
     at = 0
     for table in measured:
-        columns = (table.row_names, table.pressure, table.value, table.deviation)
-        for name, p, value, deviation in zip(*columns, strict=True):
+        columns = (table.rows, table.pressure, table.value, table.deviation)
+        for (name, unit), p, value, deviation in zip(*columns, strict=True):
             yield MeasuredRow(
                 table.name,
                 name,
                 float(p),
-                UNIT_TEXTS[table.unit],
+                UNIT_TEXTS.get(unit, unit),
                 float(value),
                 float(value + residual[at] * deviation),
                 float(spread[at] * deviation),
@@ -521,8 +522,9 @@ def _sentences(
         )
     for row in rows:
         if abs(row.residual) > FAR:
+            value = readable(f"{row.measured:.4g} {row.unit}").removesuffix(" 1")
             yield (
-                f"{row.table}, {row.row}: {readable(f'{row.measured:.4g} {row.unit}')} at "
+                f"{row.table}, {row.row}: {value} at "
                 f"{list_pressures(np.array([row.pressure]))} lies {abs(row.residual):.2g} standard "
                 f"deviations from the law, and has {row.weight:.2g} of the weight of another value"
             )

@@ -20,7 +20,9 @@ PROPOSAL = 7.0  # degrees of freedom of the draws
 
 MOST_STEPS = 60
 
-NEAR, SETTLED = 0.1, 1e-3  # distances from the mode in posterior standard deviations
+NEAR, SETTLED = 0.1, 1e-3
+"""Distances from the mode in posterior standard deviations: of the squares, and at kinks of the
+answers, as where a curve of stiffness is bent to rise; elsewhere."""
 
 Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps parameters to residuals (data,) and their derivatives (data, parameters)."""
@@ -35,7 +37,7 @@ class Mode(NamedTuple):
     derivative: np.ndarray  # (data, parameters), of the residual
     weight: np.ndarray  # (data,), of the squares of the residuals, at most 1
     solves: int
-    settled: bool  # whether a step without damping is small
+    settled: bool  # whether the distance from the mode is small
 
     @property
     def learned(self) -> np.ndarray:
@@ -73,6 +75,7 @@ def find_mode(residual: Residual, n: int) -> Mode:
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
             else:
                 damping = max(10.0 * damping, 1e-2)
+    settled = settled or bool(apart <= NEAR * np.sqrt(n))
     weight = _weights(r)
     covariance = np.linalg.inv(np.eye(n) + J.T @ (weight[:, None] * J))
     return Mode(theta, covariance, r, J, weight, solves, settled)

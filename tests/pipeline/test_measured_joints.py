@@ -69,7 +69,7 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
     app(["fit", str(response), "--measured", case, "-o", str(out)], standalone_mode=False)
     printed = capsys.readouterr().out
     assert "Parameters of the law before and after calibration" in printed
-    assert "stiffness.csv     5 MPa  2.9 MPa/µm" in printed
+    assert "stiffness.csv  row 2     5 MPa  2.9 MPa/µm" in printed
     again = open_law(out)
     np.testing.assert_allclose(again["fit_mean_gap"], law["fit_mean_gap"])
     assert again.sizes["sample"] == law.sizes["sample"] == 50

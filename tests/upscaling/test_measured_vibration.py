@@ -1,4 +1,4 @@
-"""Measured vibrations of a mass on a joint: stiffness, loss, and calibrated friction."""
+"""Measured vibrations of a mass on a joint: frequency, damping, and calibrated friction."""
 
 from dataclasses import replace
 
@@ -33,7 +33,14 @@ def interface(friction=0.3, ratio=0.8):
 def vibration(amplitude=AMPLITUDE, bodies=0.0):
     n = 2 * amplitude.size
     given = ("vibration", np.full(n, P), np.ones(n), np.ones(n), {"frame": 1e-15, "offset": 3e5})
-    return MeasuredVibration(*given, bodies, displacement=np.tile(amplitude, 2))
+    return MeasuredVibration(*given, bodies, displacement=np.tile(amplitude, 2), mass=MASS)
+
+
+def harmonics(table):
+    """Stiffness and loss stiffness of the frequency and the damping of a table."""
+    frequency, damping = table.answer(interface(), {})[0].reshape(2, -1)
+    stiffness = MASS * (2.0 * np.pi * frequency) ** 2
+    return stiffness, 2.0 * damping * stiffness
 
 
 @pytest.fixture
@@ -48,7 +55,7 @@ def write(tmp_path):
 def test_vibrations_have_stiffness_and_loss_of_the_closed_form():
     """B = mu p (1 - exp(-delta / s)) with s = mu u_0 / kappa, of the stiffness p / u_0."""
     a, mu, s = AMPLITUDE, 0.3, 0.3 * 0.45e-6 / 0.8
-    stiffness, loss = vibration().answer(interface(), {})[0].reshape(2, -1)
+    stiffness, loss = harmonics(vibration())
     first = -mu * P * np.expm1(-a / s)
     work = 8.0 * (mu * P * a - s * first) - 4.0 * a * first
     harmonic = 4.0 * mu * P / a * ive(1, a / (2.0 * s))  # by the modified Bessel function
@@ -58,16 +65,16 @@ def test_vibrations_have_stiffness_and_loss_of_the_closed_form():
 
 def test_stiffnesses_are_the_harmonics_of_a_closed_loop():
     """The shear over a cycle by Masing's rule, a loop as it is measured."""
-    table, n = vibration(), 400
+    n = 400
     angle = 2.0 * np.pi * np.arange(n + 1) / n
-    harmonics = []
+    of_loops = []
     for a in AMPLITUDE:
         u = a * np.cos(angle)
         rows = ("loop", np.full(n + 1, P), u, np.ones(n + 1), {})
         shear = MeasuredLoop(*rows, displacement=u).answer(interface(), {})[0][:n]
-        harmonics.append(2.0 / a * np.mean(shear * np.exp(1j * angle[:n])))
-    stiffness, loss = table.answer(interface(), {})[0].reshape(2, -1)
-    np.testing.assert_allclose(stiffness - 1j * loss, harmonics, rtol=1e-3)
+        of_loops.append(2.0 / a * np.mean(shear * np.exp(1j * angle[:n])))
+    stiffness, loss = harmonics(vibration())
+    np.testing.assert_allclose(stiffness - 1j * loss, of_loops, rtol=1e-3)
 
 
 def test_gradients_are_the_differences():
@@ -84,22 +91,24 @@ def law():
     return assume_shear(fitted, friction=0.3, stiffness_ratio=0.8)
 
 
-def test_outliers_name_the_stiffness_and_the_row_of_the_table(law):
+def test_outliers_name_the_damping_and_the_row_of_the_table(law):
     value = vibration().answer(interface(), {})[0]
     n = value.size // 2
     wrong = value * np.where(np.arange(2 * n) == n + 2, 1.5, 1.0)
     table = replace(vibration(), value=wrong, deviation=0.02 * value)
-    assert "vibration, loss stiffness of row 3: " in " ".join(calibrate(law, [table]).sentences)
+    assert "vibration, damping of row 3: 0.05117 at 20 MPa" in " ".join(
+        calibrate(law, [table]).sentences
+    )
 
 
 def test_a_table_of_vibrations_recovers_friction_and_ratio(law, write):
-    stiffness, loss = vibration().answer(interface(0.2, 0.75), {})[0].reshape(2, -1)
+    true = vibration().answer(interface(0.2, 0.75), {})[0]
     rows = [
-        f"{1e-6 * P}, {1e6 * a}, {np.sqrt(k / MASS) / (2 * np.pi)}, {50.0 * c / k}"
-        for a, k, c in zip(AMPLITUDE, stiffness, loss, strict=True)
+        f"{1e-6 * P}, {1e6 * a}, {f}, {100.0 * damping}"
+        for a, f, damping in zip(AMPLITUDE, *true.reshape(2, -1), strict=True)
     ]
     table = read_vibration(write(rows), mass=MASS, error=0.02, frame=0.0, offset=0.0)
-    np.testing.assert_allclose(table.value, np.concatenate([stiffness, loss]), rtol=1e-9)
+    np.testing.assert_allclose(table.value, true, rtol=1e-9)
     calibration = calibrate(law, [table])
     drawn = tangential_values(calibration.law)
     assert drawn["friction"] == pytest.approx(0.2, rel=0.1)

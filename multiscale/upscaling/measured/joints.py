@@ -100,7 +100,7 @@ class MeasuredJoint(ABC):
     ----------
     name : str, of the table, in messages
     pressure : ndarray, shape (rows,), preload over the nominal area, Pa
-    value : ndarray, shape (rows,), in ``unit``
+    value : ndarray, shape (rows,), in the units of ``rows``
     deviation : ndarray, shape (rows,), standard deviation of the error of every value, same unit
     nuisances : mapping of str to float
         Standard deviations, about zero, of ``"frame"`` (compliance in series, m/Pa), ``"offset"``
@@ -119,9 +119,9 @@ class MeasuredJoint(ABC):
     sheared: ClassVar[bool] = False  # whether the answer depends on kappa and mu
 
     @property
-    def row_names(self) -> list[str]:
-        """Names of the rows in messages."""
-        return [f"row {k + 1}" for k in range(self.value.size)]
+    def rows(self) -> list[tuple[str, str]]:
+        """Names of the rows in messages, and the units of their values."""
+        return [(f"row {k + 1}", self.unit) for k in range(self.value.size)]
 
     @abstractmethod
     def answer(

@@ -1,15 +1,16 @@
 """Vibration of a mass on a joint, as measured values of its law: frequency and damping."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.budget import NORMAL
-from multiscale.upscaling.measured.joints import MeasuredLoop
+from multiscale.upscaling.measured.joints import BedCurve, MeasuredLoop
 from multiscale.upscaling.measured.tables import refuse_settings, usual_nuisances
 from multiscale.upscaling.tables import read_columns, units_of_columns
 
@@ -25,8 +26,9 @@ SHARES = {"damping": 1.0, ERRORS[0]: 0.5, ERRORS[1]: 1.0}
 """Limits of columns of shares; nothing vibrates with a damping ratio of 1."""
 
 
+@dataclass(frozen=True, eq=False)
 class MeasuredVibration(MeasuredLoop):
-    r"""Stiffness and loss stiffness, Pa/m, of tangential vibrations at constant preloads.
+    r"""Frequency, s⁻¹, and damping ratio of tangential vibrations at constant preloads.
 
     A mass m over the nominal area that vibrates with the amplitude a at its phase resonance, of the
     frequency f without damping, with the damping ratio :math:`\zeta`, has the first harmonic of the
@@ -38,14 +40,14 @@ class MeasuredVibration(MeasuredLoop):
         \frac{4}{\pi a} \Bigl( \int_0^\pi B \sin\theta\, \mathrm{d}\theta - B(a) \Bigr),    \tag{1}
 
     with the first loading B of :class:`MeasuredLoop` at :math:`a \sin^2(\theta/2)`; the work of a
-    loop is :math:`\pi a^2 k''`. The rows of k' come first, then of k''.
+    loop is :math:`\pi a^2 k''`. The rows of f come first, then of :math:`\zeta`.
     """
 
-    unit: ClassVar[str] = "Pa m-1"
+    mass: float = field(kw_only=True)  # kg/m²
 
     @cached_property
     def _branches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Amplitudes and pressures of first loadings, and their sums (1) in the rows."""
+        """Amplitudes and pressures of first loadings, and their sums (1): k', then k''."""
         n = self.value.size // 2
         a, p = self.displacement[:n], self.pressure[:n]
         each = np.eye(n)
@@ -58,11 +60,26 @@ class MeasuredVibration(MeasuredLoop):
         amplitude = np.concatenate([a, np.outer(a, np.sin(0.5 * ANGLES) ** 2).ravel()])
         return amplitude, np.concatenate([p, np.repeat(p, ANGLES.size)]), matrix
 
+    def answer(
+        self, interface: BedCurve, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate frequency and damping."""
+        (k, loss), (by_k, by_loss) = (
+            np.split(each, 2) for each in super().answer(interface, nuisances)
+        )
+        frequency, damping = np.sqrt(k / self.mass) / (2.0 * np.pi), 0.5 * loss / k
+        rates = (
+            (0.5 * frequency / k)[:, None] * by_k,
+            (0.5 * by_loss - damping[:, None] * by_k) / k[:, None],
+        )
+        return np.append(frequency, damping), np.vstack(rates)
+
     @property
-    def row_names(self) -> list[str]:
-        """Names of the rows of both stiffnesses, by the rows of the table."""
-        rows = range(1, self.value.size // 2 + 1)
-        return [f"{name} stiffness of row {k}" for name in ("storage", "loss") for k in rows]
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and units of frequencies and damping ratios, by the rows of the table."""
+        listed = range(1, self.value.size // 2 + 1)
+        quantities = {"frequency": "s-1", "damping": "1"}
+        return [(f"{name} of row {k}", unit) for name, unit in quantities.items() for k in listed]
 
 
 def read_vibration(
@@ -119,10 +136,9 @@ def read_vibration(
                 f"{path}, row {above[0] + 1}: the {name} of {values[above[0]]:.4g} is not below "
                 f"{most:g}; give it as a share, or with its unit, such as {name} (%)"
             )
-    stiffness = mass * (2.0 * np.pi * frequency) ** 2  # k', Pa/m
-    value = np.concatenate([stiffness, 2.0 * damping * stiffness])
-    half = value * np.concatenate([2.0 * of_frequency, np.hypot(of_damping, 2.0 * of_frequency)])
-    pressure = np.tile(p, 2)
-    nuisances = usual_nuisances(frame, offset, 1.0 / stiffness, pressure)
+    value = np.concatenate([frequency, damping])
+    half = value * np.concatenate([of_frequency, of_damping])
+    pressure, compliance = np.tile(p, 2), 1.0 / (mass * (2.0 * np.pi * frequency) ** 2)
+    nuisances = usual_nuisances(frame, offset, compliance, pressure)
     table = (path.name, pressure, value, half / NORMAL, nuisances, bodies)
-    return MeasuredVibration(*table, displacement=np.tile(a, 2))
+    return MeasuredVibration(*table, displacement=np.tile(a, 2), mass=mass)
