@@ -81,6 +81,26 @@ def pressures_of_points(
     return tuple(map(float, RUNG ** np.unique([below, below + 1.0])))
 
 
+def pressures_between(
+    data: np.ndarray, unsure: np.ndarray, pressure: np.ndarray, area: np.ndarray
+) -> tuple[float, ...]:
+    """Return the middles of intervals of data with an unsure end and more than a little load, Pa.
+
+    Parameters
+    ----------
+    data : ndarray, shape (n,), rising pressures of the data of a law, Pa
+    unsure : ndarray of bool, shape (n,), whether the form of the law has a large error there
+    pressure, area : ndarray, see :func:`pressures_of_points`
+    """
+    load = np.maximum(np.nan_to_num(pressure), 0.0) * area
+    total = load.sum(axis=1)
+    place = np.searchsorted(data, np.nan_to_num(pressure), side="right")
+    middles = np.sqrt(data[1:] * data[:-1])
+    shares = [(load * (place == k + 1)).sum(axis=1) for k in range(middles.size)]
+    loaded = np.any(shares > NEGLIGIBLE_LOAD * total, axis=1)
+    return tuple(map(float, middles[loaded & (unsure[1:] | unsure[:-1])]))
+
+
 def load_shares(
     pressure: np.ndarray, area: np.ndarray, data: tuple[float, ...] | np.ndarray
 ) -> np.ndarray:

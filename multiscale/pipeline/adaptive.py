@@ -12,6 +12,7 @@ from multiscale.macro.data_range import (
     LOAD_SHARES,
     data_ends,
     further_pressures,
+    pressures_between,
     pressures_of_points,
 )
 from multiscale.pipeline.stage import Datasets, Job, unseen
@@ -23,6 +24,7 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling import law_from_dataset
+from multiscale.upscaling.budget import OF_ONE_PART, has_budget
 from multiscale.upscaling.response_observations import join_pressures
 
 NEAR = 0.03
@@ -57,10 +59,13 @@ class PressedCells:
     ) -> tuple[float, ...]:
         """Return the pressures for which the load of some interfaces, or their points, ask, Pa."""
         ends, known = data_ends(law_from_dataset(self.law)), self.case.micro.pressures
-        if way == "adaptive":
-            asked, near = further_pressures(ends, shares), 1e-5
-        else:
+        if way == "concurrent":
             asked, near = pressures_of_points(ends, *points), NEAR
+        else:
+            data = self.law["fit_pressure"].to_numpy()
+            asked = further_pressures(ends, shares)
+            asked += pressures_between(data, _unsure(self.law), *points)
+            near = 1e-5
         return tuple(p for p in asked if not np.isclose(p, known, rtol=near).any())
 
     def press(self, pressures: tuple[float, ...], job: Job) -> "PressedCells":
@@ -101,7 +106,8 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
     """Return datasets and job with laws that have data for the structure at rest.
 
     The adaptive way presses cells beyond an end of the data that more than 1 % of the load of an
-    interface leaves; the concurrent way presses them near the pressure of every point.
+    interface leaves, and between data of which the law has a larger error by its form than by all
+    else; the concurrent way presses them near the pressure of every point.
     """
     if job.team is not None and job.team.size > 1:
         raise CaseError(
@@ -138,6 +144,15 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
             f"pressures in [micro]"
         )
     return _with_laws(cells, datasets, replace(job, notes=tuple(notes)))
+
+
+def _unsure(law: Dataset) -> np.ndarray:
+    """Return where the form of a law has a larger error of its stiffness than all else."""
+    if not has_budget(law):
+        return np.zeros(law["fit_pressure"].size, dtype=bool)
+    half = law["error_half_width"].sel(quantity="stiffness")
+    others = half.drop_sel(error_term=[*OF_ONE_PART, "fit"], errors="ignore")
+    return np.asarray(~(half.sel(error_term="fit") <= np.sqrt((others**2).sum("error_term"))))
 
 
 def _list_pressures(pressures: Iterable[float]) -> str:

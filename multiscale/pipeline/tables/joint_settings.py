@@ -171,7 +171,8 @@ class LawSource(toml.Settings):
     way: Literal["sequential", "adaptive", "concurrent", "direct"] = "sequential"
     """How cells serve the structure: `"sequential"`, by the law of the pressures of their case;
     `"adaptive"`, which presses them further wherever more than 1 % of the load of an interface
-    leaves these pressures; `"concurrent"`, which presses them wherever a point of an interface has
+    leaves these pressures, or lies between pressures where the form of the law has the largest
+    error; `"concurrent"`, which presses them wherever a point of an interface has
     no cell within 20 % of its pressure; `"direct"`, by cells as wide as the blocks, with all of
     their roughness. All points share the cells. A law that the command names stays as it is."""
     speed: SlidingSpeed | None = None
