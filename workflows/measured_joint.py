@@ -27,6 +27,7 @@ from multiscale.schema import Dataset
 SPECTRUM = {"hurst_exponent": 0.8, "long_cutoff": 200e-6, "short_cutoff": 50e-6}
 WAY = np.concatenate([np.linspace(0.1, 1, 10), np.linspace(0.8, -1, 10), np.linspace(-0.8, 1, 10)])
 KINDS = ("stiffness", "loop", "loop")
+SHOWN = {"1": (1.0, ""), "m/Pa": (1e12, " µm/MPa"), "Pa": (1e-6, " MPa")}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,8 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     calibration = upscaling.calibrate(cells, seen, cells=8.0)
     save_law(law := calibration.law, out / "interface_law.nc")
     for name, unit, _, before, value, after, learned, _ in calibration.parameters:
-        line = f"{name}: {value:.3g} ± {after:.2g} {unit}, before ± {before:.2g}, {learned:.0%}"
-        sys.stdout.write(f"{line} learned\n")
+        scale, shown = SHOWN[unit]
+        values = f"{scale * value:.3g} ± {scale * after:.2g}{shown}, before ± {scale * before:.2g}"
+        sys.stdout.write(f"{name}: {values}{shown}, {learned:.0%} learned\n")
     value, ends = upscaling.predict_measured(law, validation)
     apart, noise = np.abs(value - validation.value), 1.96 * validation.deviation
     inside = np.mean(apart <= np.hypot(noise, np.abs(ends - value).min(axis=0)))

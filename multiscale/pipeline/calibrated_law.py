@@ -1,13 +1,19 @@
 """The law of a case, calibrated by its measured joints, and its tables."""
 
+from concurrent.futures import Executor
+from functools import partial
+
 from multiscale.errors import CaseError
+from multiscale.pipeline.tables.case_tables import MeasuredTable
 from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling import (
     Calibration,
+    MeasuredJoint,
     assume_shear,
     calibrate,
+    read_vibration,
     require_law,
     tangential_values,
 )
@@ -23,9 +29,9 @@ SHOWN_UNITS = {"Pa/m": (1e-12, "MPa/µm"), "m/Pa": (1e12, "µm/MPa")}
 TEXT = "\t"  # between the columns of a table in an attribute
 
 
-def calibrate_case(case: Case, law: Dataset) -> Calibration:
+def calibrate_case(case: Case, law: Dataset, executor: Executor | None = None) -> Calibration:
     """Calibrate a law by the tables [[measured]] of a case."""
-    tables, known = [table.read() for table in case.measured], tangential_values(law)
+    known = tangential_values(law)
     stated = {
         name: value
         for name in ("friction", "stiffness_ratio")
@@ -36,11 +42,12 @@ def calibrate_case(case: Case, law: Dataset) -> Calibration:
             f"{name} in [law] is {stated[name]:.3g}, and the sheared cells have measured "
             f"{known[name]:.3g}, from which the calibration begins; leave out {name}"
         )
+    cautions = law.attrs["cautions"]
     if stated:
-        cautions = law.attrs["cautions"]
         law = assume_shear(law, **stated)
-        if any(table.sheared for table in tables):  # the values are calibrated, not assumed
-            law = law.assign_attrs(cautions=cautions)
+    tables = [_read(table, law, executor) for table in case.measured]
+    if any(table.sheared for table in tables):  # the values are calibrated, not assumed
+        law = law.assign_attrs(cautions=cautions)
     areas = [table.area for table in case.measured if table.area is not None]
     discrepancy = DISCREPANCY if case.law.discrepancy is None else case.law.discrepancy
     if areas:
@@ -63,6 +70,22 @@ def calibrate_case(case: Case, law: Dataset) -> Calibration:
     }
     calibration.law.attrs.update(texts)
     return calibration
+
+
+def _read(table: MeasuredTable, law: Dataset, executor: Executor | None) -> MeasuredJoint:
+    """Read a table of joints, or of a structure that is solved with the law."""
+    if table.case is None:
+        return table.read()
+    from multiscale.pipeline.case import load_case  # which imports this module
+    from multiscale.pipeline.stages.vibrating_bodies import modes_of_law
+
+    if len(tangential_values(law)) < 2:
+        raise CaseError(
+            f"{table.file}: vibrations need friction and stiffness ratio, which the law of the "
+            f"cells does not have; shear the cells, or state both in [law]"
+        )
+    structure = partial(modes_of_law, load_case(table.case), law, executor)
+    return read_vibration(table.file, structure=structure, error=table.error)
 
 
 def calibration_tables(law: Dataset) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:

@@ -29,7 +29,7 @@ FILES = (
     ("interface", "law"),
     ("cell", "mesh"),
     ("rve", "image", "file"),
-    ("measured", "file"),
+    *(("measured", key) for key in ("file", "case")),
 )
 """Keys of tables, and of lists of tables, that name files."""
 

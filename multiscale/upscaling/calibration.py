@@ -24,7 +24,7 @@ from multiscale.units import readable
 from multiscale.upscaling.branches import tangential_values
 from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.law_budget import DISCREPANCY, EXPONENT
-from multiscale.upscaling.measured.joints import BedCurve, Curve, MeasuredJoint
+from multiscale.upscaling.measured.joints import Answer, BedCurve, Curve, MeasuredJoint
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, Residual, draw, find_mode
 from multiscale.upscaling.posterior_law import DATA_POINTS, law_of_interfaces
@@ -55,9 +55,6 @@ FAR, FEW = 3.0, 0.25  # standard deviations of a residual, and share of rows tha
 DISAGREES, LEARNS = 3.0, 0.05  # standard deviations of a pull; share of a variance
 
 RELIABLE = 0.7  # shape of the tail of the weights
-
-Answer = Callable[[MeasuredJoint, BedCurve, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
-"""Maps a table, a law and nuisances to values and gradient; see :meth:`MeasuredJoint.answer`."""
 
 
 class Parameter(NamedTuple):
@@ -150,8 +147,8 @@ def calibrate(
     Notes
     -----
     The mode is found by Gauss-Newton steps, for data with Student's distribution; samples are drawn
-    about it, and weighted. With ``solve`` they have the normal distribution of the linearised
-    answers, so that a structure is solved for the mode only.
+    about it, and weighted. With ``solve``, or with tables of structures, they have the normal
+    distribution of the linearised answers, so that a structure is solved for the mode only.
     """
     if cells is not None:
         require("cells", cells, "(0, inf)")
@@ -172,7 +169,8 @@ def calibrate(
         )
     # samples of the law, as many as the cells have
     count = int(law.sizes.get("sample", 0)) or SAMPLES
-    draws = _draws(mode, None if solve else residual, count, np.random.default_rng(seed))
+    linear = solve is not None or any(table.linear for table in measured)
+    draws = _draws(mode, None if linear else residual, count, np.random.default_rng(seed))
     rows = tuple(_rows(mode, measured))
     sentences = tuple(_sentences(mode, prior, rows, draws))
     theta = np.vstack([mode.theta, draws.theta])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from multiscale.laws import NormalLaw
 from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.budget import (
     ALWAYS,
@@ -19,9 +20,10 @@ from multiscale.upscaling.budget import (
 )
 from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.fit import with_branch
-from multiscale.upscaling.free_form import N_TERMS, fit_spline, place_knots
+from multiscale.upscaling.free_form import N_TERMS, fit_each, fit_spline, place_knots
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
-from multiscale.upscaling.measured.joints import BedCurve
+from multiscale.upscaling.measured.joints import BedCurve, Curve
+from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import law_from_dataset
 from multiscale.upscaling.sampling import half_range
 
@@ -29,6 +31,15 @@ DATA_POINTS, BEYOND = 64, 2.0  # of the law, up to this factor outside its data
 
 REPLACED = ("knot", "coefficient", "fit_error", "stiffness_fit_error", "gap_fit", "stiffness_fit")
 """Begins of the names of variables of the normal law of the cells."""
+
+
+def normal_law(law: Dataset, curve: Curve) -> NormalLaw:
+    """Return a normal law of a curve of stiffness over and about the data of a law of cells."""
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    p = np.geomspace(low / BEYOND, high * BEYOND, DATA_POINTS)
+    gap = integrate_stiffness(p, np.exp(curve.at(p)[0]))
+    gap += float(law_from_dataset(law).gap_at(np.array(high)))
+    return fit_each(observe("gap", p, gap), gap[None])[0]
 
 
 def law_of_interfaces(

@@ -8,6 +8,7 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import run
 from multiscale.pipeline.calibrated_law import calibrate_case
+from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import assume_shear, fit_branches, tangential_values
 from tests.pipeline.test_conducting_cases import TEXT
 from tests.support import case_of
@@ -103,7 +104,18 @@ def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(table, t
         (('error = "5 %"\nframe', "frame"), "have no error; state error"),
         (("friction = 0.3\n", ""), "need friction and stiffness ratio"),
         (('"loop"', '"bolt"'), "kind"),
-        (('"loop"', '"vibration"'), "mass belongs to kind = .vibration. and is needed there"),
+        (('"loop"', '"vibration"'), "either mass or case belongs to kind = .vibration. and is"),
+        (
+            ('kind = "loop"', 'kind = "vibration"\ncase = "beam.toml"\nframe = "0 um/MPa"'),
+            "frame is no value of a structure",
+        ),
+        (
+            (
+                '"loop.csv"\nkind = "loop"',
+                f'"vibration.csv"\nkind = "vibration"\ncase = "{shipped_cases()["ground_steel"]}"',
+            ),
+            "a structure with measured vibrations needs bodies with interfaces",
+        ),
         (
             (MEASURED + LOOPS, '\n[law]\nroughness = "10 %"\n'),
             "roughness in .law. belong to the calibration by measured joints",

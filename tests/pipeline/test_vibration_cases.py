@@ -1,6 +1,7 @@
 """Cases of vibrating bodies: frequency and damping with intervals, and refusals."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_law
+from multiscale.macro.substructures.whole import assemble
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.body_budget import Change
 from multiscale.pipeline.stages.vibrating_bodies import (
@@ -15,8 +17,11 @@ from multiscale.pipeline.stages.vibrating_bodies import (
     _laws,
     _press,
     _solve_changed,
+    modes_of_law,
 )
-from multiscale.upscaling import law_from_dataset
+from multiscale.upscaling import assume_shear, calibrate, law_from_dataset, read_vibration
+from multiscale.upscaling.measured.joints import BedCurve, Curve
+from multiscale.upscaling.posterior_law import normal_law
 from multiscale.upscaling.propagation import FEWEST_SAMPLES
 from tests.pipeline.test_body_cases import HIGH, LONG, STATED, TEXT, WIDE, write_scattered_law
 from tests.support import PORES, refused_rows, write_body, write_scene
@@ -186,6 +191,56 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
         scatter = 1.96 * np.std([entry[name] for entry in drawn], axis=0) / result[name].values
         half = result["error_half_width"].sel(quantity=name, error_term="sampling").values
         assert np.all((half / scatter > 0.85) & (half / scatter < 1.15)), (half, scatter)
+
+
+@pytest.fixture
+def measured(meshes):
+    """A law of cells with friction and ratio, a reader of a table of a structure, and a bed."""
+    write_scattered_law(meshes / "law.nc", samples=FEWEST_SAMPLES)
+    text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + VIBRATION.replace("0.001", "0")
+    case = load_case(write_scene(meshes, text))
+    law = assume_shear(open_law(meshes / "law.nc"), friction=0.2, stiffness_ratio=0.8)
+    x = np.linspace(np.log(1e4), np.log(400e6), 300)
+    normal = law_from_dataset(law)
+    stiffness = np.log(normal.stiffness(normal.gap_at(np.exp(x))))
+    curve = Curve(x, stiffness, np.array([np.ones(x.size)]))
+
+    def read(rows):
+        (meshes / "modes.csv").write_text(
+            "\n".join(["amplitude (um), frequency (Hz), damping", *rows])
+        )
+        structure = partial(modes_of_law, case, law, None)
+        return read_vibration(meshes / "modes.csv", structure=structure, error=0.02)
+
+    return case, law, read, lambda ratio, friction: BedCurve(curve, ratio, friction)
+
+
+def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(measured):
+    """Of the frequency by the logarithm of the stiffness ratio, which the rest does not see."""
+    case, law, read, bed = measured
+    given, bodies = bed(0.8, 0.2), case.structure
+    (frequency, _), gradient = read(["1e-6, 1000, 1e-3"]).answer(given, {})
+    changed = Change((0,), normal_law(law, given.curve))
+    still, _ = _press(bodies, case, _laws(bodies, case, [law], changed))
+    rest, shape = still.rest, still.modes.shape[:, 0]
+    whole = assemble(rest.free.with_locked_bolts())
+    tangent = rest.law.respond(rest.state.jump, rest.law.unsheared(rest.state.history)).tangent
+    moved = (whole.jump @ shape).reshape(3, -1)[1:]
+    rate = np.einsum("p,ip,ijp,jp->", whole.weight, moved, tangent[1:, 1:], moved)
+    assert gradient[0, 1] == pytest.approx(rate / (8.0 * np.pi**2 * frequency), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_measured_modes_of_a_structure_recover_the_friction_of_its_joint(measured):
+    _, law, read, bed = measured
+    rows = ["0.1, 1000, 1e-3", "0.05, 1000, 1e-3"]  # in any order
+    true = read(rows).answer(bed(0.75, 0.25), {})[0].reshape(2, -1).T
+    table = read([f"{u}, {f}, {d}" for u, (f, d) in zip(("0.1", "0.05"), true, strict=True)])
+    calibration = calibrate(law, [table], roughness=0.0, discrepancy=0.0, exponent=0.0)
+    rows = {row.name: row for row in calibration.parameters}
+    friction = rows["friction coefficient"]
+    assert abs(friction.value - 0.25) < friction.half_width < 0.5 * friction.prior_half_width
+    assert {row.unit for row in calibration.rows} == {"Hz", "1"}
 
 
 def test_another_volume_of_a_body_asks_for_another_backbone(meshes):

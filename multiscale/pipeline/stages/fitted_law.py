@@ -73,7 +73,7 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
         law = with_leakage(law, response, datasets.get(COARSER_CELLS.name))
     budget = case_budget(case, upscaling.loading_branch(response), law, pressed, sheared, control)
     law = upscaling.with_budget(law, budget)
-    return law if case.measured is None else calibrate_case(case, law).law
+    return law if case.measured is None else calibrate_case(case, law, job.executor).law
 
 
 def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:

@@ -1,6 +1,7 @@
 """Stage: frequency and damping of elastic bodies with joints against the amplitude."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -8,7 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from multiscale import macro
-from multiscale.errors import ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import open_dataset
 from multiscale.io.fields import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
@@ -28,9 +30,17 @@ from multiscale.pipeline.tables.cycled_settings import COARSENING
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
-from multiscale.schema import VIBRATION, Dataset, with_cautions
-from multiscale.upscaling import over_steps, with_budget, with_intervals
+from multiscale.schema import RVE, VIBRATION, Dataset, with_cautions
+from multiscale.upscaling import (
+    MeasuredJoint,
+    by_differences,
+    over_steps,
+    with_budget,
+    with_intervals,
+)
 from multiscale.upscaling.fit import branch_origins
+from multiscale.upscaling.measured.joints import Answer, BedCurve
+from multiscale.upscaling.posterior_law import normal_law
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -78,6 +88,12 @@ class _Vibrating:
         """Largest displacement of a node in the shape of every mode, kg^-1/2."""
         nodal = self.modes.nodal(self.rest.free)
         return np.asarray(np.linalg.norm(nodal, axis=2).max(axis=1))
+
+    def portable(self) -> "_Vibrating":
+        """Return the case without factorisations and dense matrices, for workers."""
+        free = substructures.CondensedProblem(self.rest.free, self.rest.free)
+        followed = replace(self.rest.followed, problem=self.rest.free)
+        return replace(self, rest=replace(self.rest, condensed=free, followed=followed))
 
     def vibrate(
         self, reached: "dict[int, macro.vibration.Amplitudes]", damping: float, **options: Any
@@ -208,10 +224,8 @@ def _with_budget(
     rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
-    if job.executor is not None:  # workers receive neither factorisations nor dense matrices
-        free = substructures.CondensedProblem(still.rest.free, still.rest.free)
-        followed = replace(still.rest.followed, problem=still.rest.free)
-        still = replace(still, rest=replace(still.rest, condensed=free, followed=followed))
+    if job.executor is not None:
+        still = still.portable()
     solve = partial(_solve_changed, bodies, case, laws, still)
     return body_budget.with_joint_budget(rest, sources, solve, asked, job)
 
@@ -245,6 +259,66 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
         still.modes, square=still.modes.square[order], shape=still.modes.shape[:, order]
     )
     return replace(still, modes=modes)
+
+
+@dataclass(frozen=True, eq=False)
+class _ModesOfLaw:
+    """Solve of a mode of bodies of which all interfaces have a law, that workers can import."""
+
+    bodies: Bodies
+    case: Case
+    law: Dataset
+    near: _Vibrating
+
+    def __call__(
+        self, table: MeasuredJoint, interface: BedCurve, nuisances: Mapping[str, float]
+    ) -> np.ndarray:
+        """Return frequencies, s-1, and damping ratios at the amplitudes of a table."""
+        laws = [self.law] * len(self.bodies.interfaces)
+        normal = normal_law(self.law, interface.curve)
+        change = body_budget.Change(tuple(range(len(laws))), normal)
+        beds = [
+            replace(
+                cast(Sliders, bed), friction=interface.friction, stiffness_ratio=interface.ratio
+            )
+            for bed in _laws(self.bodies, self.case, laws, change)
+        ]
+        still = _in_order_of(_press(self.bodies, self.case, beds, self.near.rest)[0], self.near)
+        asked = self.case.vibration
+        result = still.vibrate(asked.reach(self.near.largest), asked.material_damping)
+        if not result["converged"].values.all():
+            raise ConvergenceError(str(result.attrs["failure"]))
+        return np.append(result["frequency"].values, result["damping"].values)
+
+
+def modes_of_law(
+    case: Case, law: Dataset, executor: Executor | None, amplitudes: np.ndarray
+) -> tuple[float, Answer]:
+    """Return the mean pressure of the interfaces of a case, and the answer of its first mode."""
+    asked, bodies = case.vibration, case.structure
+    if asked is None or not isinstance(bodies, Bodies) or not bodies.interfaces:
+        raise CaseError(
+            f"{case.title}: a structure with measured vibrations needs bodies with interfaces and "
+            f"[vibration]; give the case both, or mass in [[measured]]"
+        )
+    rising, rows = np.unique(amplitudes, return_inverse=True)
+    given = {"modes": asked.modes[:1], "amplitudes": tuple(rising), "modal_amplitudes": ()}
+    case = case.model_copy(update={"vibration": asked.model_copy(update=given)})
+    bodies = bodies.with_volumes(case, {}, lambda volume, _: open_dataset(volume, RVE))
+    laws = [law] * len(bodies.interfaces)
+    near, _ = _press(bodies, case, _laws(bodies, case, laws, body_budget.Change()))
+    pressure, area = near.rest.state.pressure, near.rest.path["point_area"].values
+    mean = float(pressure @ area / area[pressure > 0.0].sum())
+    solve = _ModesOfLaw(bodies, case, law, near if executor is None else near.portable())
+    differences = by_differences(solve, executor=executor)
+
+    def answer(*given: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Order the values and the gradient as the rows of the table."""
+        value, gradient = differences(*given)
+        places = np.append(rows, rising.size + rows)
+        return value[places], gradient[places]
+
+    return mean, answer
 
 
 def _needs(bodies: Bodies, case: Case) -> Needs:

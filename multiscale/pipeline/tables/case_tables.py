@@ -477,11 +477,21 @@ class MeasuredTable(toml.Settings):
     """Nominal area of the joint with the scatter of its few cells; many cells if not given."""
 
     mass: Mass | None = None
-    """Mass that vibrates, over the nominal area; needed by `kind = "vibration"`, and only there."""
+    """Mass that vibrates, over the nominal area, of `kind = "vibration"`."""
+    case: Path | None = None
+    """Case of bodies with `[vibration]` of which the first mode was measured, in place of `mass`;
+    all of its interfaces have the law. Amplitudes are of the node that moves farthest."""
 
     def _faults(self) -> Iterator[str]:
-        if (self.kind == "vibration") != (self.mass is not None):
-            yield 'mass belongs to kind = "vibration" and is needed there; give both, or neither'
+        if (self.kind == "vibration") != ((self.mass is None) != (self.case is None)):
+            yield (
+                'either mass or case belongs to kind = "vibration" and is needed there; give both, '
+                "or neither"
+            )
+        if self.case is not None:
+            others = self.model_fields_set & {"bodies", "frame", "offset", "area"}
+            for name in sorted(others):
+                yield f"{name} is no value of a structure, which case has; leave it out"
 
     def read(self) -> MeasuredJoint:
         """Read the table."""

@@ -7,7 +7,7 @@ sensors and the frame of the machine are compliances :math:`c` in series.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -117,6 +117,7 @@ class MeasuredJoint(ABC):
 
     unit: ClassVar[str]
     sheared: ClassVar[bool] = False  # whether the answer depends on kappa and mu
+    linear: ClassVar[bool] = False  # whether an answer takes so long that draws linearise it
 
     @property
     def rows(self) -> list[tuple[str, str]]:
@@ -147,6 +148,10 @@ class MeasuredJoint(ABC):
         nothing = np.zeros(self.value.size)
         rows = [by.get(name, nothing) for name in self.nuisances]
         return np.column_stack([*of_curve, nothing + ratio, nothing + friction, *rows])
+
+
+Answer = Callable[[MeasuredJoint, BedCurve, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]
+"""Maps a table, a law and nuisances to values and gradient; see :meth:`MeasuredJoint.answer`."""
 
 
 def _loaded(pressure: np.ndarray, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,22 +1,23 @@
-"""Vibration of a mass on a joint, as measured values of its law: frequency and damping."""
+"""Vibrations of a mass on a joint or of a structure, as measured values of the law."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.budget import NORMAL
-from multiscale.upscaling.measured.joints import BedCurve, MeasuredLoop
+from multiscale.upscaling.measured.joints import Answer, BedCurve, MeasuredJoint, MeasuredLoop
 from multiscale.upscaling.measured.tables import refuse_settings, usual_nuisances
 from multiscale.upscaling.tables import read_columns, units_of_columns
 
-COLUMNS = {"preload": "Pa", "amplitude": "m", "frequency": "s-1", "damping": "1"}
+COLUMNS = {"amplitude": "m", "frequency": "s-1", "damping": "1"}
 ERRORS = ("frequency error", "damping error")
-"""Columns of a table of vibrations, with its units, and columns of errors, over the values."""
+"""Columns of a table of vibrations, with units, and columns of errors, over the values."""
 
 NODES, WEIGHTS = (each / 2.0 for each in np.polynomial.legendre.leggauss(40))
 ANGLES = np.pi * (0.5 + NODES)
@@ -26,8 +27,24 @@ SHARES = {"damping": 1.0, ERRORS[0]: 0.5, ERRORS[1]: 1.0}
 """Limits of columns of shares; nothing vibrates with a damping ratio of 1."""
 
 
+Structure = Callable[[np.ndarray], tuple[float, Answer]]
+"""Maps amplitudes, m, to the mean pressure of the joints, Pa, and to the answer of a table: first
+the frequencies, s⁻¹, then the damping ratios."""
+
+
+class _Vibration(MeasuredJoint):
+    """Frequencies, then damping ratios."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and units of frequencies and damping ratios, by the rows of the table."""
+        listed = range(1, self.value.size // 2 + 1)
+        quantities = {"frequency": "s-1", "damping": "1"}
+        return [(f"{name} of row {k}", unit) for name, unit in quantities.items() for k in listed]
+
+
 @dataclass(frozen=True, eq=False)
-class MeasuredVibration(MeasuredLoop):
+class MeasuredVibration(_Vibration, MeasuredLoop):
     r"""Frequency, s⁻¹, and damping ratio of tangential vibrations at constant preloads.
 
     A mass m over the nominal area that vibrates with the amplitude a at its phase resonance, of the
@@ -74,24 +91,34 @@ class MeasuredVibration(MeasuredLoop):
         )
         return np.append(frequency, damping), np.vstack(rates)
 
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """Names and units of frequencies and damping ratios, by the rows of the table."""
-        listed = range(1, self.value.size // 2 + 1)
-        quantities = {"frequency": "s-1", "damping": "1"}
-        return [(f"{name} of row {k}", unit) for name, unit in quantities.items() for k in listed]
+
+@dataclass(frozen=True, eq=False)
+class MeasuredModes(_Vibration):
+    """Frequency and damping ratio of a structure, by a solve of it; see :func:`read_vibration`."""
+
+    solve: Answer = field(kw_only=True)
+
+    sheared: ClassVar[bool] = True
+    linear: ClassVar[bool] = True
+
+    def answer(
+        self, interface: BedCurve, nuisances: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluate frequency and damping."""
+        return self.solve(self, interface, nuisances)
 
 
 def read_vibration(
     path: str | PathLike[str],
     *,
-    mass: float,
+    mass: float | None = None,
+    structure: Structure | None = None,
     error: float | None = None,
     bodies: float = 0.0,
     frame: float | None = None,
     offset: float | None = None,
-) -> MeasuredVibration:
-    r"""Read measured vibrations of a mass on a joint from a table with units in its head.
+) -> MeasuredVibration | MeasuredModes:
+    r"""Read measured vibrations of a mass on a joint, or of a structure, with units in the head.
 
     Parameters
     ----------
@@ -101,7 +128,11 @@ def read_vibration(
         :math:`\sqrt{1 - \zeta^2}`), and ``damping``, the ratio to critical damping, all of it by
         friction of the joint; and ``frequency error`` and ``damping error``, half-widths of 95 %
         intervals over the values.
-    mass : float, that vibrates, over the nominal area, kg/m²
+    mass : float, optional, that vibrates, over the nominal area, kg/m²
+    structure : callable, optional, in place of ``mass``
+        Maps amplitudes, m, to the mean pressure of the joints of a structure, Pa, and to a function
+        with the arguments and the result of :meth:`MeasuredJoint.answer`, of frequencies, s⁻¹, and
+        damping ratios. Its table has no ``preload``, and amplitudes as the structure has them.
     error : float, optional, half-width of frequency and damping, without these columns
     bodies, frame, offset : float, optional; see :func:`~.tables.read_measured`
 
@@ -112,7 +143,9 @@ def read_vibration(
     """
     path = Path(path)
     refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
-    if not 0.0 < mass < np.inf:
+    if (mass is None) == (structure is None):
+        raise CaseError(f"{path}: vibrations are of either a mass or a structure; give one of them")
+    if mass is not None and not 0.0 < mass < np.inf:
         raise CaseError(f"{path}: mass must be positive (kg/m^2), got {mass:g}; correct it")
     given = [name for name in ERRORS if name in units_of_columns(path)]
     if (len(given) == len(ERRORS)) == (error is not None) or len(given) == 1:
@@ -121,9 +154,10 @@ def read_vibration(
             f"{' and '.join(ERRORS)}, found {' and '.join(given) or 'no such column'} and "
             f"error = {error}"
         )
-    columns, _, _ = read_columns(path, COLUMNS | dict.fromkeys(given, "1"), signed=())
-    p, a, frequency, damping = (columns[name] for name in COLUMNS)
-    of_frequency, of_damping = (columns.get(name, np.full(p.size, error)) for name in ERRORS)
+    preload = {} if mass is None else {"preload": "Pa"}
+    columns, _, _ = read_columns(path, preload | COLUMNS | dict.fromkeys(given, "1"), signed=())
+    a, frequency, damping = (columns[name] for name in COLUMNS)
+    of_frequency, of_damping = (columns.get(name, np.full(a.size, error)) for name in ERRORS)
     if error is not None and error >= SHARES[ERRORS[0]]:
         raise CaseError(
             f"{path}: the error of {error:g} of frequency and damping is not below "
@@ -138,7 +172,12 @@ def read_vibration(
             )
     value = np.concatenate([frequency, damping])
     half = value * np.concatenate([of_frequency, of_damping])
-    pressure, compliance = np.tile(p, 2), 1.0 / (mass * (2.0 * np.pi * frequency) ** 2)
-    nuisances = usual_nuisances(frame, offset, compliance, pressure)
-    table = (path.name, pressure, value, half / NORMAL, nuisances, bodies)
-    return MeasuredVibration(*table, displacement=np.tile(a, 2), mass=mass)
+    if structure is not None:
+        mean, solve = structure(a)
+        loads = np.full(value.size, mean)
+        return MeasuredModes(path.name, loads, value, half / NORMAL, {}, solve=solve)
+    assert mass is not None  # as checked
+    pressure, stiffness = np.tile(columns["preload"], 2), mass * (2.0 * np.pi * frequency) ** 2
+    nuisances = usual_nuisances(frame, offset, 1.0 / stiffness, pressure)
+    given_values = (path.name, pressure, value, half / NORMAL, nuisances, bodies)
+    return MeasuredVibration(*given_values, displacement=np.tile(a, 2), mass=mass)
