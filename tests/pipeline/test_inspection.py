@@ -96,6 +96,7 @@ def test_waves_below_instrument_noise_are_not_reliable(store):
     assert float(clean["shortest_reliable"]) == pytest.approx(4 * PIXEL)
 
 
+@pytest.mark.usefixtures("without_pages")
 def test_the_proposed_case_runs(store, rough, command, tmp_path):
     file = store(rough)
     status, output, _ = command(

@@ -122,6 +122,7 @@ def test_fields_belong_to_the_contact(finished):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pages")
 def test_a_second_run_keeps_the_cells_and_gives_the_same_law(shipped_run, command, tmp_path):
     out = copytree(shipped_run("ground_steel")[0], tmp_path / "again")
     before = (out / "micro" / "realisation-0002.nc").stat().st_mtime_ns

@@ -31,7 +31,7 @@ steps = 6
 STEEL_WAVE = 'short_cutoff = "180 um"'
 STEEL = small_steel(3).replace("[36, 36]", "[24, 24]").replace('short_cutoff = "50 um"', STEEL_WAVE)
 CELLS = STEEL[: STEEL.index("[structure]")]
-PLAIN = TWO_BLOCKS.replace("friction = 0.2\nstiffness_ratio = 0.8\n", "")
+PLAIN = TWO_BLOCKS.replace("friction = 0.2\nstiffness_ratio = 0.8\n", "").replace('"5 MPa", ', "")
 ROUGH = PLAIN[PLAIN.index("[structure]") :] + '[cycles]\nshear = "1 MPa"\ncycles = 1\nsteps = 2\n'
 LAW = "[law]\nsamples = 10\n"
 CHAIN = CELLS + LAW + SHEAR + ROUGH
