@@ -107,6 +107,11 @@ def test_homogenised_substructures_with_slack_links_follow_the_law_of_their_modu
     assert np.all((off < result["tension_error"]).mean("link") > 0.95)
     slack = (expected["slack"] > 0.0).sum("link")
     assert np.all(np.abs(result["slack_links"] / slack - 1.0) < result["slack_links_error"])
+    cut = ("[4, 4]", '[4, 4]\nmodel = "adaptive"')
+    whole = run_macro(load_case(write_scene(tmp_path, GRID, cut)), tmp_path / "whole.nc")
+    assert (whole.attrs["resolved"], whole.attrs["unknowns"]) == (16, 2397)
+    np.testing.assert_array_equal(whole["tension"], expected["tension"])
+    cut = ("[4, 4]", '[4, 4]\nmodel = "homogenised"')
     few = ("n = 16", "n = 12")  # too few for a specimen: links must not slacken
     refused = run_macro(load_case(write_scene(tmp_path, GRID, cut, few)), tmp_path / "few.nc")
     assert 'set model = "adaptive"' in refused.attrs["failure"]

@@ -4,6 +4,7 @@ from .cut import cut_assembly as cut_assembly
 from .cut import cut_links as cut_links
 from .cut import split_boxes as split_boxes
 from .cut import split_grid as split_grid
+from .homogenised import MOST_SLACK as MOST_SLACK
 from .homogenised import solve_homogenised as solve_homogenised
 from .latin_solver import LatinMethod as LatinMethod
 from .latin_solver import simulate_latin as simulate_latin

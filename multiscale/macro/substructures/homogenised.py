@@ -41,7 +41,7 @@ INDEPENDENT = 1e-8
 ROUNDING = 1e-9
 """Tension outside the range of a link, relative to the largest, that is ascribed to rounding."""
 
-MOST = 0.5
+MOST_SLACK = 0.5
 """Share of the substructures with links outside their range above which all are resolved."""
 
 DIGITS = 9
@@ -109,7 +109,7 @@ def solve_homogenised(
         if not adaptive or not beyond.any():
             break
         resolved[owner[beyond.any(axis=0)]] = True
-        resolved |= resolved.mean() > MOST
+        resolved |= resolved.mean() > MOST_SLACK
 
     # tension and slack of all links, in their order
     shape = result.sizes["step"], problem.n_links

@@ -59,7 +59,7 @@ def _solve(links: LinkStructure, case: Case, datasets: Datasets, job: Job) -> Da
         assert case.dynamics is not None  # the case has been validated
         moved = _measured(_move(links, case, case.dynamics, datasets, job))
         return with_too_far(moved.assign_attrs(question=OF_MOTION))
-    if (by_modules := _by_modules(links, case, statics)) is not None:
+    if (by_modules := _by_modules(links, case, statics, system)) is not None:
         result = by_modules
     elif case.substructures is not None:
         problem, factors = links.cut(case, datasets, job), np.array(statics.load_factors)
@@ -183,17 +183,26 @@ def _move(
     return _solve_cut(links.cut(case, datasets, job), case, job, move, system)
 
 
-def _by_modules(links: LinkStructure, case: Case, statics: Statics) -> Dataset | None:
-    """Solve homogenised substructures by their modules if links slacken in them."""
-    plates = links.modules(case.cut.parts) if case.cut.model == "homogenised" else ()
+def _by_modules(
+    links: LinkStructure, case: Case, statics: Statics, system: "macro.LinkSystem"
+) -> Dataset | None:
+    """Solve links by their modules, or without a cut, where these slacken; else nothing."""
+    cut, factors = case.cut, statics.load_factors
+    plates = links.modules(cut.parts) if cut.model != "resolved" else ()
     if not plates:
         return None
-    result = macro.links.solve_plate(
-        plates[0], statics.load_factors, links=True, tolerance=macro.links.RESIDUAL
-    )
-    if not (result["slack"] > 0.0).any():
+    residual = macro.links.RESIDUAL
+    result = macro.links.solve_plate(plates[0], factors, links=True, tolerance=residual)
+    slack = (result["slack"].to_numpy() > 0.0).any(axis=0)
+    if cut.model == "homogenised":
+        return macro.links.with_specimen_error(result, *plates) if slack.any() else None
+    # adaptive: most substructures would be resolved
+    owner = substructures.split_grid(system, cut.parts)
+    if np.unique(owner[slack]).size <= substructures.MOST_SLACK * cut.count:
         return None
-    return macro.links.with_specimen_error(result, *plates)
+    counts = {"unknowns": int((~system.fixed).sum()), "substructures": cut.count}
+    whole = macro.solve_static(system, factors)
+    return whole.assign_attrs(resolved=cut.count, **counts)
 
 
 def _solve_cut(
