@@ -70,6 +70,23 @@ def road_knobs(case: Case) -> Iterator[Knob]:
     yield Knob("points of the cells", finer, ("micro discretisation",), costs={CELLS: PLANE})
 
 
+def grain_knobs(case: Case) -> Iterator[Knob]:
+    """Yield the knobs of sheared cells of grains."""
+    more, each = scaled({"third_body.realisations": 2}), {CELLS: 1.0}
+    yield Knob("cells", more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+    larger = {CELLS: 2.0}
+    yield Knob(
+        "size of the cells", wider_grains, ("cell size",), costs=larger, scatters=True, draws=1.0
+    )
+
+
+def wider_grains(case: Case, rung: int = 1) -> Case:
+    """Return a case with cells of grains of 2^rung times the periods, and as many layers."""
+    wider = scaled({"third_body.size": 2, "grains.number": 4})(case, rung)
+    wider.third_body.steps(wider.grains)  # refuses short periods
+    return wider
+
+
 def tread_knobs(case: Case) -> Iterator[Knob]:
     """Yield the knob of a tread block."""
     yield Knob("elements", scaled({"tread.elements": 2}), (MACRO,), costs={STRUCTURE: LAYERED})

@@ -7,8 +7,9 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import save_law, write_dataset
 from multiscale.macro import granulate
 from multiscale.pipeline import run, run_macro
+from multiscale.pipeline.case_knobs import grain_knobs
 from multiscale.pipeline.stage import Job
-from multiscale.pipeline.stages.third_body import THIRD_BODY_CELLS, THIRD_BODY_LAW
+from multiscale.pipeline.stages.third_body import THIRD_BODY_CELLS, THIRD_BODY_LAW, WIDER_CELLS
 from multiscale.pipeline.verification import verify_run
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import at_speed, law_from_dataset
@@ -92,8 +93,36 @@ def test_pressures_without_steady_shear_are_named_and_one_layer_has_no_scatter(t
 
 def test_the_unknown_size_of_the_cells_is_printed(law):
     assert "cell size" in law.attrs["unknown"].split(", ")
-    assert law.attrs["how_cell_size"].endswith("compare twice the size and 4 times the grains")
+    assert law.attrs["how_cell_size"].endswith("give wider in [third_body]")
     assert "do not contain the size of its cells" in [*THIRD_BODY_LAW.answer(law)][-1]
+
+
+def test_wider_cells_give_the_error_of_the_size_to_height_and_friction(tmp_path):
+    p, case = np.geomspace(5e2, 3e4, 8), case_of(tmp_path, GRAINS + "wider = 3\n")
+    assert [WIDER_CELLS.asked_for(each.tables) for each in (case, case.quick())] == [True, False]
+    cells, growth = synthetic(p, 1e-3), np.array([1.0, 1.04, 1.0])  # of the tangential traction
+    wider = cells.assign(
+        mean_gap=0.99 * cells["mean_gap"], traction=growth * cells["traction"]
+    ).isel(realisation=slice(3), step=slice(-1))
+    narrow, wide = (
+        THIRD_BODY_LAW.run(case, {"micro_response": cells, **more}, None)
+        for more in ({}, {"control_response": wider})
+    )
+    size = wide["error_half_width"].sel(error_term="cell size", quantity="mean_gap")
+    np.testing.assert_allclose(size, 0.02, rtol=0.05)  # twice the difference
+    grown = wide["sliding_friction_error"] ** 2 - narrow["sliding_friction_error"] ** 2
+    np.testing.assert_allclose(np.sqrt(grown), 0.08, rtol=0.05)
+    assert "size of its cells" not in [*THIRD_BODY_LAW.answer(wide)][-1]
+
+
+def test_a_target_takes_more_or_wider_cells_of_grains_and_never_too_narrow_cells(tmp_path):
+    case = case_of(tmp_path, GRAINS)
+    cells, size = grain_knobs(case)
+    assert cells.change(case, 1).third_body.realisations == 12
+    larger = size.change(case, 1)
+    assert (larger.grains.number, larger.third_body.size) == (400, (0.1, 0.1))
+    assert size.lowest(case) == 0
+    assert size.terms == ("cell size",)
 
 
 @pytest.mark.parametrize("speed", [1e-6, 0.05, 0.5, 1e3])

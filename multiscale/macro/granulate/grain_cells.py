@@ -10,7 +10,7 @@ from multiscale.macro.granulate.bodies import Grains, PlaneWall
 from multiscale.macro.granulate.grain_motion import initial_state, step_grains
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 from multiscale.macro.granulate.packings import place_loosely
-from multiscale.macro.granulate.simulation import Record, final_grains, network, simulate_grains
+from multiscale.macro.granulate.simulation import Record, network, simulate_grains
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
 
 REST_STRAIN, REST_STEPS = 1e-6, 20
@@ -18,6 +18,10 @@ REST_STRAIN, REST_STEPS = 1e-6, 20
 
 LONGEST_SLIP, MOST_STEPS = 0.1, 20000
 """Way of a sheared plate in a step, over the diameter of its grains, and the limit of its steps."""
+
+PRESSED_STEPS, STILL = 100, 0.05
+"""Steps of a plate that presses, after which it rests if they moved it by less than ``STILL`` mean
+diameters."""
 
 SOLVED, UNSTEADY, FRAMES = 0.9, 0.05, 21
 """Share of solved steps and relative error of the mean pressure in steady shear; its frames."""
@@ -157,18 +161,34 @@ def shear_layer(
         ),
     )
     step = _resolving_step(grains, pressure)
-    model = Model(grains, plates, law, (0.0, 0.0, 0.0), (*size, np.inf), np.log(2.0) / step)
-    pressed = simulate_grains(model, 300 * step, step, solver=solver)
-    height = float(pressed["wall_position"][-1, 1, 2])
+    damping = 0.2 * np.log(2.0) / step
+    model = Model(grains, plates, law, (0.0, 0.0, 0.0), (*size, np.inf), damping)
+    position, height = _press(model, step, solver or Solver())
     loaded = replace(
         plates[1],
         point=(0.0, 0.0, height),
         velocity=(speed, 0.0, 0.0),
         mass=plate_mass * mass,
     )
-    still = np.zeros_like(grains.position)
-    ready = final_grains(model, pressed).moved(pressed["position"].values[-1], still, still)
+    still = np.zeros_like(position)
+    ready = grains.moved(position, still, still)
     return replace(model, grains=ready, walls=(plates[0], loaded), damping_rate=0.0), step
+
+
+def _press(model: Model, step: float, solver: Solver) -> tuple[np.ndarray, float]:
+    """Press a layer until its upper plate rests; return the centres and the height, m."""
+    state, height = initial_state(model), np.inf
+    way = 2.0 * STILL * float(model.grains.radius.mean())
+    for k in range(MOST_STEPS):
+        if k % PRESSED_STEPS == 0:
+            if height - state.point[1, 2] < way:
+                return state.position, float(state.point[1, 2])
+            height = state.point[1, 2]
+        state, _ = step_grains(model, state, step, solver)
+    raise ConvergenceError(
+        f"the plate still sinks into the grains after {MOST_STEPS} steps; take fewer layers of "
+        f"grains, or a larger area"
+    )
 
 
 def shear_response(
@@ -245,12 +265,18 @@ def shear_cells(
     if n_steps is not None:
         require("n_steps", n_steps, "[1, inf)", integer=True)
     ended, rows = list[str](), list[dict[str, Any]]()
+    area = size[0] * size[1]
+    # rigid grains rest in the same places under any pressure
+    pressed, _ = shear_layer(radii, size, p[0], v[0], law, **options)
     for pressure, speed in zip(p, v, strict=True):
-        model, step = shear_layer(radii, size, pressure, speed, law, **options)
-        count = n_steps
+        require("pressure", pressure, "(0, inf)", "Pa")
+        lower, upper = pressed.walls
+        assert isinstance(upper, PlaneWall)
+        moved = replace(upper, velocity=(speed, 0.0, 0.0), force=pressure * area)
+        model, count = replace(pressed, walls=(lower, moved)), n_steps
+        step = _resolving_step(model.grains, pressure)
         if count is None:
             step, count = shear_steps(model.grains, pressure, speed, distance)
-        area = size[0] * size[1]
         row, reason = _shear(model, pressure, area, (count, step), options.get("solver"))
         rows.append(row)
         if reason:

@@ -17,7 +17,11 @@ from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
 from multiscale.pipeline.stages.plates_of_links import EQUIVALENT_PLATE
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW, ROADS
-from multiscale.pipeline.stages.third_body import THIRD_BODY_CELLS, THIRD_BODY_LAW
+from multiscale.pipeline.stages.third_body import (
+    THIRD_BODY_CELLS,
+    THIRD_BODY_LAW,
+    WIDER_CELLS,
+)
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 from multiscale.pipeline.stages.volumes import GROWING_CRACKS, REPRESENTATIVE_VOLUME
 
@@ -34,6 +38,7 @@ COMPUTED: tuple[Stage, ...] = (
     ensembles.CONTROL_CELLS,
     FITTED_LAW,
     THIRD_BODY_CELLS,
+    WIDER_CELLS,
     THIRD_BODY_LAW,
     RING_SEAL,
     JOINT,

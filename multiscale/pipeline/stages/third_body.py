@@ -8,26 +8,35 @@ import numpy as np
 from multiscale.macro import granulate
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_knobs import grain_knobs, wider_grains
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tables.case_tables import doubt_scatter
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.lines import plot_lines
-from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, Dataset, PlainDataset, with_cautions
+from multiscale.schema import (
+    CONTROL_RESPONSE,
+    INTERFACE_LAW,
+    MICRO_RESPONSE,
+    Dataset,
+    PlainDataset,
+    with_cautions,
+)
 from multiscale.upscaling import error_budget, fit_law, with_budget, with_steady_friction
-from multiscale.upscaling.budget import Term
+from multiscale.upscaling.budget import Term, known_terms
+from multiscale.upscaling.cell_size import ensembles_of_cells
 from multiscale.upscaling.fit import laws_of_each
 from multiscale.upscaling.law_budget import sampling_term
-from multiscale.upscaling.response_observations import normal_observations
+from multiscale.upscaling.response_observations import friction_observations, normal_observations
 
-PRESSING, SWEPT = 300, 1.2e-4  # steps before the shear, and s of a step and grain, about
+PRESSING, SWEPT = 400, 4e-5  # steps before the shear, and s of a step and grain, about
 NOTHING = ("micro discretisation", "increments", "small slopes", "surface")
 """Terms of the error of cells on grids that cells of grains do not have."""
 
-ONE_SIZE = (
-    "not known: layers of one size were sheared; compare twice the size and 4 times the grains"
-)
+ONE_SIZE = "not known: cells of one size were sheared; give wider in [third_body]"
+TWO_SIZES = "twice the distance, with its interval, from {} cells of twice the periods"
+LAYERS, WIDER = "micro", "wider"  # folders of cells
 
 TABLE = Table(
     (
@@ -50,12 +59,12 @@ def _shear(case: Case, k: int) -> PlainDataset:
     return granulate.shear_cells(radii, third.size, p, speed, grains.law, **options)
 
 
-def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
-    identity, count = case.identity(), case.third_body.realisations
+def _shear_all(case: Case, count: int, job: Job, folder: str) -> Dataset:
+    """Shear cells of grains, stored in a folder."""
     response = run_realisations(
         _shear,
         [(case, k) for k in range(count)],
-        **job.ensemble("micro", identity, count, "cells of grains"),
+        **job.ensemble(folder, case.identity(), count, "cells of grains"),
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
     density, diameter = case.grains.density, 2.0 * float(np.mean(case.grains.radius))
@@ -72,19 +81,19 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     )
 
 
-def _needs(case: Case) -> Needs:
-    third, steps = case.third_body, case.third_body.steps(case.grains)
-    each = sum(count + PRESSING for count in steps) * SWEPT * case.grains.number
+def _needs(case: Case, count: int) -> Needs:
+    steps = case.third_body.steps(case.grains)
+    each = (sum(steps) + PRESSING) * SWEPT * case.grains.number
     cells = Choice(
         "cells of grains",
-        f"{third.realisations} of {case.grains.number} grains, each sheared at {len(steps)} "
-        f"pressures in up to {max(steps)} steps",
+        f"{count} of {case.grains.number} grains, each sheared at {len(steps)} pressures in up to "
+        f"{max(steps)} steps",
     )
     return Needs(
         unknowns_per_contact=3,
         kinematics="rigid grains in motion, impulses in place of forces",
         choices=(cells,),
-        seconds=third.realisations * each,
+        seconds=count * each,
     )
 
 
@@ -94,8 +103,46 @@ def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
     nothing = Term("nothing: the grains are rigid spheres", np.zeros((3, law.sizes["step"])))
     known = {**dict.fromkeys(NOTHING, nothing), "cell size": Term(ONE_SIZE)}
     known["fit"] = _lack_of_fit(response, law)
+    wider, friction = datasets.get(WIDER_CELLS.name), 0.0
+    if wider is not None:
+        *of_law, friction = size_errors(response, wider, law)
+        half = np.repeat(np.array(of_law)[:, None], law.sizes["step"], axis=1)
+        known["cell size"] = Term(TWO_SIZES.format(wider.sizes["realisation"]), half)
     budget = error_budget(response, law, known=known, discrepancy=case.law.discrepancy)
-    return with_steady_friction(with_budget(law, budget), response).assign_attrs(title=case.title)
+    law = with_steady_friction(with_budget(law, budget), response).assign_attrs(title=case.title)
+    error = law["sliding_friction_error"]
+    return law.assign(sliding_friction_error=error.copy(data=np.hypot(error, friction)))
+
+
+def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
+    r"""Return the errors of gap, area, stiffness and friction by the size of cells, relative.
+
+    An error that falls at least linearly with the periods is at most twice the difference d from
+    cells of twice the periods. With d the mean over all pressures, and its half-width w from the
+    scatter of these means over the cells, the half-width is
+
+    .. math:: 2 \sqrt{d^2 + w^2}.    \tag{2}
+    """
+    from scipy.special import stdtrit
+
+    of_both, rows = (response, wider), []
+    first, second = (friction_observations(cells).pressure for cells in of_both)
+    common = np.intersect1d(first, second)
+    for cells in of_both:
+        steady = cells.isel(step=np.isin(cells["nominal_pressure"].to_numpy(), common))
+        of_law = [values for ((values, _),) in ensembles_of_cells(steady, None, law)]
+        rows.append([*of_law, friction_observations(steady).values])
+    errors = []
+    for these, others in zip(*rows, strict=True):
+        size = np.nanmean(these, axis=0)
+        means = [np.nanmean(values / size, axis=1) for values in (these, others)]
+        counts = np.array([np.isfinite(mean).sum() for mean in means])
+        free = counts.sum() - 2
+        squares = sum(np.nansum((mean - np.nanmean(mean)) ** 2) for mean in means)
+        spread = np.sqrt(squares / free * np.sum(1.0 / counts)) if free > 0 else np.nan
+        distance = np.nanmean(means[1]) - np.nanmean(means[0])
+        errors.append(2.0 * float(np.hypot(distance, stdtrit(max(free, 1), 0.975) * spread)))  # (2)
+    return errors
 
 
 def _lack_of_fit(response: Dataset, law: Dataset) -> Term:
@@ -143,14 +190,21 @@ def _answer(law: Dataset) -> Iterator[str]:
     shown = _shown(law)
     mu, number = (shown[name].to_numpy() for name in ("sliding_friction", "inertial_number"))
     height = 1e3 * shown["layer_height"].to_numpy()
+    layers = 1e-3 * height / float(law.attrs["grain_diameter"])
+    unknown = (
+        ""
+        if "cell size" in known_terms(law)
+        else ", and its intervals do not contain the size of its cells"
+    )
     yield (
         f"At {law.attrs['sliding_speed']:.3g} m/s the layer bears a friction of {mu[-1]:.3g} to "
         f"{mu[0]:.3g} of the pressure, at inertial numbers of {number[-1]:.2g} to {number[0]:.2g}, "
-        f"and is {height[-1]:.4g} to {height[0]:.4g} mm high."
+        f"and is {height[-1]:.4g} to {height[0]:.4g} mm high, {layers[-1]:.2g} to {layers[0]:.2g} "
+        f"mean diameters."
     )
     yield (
-        "At another speed v the law holds at pressures in proportion to v squared; it is of this "
-        "number of grains on the area, and its intervals do not contain the size of its cells."
+        f"At another speed v the law holds at pressures in proportion to v squared; it is of this "
+        f"number of grains on the area{unknown}."
     )
 
 
@@ -164,20 +218,32 @@ THIRD_BODY_CELLS = Stage(
     schema=MICRO_RESPONSE,
     tables=("third_body",),
     reads={"title", "grains", "third_body"},
-    run=_run,
-    needs=_needs,
+    run=lambda case, datasets, job: _shear_all(case, case.third_body.realisations, job, LAYERS),
+    needs=lambda case: _needs(case, case.third_body.realisations),
+    knobs=grain_knobs,
     prepare=lambda case: case.third_body.steps(case.grains),
     again=lambda case: MICRO_RESPONSE.build(
         MICRO_RESPONSE.join([_shear(case, 0)], "realisation").values
     ),
-    folders=("micro",),
+    folders=(LAYERS,),
+)
+
+WIDER_CELLS = Stage(
+    schema=CONTROL_RESPONSE,
+    tables=("third_body.wider",),
+    reads={"title", "grains", "third_body"},
+    run=lambda case, datasets, job: _shear_all(
+        wider_grains(case), case.third_body.wider, job, WIDER
+    ),
+    needs=lambda case: _needs(wider_grains(case), case.third_body.wider),
+    folders=(WIDER,),
 )
 
 THIRD_BODY_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("third_body",),
     reads={"law"},
-    takes=(THIRD_BODY_CELLS,),
+    takes=(THIRD_BODY_CELLS, WIDER_CELLS),
     run=_fit,
     needs=lambda case: Needs(seconds=2.0),
     question="Which friction and height has the layer of grains over pressure and speed?",

@@ -78,6 +78,8 @@ class ThirdBody(toml.Settings):
     ] = Field(min_length=3, description="Pressures on the plates, Pa, rising.")
     speed: SlidingSpeed = Field(description="Speed of the upper plate, m/s.")
     realisations: Annotated[toml.Positive, toml.at_most(3)] = Field(description="Number of cells.")
+    wider: Annotated[toml.Natural, toml.at_most(0)] = 0
+    """Number of further cells of twice the periods, for the error of the size."""
     distance: Annotated[toml.Number, Field(ge=3.0), toml.Quick(lambda _, way: min(way, 10.0))] = (
         20.0
     )

@@ -256,7 +256,8 @@ class Case(Settings):
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
         again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
         control = {"micro.control"} if self.controlled else set()
-        tables = super().tables | asked | condensed | sheared | again | control
+        wider = {"third_body.wider"} if self.third_body and self.third_body.wider else set()
+        tables = super().tables | asked | condensed | sheared | again | control | wider
         return tables if self.third_body is None else tables - {"grains"}
 
     @property
@@ -487,7 +488,7 @@ class Case(Settings):
             )
         if self.third_body is not None:
             return self.checksum(
-                include={"grains", "third_body"}, exclude={"third_body": {"realisations"}}
+                include={"grains", "third_body"}, exclude={"third_body": {"realisations", "wider"}}
             )
         tables = {"structure", "grains"} if self.structure else {"rve"}
         tables = set(CELLS) if self.has_cells else tables
