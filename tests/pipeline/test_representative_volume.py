@@ -37,6 +37,7 @@ centre = ["0.5 mm", "0.5 mm", "0.5 mm"]
 normal = [1, 0, 0]
 radius = "0.4 mm"
 """
+CRACKED = ("pore_radius", 'crack_density = 0.1\ncrack_radius = "140 um"\npore_radius')
 BAR = case_text("porous_bar")
 
 
@@ -85,6 +86,8 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
     [
         pytest.param([], 0.115, [], id="enough"),
         pytest.param([], 0.105, ["porosity of 10.5 %, and 12 % is asked"], id="too sound"),
+        pytest.param([CRACKED], 0.16, [], id="voxels of cracks"),
+        pytest.param([CRACKED], 0.105, ["porosity of 10.5 %"], id="too sound, with cracks"),
         pytest.param(
             [("140 um", "200 um"), ("0.12", "0.05")],
             4.0 / 3.0 * np.pi * 0.2**3,
