@@ -25,10 +25,14 @@ from multiscale.schema import (
 )
 from multiscale.upscaling import error_budget, fit_law, with_budget, with_steady_friction
 from multiscale.upscaling.budget import Term, known_terms
-from multiscale.upscaling.cell_size import ensembles_of_cells
-from multiscale.upscaling.fit import laws_of_each
+from multiscale.upscaling.fit import laws_of_each, stiffness_of_each
 from multiscale.upscaling.law_budget import sampling_term
-from multiscale.upscaling.response_observations import friction_observations, normal_observations
+from multiscale.upscaling.response_observations import (
+    area_observations,
+    friction_observations,
+    normal_observations,
+)
+from multiscale.upscaling.sampling import student
 
 PRESSING, SWEPT = 400, 4e-5  # steps before the shear, and s of a step and grain, about
 NOTHING = ("micro discretisation", "increments", "small slopes", "surface")
@@ -123,15 +127,14 @@ def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
 
     .. math:: 2 \sqrt{d^2 + w^2}.    \tag{2}
     """
-    from scipy.special import stdtrit
-
     of_both, rows = (response, wider), []
     first, second = (friction_observations(cells).pressure for cells in of_both)
     common = np.intersect1d(first, second)
     for cells in of_both:
         steady = cells.isel(step=np.isin(cells["nominal_pressure"].to_numpy(), common))
-        of_law = [values for ((values, _),) in ensembles_of_cells(steady, None, law)]
-        rows.append([*of_law, friction_observations(steady).values])
+        gap, area = normal_observations(steady), area_observations(steady)
+        friction = friction_observations(steady)
+        rows.append([gap.values, area.values, stiffness_of_each(gap, law), friction.values])
     errors = []
     for these, others in zip(*rows, strict=True):
         size = np.nanmean(these, axis=0)
@@ -141,7 +144,7 @@ def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
         squares = sum(np.nansum((mean - np.nanmean(mean)) ** 2) for mean in means)
         spread = np.sqrt(squares / free * np.sum(1.0 / counts)) if free > 0 else np.nan
         distance = np.nanmean(means[1]) - np.nanmean(means[0])
-        errors.append(2.0 * float(np.hypot(distance, stdtrit(max(free, 1), 0.975) * spread)))  # (2)
+        errors.append(2.0 * float(np.hypot(distance, student(free) * spread)))  # (2)
     return errors
 
 
