@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
 from multiscale.needs import Cost, Needs, join_needs, readable_time
 from multiscale.pipeline.case import taken_cases, taken_law
-from multiscale.pipeline.run_folder import is_up_to_date
+from multiscale.pipeline.run_folder import read_up_to_date
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.tables.joint_settings import LawSource
 from multiscale.pipeline.tables.settings import Case
@@ -124,7 +124,7 @@ def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int =
             (stage, other)
             for other, place in (*taken, (case, folder))
             for stage in stages_of(other.tables)
-            if not is_up_to_date(stage, other, place)
+            if read_up_to_date(stage, other, place) is None
         ]
         for stage, other in todo:
             cost = stage.needs(other)

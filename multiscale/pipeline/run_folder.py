@@ -30,7 +30,7 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
             )
     if results:
         for stage in stages_of(case.tables):
-            if force or not is_up_to_date(stage, case, out):
+            if force or read_up_to_date(stage, case, out) is None:
                 remove(out / stage.file)
             for name in stage.folders if force else ():
                 rmtree(out / name, ignore_errors=True)
@@ -80,18 +80,19 @@ def _keys(case: Case) -> dict[str, object]:
     }
 
 
-def is_up_to_date(stage: Stage, case: Case, out: Path) -> bool:
-    """Whether the dataset of a stage is valid, and computed from the same inputs."""
+def read_up_to_date(stage: Stage, case: Case, out: Path) -> Dataset | None:
+    """Return the dataset of a stage if it is valid and computed from the same inputs."""
     try:
         stored = open_dataset(out / stage.file, stage.schema)
     except SchemaError:  # missing, damaged or of another version
-        return False
-    return bool(stored.attrs.get("identity") == stage.identity(case))
+        return None
+    return stored if stored.attrs.get("identity") == stage.identity(case) else None
 
 
 def is_whole(out: Path, case: Case) -> bool:
     """Whether a run folder has an up-to-date dataset of each stage of a case."""
-    return all(is_up_to_date(stage, case, out) for stage in stages_of(case.tables))
+    stages = stages_of(case.tables)
+    return all(read_up_to_date(stage, case, out) is not None for stage in stages)
 
 
 def open_stages(out: Path) -> dict[Shown, Dataset]:

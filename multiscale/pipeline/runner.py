@@ -16,7 +16,7 @@ from multiscale.pipeline.adaptive import reach_loads
 from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.costs import SECONDS
-from multiscale.pipeline.run_folder import claim_folder, is_up_to_date, require_claimed
+from multiscale.pipeline.run_folder import claim_folder, read_up_to_date, require_claimed
 from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
 from multiscale.pipeline.stages import ACCURACY_STAGE, COMPUTED, stages_of
 from multiscale.pipeline.stages.accuracy import planned_case
@@ -152,11 +152,10 @@ def _take_planned(case: Case, plan: Dataset, job: Job) -> Datasets:
 
 def _up_to_date_or_run(stage: Stage, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Read the dataset of a stage, if it is there, or compute it."""
-    file = job.out / stage.file
-    if not is_up_to_date(stage, case, job.out):  # maybe of another run in the same folder
-        return _compute(stage, case, datasets, job, file)
+    dataset = read_up_to_date(stage, case, job.out)
+    if dataset is None:  # or of another run in the same folder
+        return _compute(stage, case, datasets, job, job.out / stage.file)
     logger.info("%s: up to date", stage.name)
-    dataset = open_dataset(file, stage.schema)
     stage.check(dataset)
     return dataset
 
@@ -166,13 +165,13 @@ def _solve_coarse(case: Case, job: Job) -> dict[str, Dataset]:
     datasets: dict[str, Dataset] = {}
     job = replace(job, out=make_folder(job.out), intervals=False, sparing=False)
     for stage in stages_of(case.tables):
-        if is_up_to_date(stage, case, job.out):
-            datasets[stage.name] = open_dataset(job.out / stage.file, stage.schema)
-        else:
+        result = read_up_to_date(stage, case, job.out)
+        if result is None:
             begin = perf_counter()
             result = _solve(stage, case, datasets, job)
             stage.check(result)
-            datasets[stage.name] = result.assign_attrs({SECONDS: perf_counter() - begin})
+            result = result.assign_attrs({SECONDS: perf_counter() - begin})
+        datasets[stage.name] = result
     return datasets
 
 

@@ -10,7 +10,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError, ConvergenceError, SchemaError
 from multiscale.io import make_folder, open_dataset, read_text, write_dataset
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.run_folder import claim_folder, is_up_to_date
+from multiscale.pipeline.run_folder import claim_folder, read_up_to_date
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.verification import verify_run
 from multiscale.report import draw_figures, write_report
@@ -201,7 +201,7 @@ def test_results_of_another_run_in_the_folder_are_not_taken(folder):
     claim_folder(folder, other)
     (folder / "macro_result.nc").write_bytes(theirs)  # of the run that ends after the claim
     answers = [stage for stage in stages_of(case.tables) if stage.name == "macro_result"]
-    assert not is_up_to_date(answers[0], other, folder)
+    assert read_up_to_date(answers[0], other, folder) is None
     assert run(other, folder).macro_result.sizes["step"] == 2
 
 
