@@ -147,6 +147,13 @@ def test_a_grid_tends_to_its_plate(grids):
     assert grids[16]["first_frequency"][1] < 0.5 * grids[16]["first_frequency"][0]
 
 
+def test_a_plate_is_solved_to_its_rounding():
+    cell = plate_cell(tensegrity_grid(1), (1.0, 1.0))
+    result = solve_plate(EquivalentPlate(tensegrity_grid(8), cell, (8, 8)), [1.0], tolerance=1e-16)
+    assert result["converged"].item() == 1
+    assert 1e-16 < result["residual"].item() < 1e-9
+
+
 def test_the_plate_counts_slack_cables(grids):
     found = grids[16]
     assert found["slack_links"].values[0] == 0.0

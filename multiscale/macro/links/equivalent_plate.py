@@ -258,10 +258,12 @@ def _solve_step(
         response = cell.respond(plate.strain(u), relaxed)
         relaxed = response.relaxed
         residual = (load - plate.gather(response.resultant))[free]
-        if not run.goes_on(float(norm(residual) / scale)):
+        K = structure.stiffness(response.tangent)
+        rounding = np.finfo(float).eps * norm(abs(K) @ np.abs(u[free]))
+        if not run.goes_on(float(norm(residual) / scale), float(rounding / scale)):
             return run.solution(u), response
         step = np.zeros(plate.n)
-        step[free] = factorise(structure.stiffness(response.tangent), name=OF_PLATE)(residual)
+        step[free] = factorise(K, name=OF_PLATE)(residual)
 
         slope = partial(_slope, structure, load, u, step, relaxed)
         u = u + step_length(slope, -float(residual @ step[free])) * step
