@@ -149,14 +149,13 @@ def _carry_out(
     from multiscale.io.files import logging_to
     from multiscale.pipeline import refuse_excess, requirements, run, run_sweep
     from multiscale.pipeline.case_needs import prepare
-    from multiscale.pipeline.stages import stages_of
     from multiscale.report import write_reports
 
     if quick:
         if any(point.accuracy for point in sweep.points):
             report_line("--quick leaves out the target of [accuracy]")
-        unchanged = dict.fromkeys(stage.quick_note for stage in stages_of(sweep.points[0].tables))
-        warn_of([*filter(None, unchanged)])
+        structure = sweep.points[0].structure
+        warn_of([structure.quick_note] if structure and structure.quick_note else [])
         sweep = sweep.quick()
     if explain:
         prepare(sweep.points[0])

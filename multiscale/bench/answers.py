@@ -83,7 +83,7 @@ def wave_answer(scene: str, points: int) -> float:
     from multiscale.laws.bulk import Elastic
     from multiscale.macro import vibration
     from multiscale.macro.bodies import stacked_blocks
-    from multiscale.macro.substructures import AssembledNewton, JointLoading, load_joint
+    from multiscale.macro.substructures import AssembledNewton, joint_path, load_joint
     from multiscale.upscaling import assume_shear, law_from_dataset, sliders_from_dataset
 
     law, pressure = wave_law(points), PRESSED * CLOSING
@@ -99,7 +99,7 @@ def wave_answer(scene: str, points: int) -> float:
     blocks = stacked_blocks(size, (1, 1, 1), [Elastic(RIGID, 0.0)] * 2, [bed])
     if scene == "loss of a joint in shear":
         shear = SHEARED * FRICTION * pressure
-        loading = JointLoading((pressure,), shear, cycles=1, steps=8)
+        loading = joint_path((pressure,), shear, cycles=1, steps=8)
         return float(load_joint(blocks, loading, method=AssembledNewton())["cycle_energy"][-1])
     rest = vibration.press_structure(blocks, np.array([[pressure, 0.0]]))
     mass = vibration.structure_mass(rest.free, blocks.bodies, [DENSITY] * 2)

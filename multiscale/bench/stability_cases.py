@@ -154,15 +154,15 @@ def joint(law_over_block: float, friction: float, parts: int, method: str = "LAT
     """Cycle two blocks with a rough joint: distance of all steps from bodies and law."""
     from multiscale.laws.bulk import Elastic
     from multiscale.macro.bodies import stacked_blocks
-    from multiscale.macro.substructures import JointLoading, load_joint
+    from multiscale.macro.substructures import joint_path, load_joint
 
     blocks = stacked_blocks(
         (EDGE,) * 3, (2, 2, 2), [Elastic(YOUNG, POISSON)] * 2, [_bed(law_over_block, friction)]
     )
     shear = min(0.5 * friction, 0.3) * PRESSURE  # a half would tip the upper block
-    loading = JointLoading((PRESSURE,), shear=shear, cycles=1, steps=2)
+    loading = joint_path((PRESSURE,), shear=shear, cycles=1, steps=2)
     cut = load_joint(blocks, loading, method=_method(method, parts))
-    return _fault_of_path(blocks, loading.path().factors(), cut, law_over_block, parts)
+    return _fault_of_path(blocks, loading.factors(), cut, law_over_block, parts)
 
 
 def joint_path(scene: str, law_over_block: float, friction: float, method: str) -> float:

@@ -14,10 +14,10 @@ from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.macro.data_range import LOAD_SHARES, NEGLIGIBLE_LOAD
 from multiscale.pipeline.real_contact import contact_source
-from multiscale.pipeline.stage import Job
-from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.tables.joint_settings import SLABS
 from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.upscaling import limits, over_steps, with_budget, with_intervals
 from multiscale.upscaling.budget import (
@@ -71,7 +71,9 @@ class JointAnswers:
     first_order: "FirstOrder | None" = None
 
 
-def joint_answers(result: Dataset, first_order: "FirstOrder | None" = None) -> JointAnswers:
+def joint_answers(
+    result: Dataset, path: "substructures.LoadPath", first_order: "FirstOrder | None" = None
+) -> JointAnswers:
     """Return the answers of joints at their preloads, then in the cycles of every amplitude."""
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
@@ -91,7 +93,7 @@ def joint_answers(result: Dataset, first_order: "FirstOrder | None" = None) -> J
             level,  # a preload is the step of its number
             _slip_slope(result)[level, amplitude],
             result["loss_density"].to_numpy()[level, amplitude],
-            substructures.FEW_STEPS,
+            path.amplitude_steps,
         )
     ended = bool(level.size) and bool(known[-1])
     ended = ended and bool(result["cycle_loss"].to_numpy()[-1, -1] > 0.0)
@@ -115,8 +117,9 @@ def joint_answers(result: Dataset, first_order: "FirstOrder | None" = None) -> J
     return JointAnswers(read, real, rests, place, cycles, first_order)
 
 
-def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
-    """Return the answers of bodies under named loads, then of the last cycle."""
+def load_answers(result: Dataset, path: "substructures.LoadPath") -> JointAnswers:
+    """Return the answers of bodies under named loads, then of the last cycle of their path."""
+    rise = path.cycle_steps if path.cycles and result["converged"].to_numpy().all() else 0
     name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
     loads = {f"{name} {load}": (name, k) for k, load in enumerate(map(str, result["load"].values))}
     real = {}
@@ -138,7 +141,7 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
         density = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0, keepdims=True)
         read = {name: answer_at(name, slice(-1, None)) for name in AT_END.values()}
         cycles = CycleAnswers(
-            read, "slipping_load", "cycle_energy", last, slope, density, rise / few
+            read, "slipping_load", "cycle_energy", last, slope, density, rise / path.few
         )
 
     def place(result: Dataset, budget: Dataset) -> Dataset:
@@ -184,7 +187,42 @@ class Change:
     normal: NormalLaw | None = None  # normal law of these joints
     factors: Mapping[str, float] = field(default_factory=dict)  # factors of friction parameters
     slabs: int | None = None  # slabs of the beds of sliders of these joints
-    structure: Bodies | None = None  # structure on another mesh, or with another parameter
+    structure: SolvedBodies | None = None  # structure on another mesh, or with another parameter
+
+
+@dataclass(frozen=True, eq=False)
+class BodiesWithLaws:
+    """Bodies of a case, and the law of every interface."""
+
+    bodies: SolvedBodies
+    case: Case
+    laws: Sequence[Dataset | None]
+
+    @classmethod
+    def of(
+        cls, structure: SolvedBodies, case: Case, datasets: Datasets, job: Job
+    ) -> "BodiesWithLaws":
+        """Read volumes and laws."""
+        bodies = structure.with_volumes(case, datasets, job.read_rve)
+        return cls(bodies, case, bodies.read_laws(case, datasets, job.read_law))
+
+    def build(self, laws: Sequence[InterfaceLaw]) -> StructureParts:
+        """Build the bodies with some laws of their interfaces."""
+        return self.bodies.build(self.case, laws)
+
+    def changed(self, change: Change) -> "BodiesWithLaws":
+        """Return the bodies of a change."""
+        return replace(self, bodies=change.structure or self.bodies)
+
+    def sliders(
+        self,
+        change: Change = Change(),
+        slabs: int | None = None,  # frozen
+    ) -> list[InterfaceLaw]:
+        """Return the laws of all interfaces, as :meth:`SolvedBodies.sliders`, with a change."""
+        normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
+        made = self.bodies.sliders(self.case, self.laws, normal, slabs)
+        return change_friction(made, change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,11 +311,12 @@ class ErrorSources:
     stated: list[upscaling.Uncertainty]  # of stated values and representative volumes
     unknown: list[str]  # laws without an error, a sentence each
     beds: tuple[int, ...]  # joints that have beds of sliders
-    meshes: Mapping[float, Bodies]  # coarser structures, by the ratio of the spacings
+    meshes: Mapping[float, SolvedBodies]  # coarser structures, by the ratio of the spacings
 
     @classmethod
-    def of(cls, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]) -> "ErrorSources":
-        """Collect the error sources of the bodies and laws of a case."""
+    def of(cls, jointed: BodiesWithLaws) -> "ErrorSources":
+        """Collect the error sources of bodies and laws."""
+        bodies, case, laws = jointed.bodies, jointed.case, jointed.laws
         shared_laws, unknown = [], []
         for number, law in enumerate(laws):
             interface = bodies.interfaces[number]
@@ -302,23 +341,6 @@ class ErrorSources:
     def __bool__(self) -> bool:
         """Whether any error is known."""
         return bool(self.laws or self.stated or self.meshes)
-
-
-def changed_sliders(
-    bodies: Bodies,
-    case: Case,
-    laws: Sequence[Dataset | None],
-    change: Change,
-    slabs: int | None = None,
-) -> list[InterfaceLaw]:
-    """Return the laws of all interfaces, as :meth:`Bodies.sliders`, with a change."""
-    normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    return change_friction(bodies.sliders(case, laws, normal, slabs), change)
-
-
-def few_steps(case: Case) -> int:
-    """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
-    return max(1, min(substructures.FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[InterfaceLaw]:

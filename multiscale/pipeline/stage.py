@@ -178,7 +178,6 @@ class Stage(Shown):
     """Compute the first realisation of an ensemble of cells again, to compare it."""
     check: Callable[[Dataset], object] = _nothing
     """Refuse a written dataset without any answer."""
-    quick_note: str = ""  # sentence about settings that ``--quick`` does not make coarser
     knobs: "Callable[[Any], Iterable[Knob]]" = _nothing
     """Settings of accuracy of the stage."""
     folders: tuple[str, ...] = ()

@@ -13,7 +13,7 @@ from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import Change, changed_sliders
+from multiscale.pipeline.body_budget import BodiesWithLaws, Change
 from multiscale.pipeline.showing import Rows, Table, list_cycles, list_facts
 from multiscale.pipeline.stage import (
     Datasets,
@@ -23,9 +23,9 @@ from multiscale.pipeline.stage import (
     list_cautions,
 )
 from multiscale.pipeline.tables.assembly_parts import doubt_density
-from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Dataset, Schema, with_cautions
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def choose_solver(
     return substructures.choose_method(size, case.cut.method(team) if asks else None)
 
 
-def solver_needs(structure: Bodies, case: Case) -> Needs:
+def solver_needs(structure: SolvedBodies, case: Case) -> Needs:
     """Return the needs of the chosen solver of bodies, and the reason of the choice."""
     size = structure.joint_size(case)
     chosen = choose_solver(case, size)
@@ -166,72 +166,63 @@ def _failures(result: Dataset) -> list[str]:
     return str(result.attrs.get("failure", "")).splitlines()
 
 
-Follow = Callable[..., Dataset]
-"""Maps a cut problem, the areas of its loads, a method and ``near``, a solved path nearby, to a
-result; workers must be able to import it."""
-
-
 @dataclass(frozen=True, eq=False)
 class ReadyBodies:
     """Bodies of a case, built and condensed for their solver."""
 
-    bodies: Bodies
-    case: Case
-    laws: Sequence[Dataset | None]  # of every interface
+    jointed: BodiesWithLaws
     parts: StructureParts
     chosen: "substructures.MethodChoice"
     structure: "substructures.CondensedProblem"
 
     @classmethod
-    def of(cls, structure: Bodies, case: Case, datasets: Datasets, job: Job) -> "ReadyBodies":
+    def of(cls, structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> "ReadyBodies":
         """Build the structure of a case."""
-        bodies = structure.with_volumes(case, datasets, job.read_rve)
-        laws = bodies.read_laws(case, datasets, job.read_law)
-        parts = bodies.build(case, bodies.sliders(case, laws))
+        jointed = BodiesWithLaws.of(structure, case, datasets, job)
+        parts = jointed.build(jointed.sliders())
         chosen = choose_solver(case, structure.joint_size(case), job.team)
         substructures.require_held(parts.assembly)
         condensed = substructures.condense_assembly(parts.assembly, chosen.taken.method)
-        return cls(bodies, case, laws, parts, chosen, condensed)
+        return cls(jointed, parts, chosen, condensed)
 
     @property
     def method(self) -> "substructures.Method":
         """The solver."""
         return self.chosen.taken.method
 
-    def solve(self, follow: Follow, steps: int, datasets: Datasets, job: Job) -> Dataset:
-        """Follow the path, of so many load steps, with cautions of laws and volumes."""
-        done, areas = count(1), self.parts.assembly.areas
-        job.progress(0, steps, "load steps")  # the first step forecasts the time of all
+    def solve(self, datasets: Datasets, job: Job) -> "tuple[substructures.FollowedLoads, Dataset]":
+        """Follow the path of the loads; the result has cautions of laws and volumes."""
+        path, done = self.parts.path, count(1)
+        job.progress(0, path.count, "load steps")  # the first step forecasts the time of all
         method = replace(
-            self.method, after_step=lambda: job.progress(next(done), steps, "load steps")
+            self.method, after_step=lambda: job.progress(next(done), path.count, "load steps")
         )
-        followed = follow(self.structure.small, areas, method, extrapolate=self.case.extrapolate)
-        result = self.structure.restore(followed)
-        return with_cautions_of(result, self.bodies, self.case, datasets, self.laws)
+        followed = substructures.follow_loads(self.structure.small, path, method=method)
+        measured = substructures.measure_loads(followed, extrapolate=self.jointed.case.extrapolate)
+        result = self.structure.restore(measured)
+        return followed, with_cautions_of(result, self.jointed, datasets)
 
-    def again(self, follow: Follow, near: object) -> "SolveAgain":
-        """Return the solve of the path with a change, started from the path without a change."""
-        problem, areas = self.structure.small, self.parts.assembly.areas
-        return SolveAgain(
-            self.bodies, self.case, self.laws, problem, areas, self.method, follow, near
-        )
+    def near(
+        self, followed: "substructures.FollowedLoads", path: "substructures.LoadPath"
+    ) -> "substructures.FollowedLoads":
+        """Follow a shorter path without a change, near which those with changes start."""
+        if not (path.cycles or path.amplitudes):
+            return replace(followed, loads=path)
+        return substructures.follow_loads(self.structure.small, path, method=self.method)
 
     def first_order(
-        self, near: "substructures.FollowedJoint", changes: Sequence[Change]
+        self, near: "substructures.FollowedLoads", changes: Sequence[Change]
     ) -> Mapping[str, np.ndarray]:
         """Return relative changes of the stiffnesses of joints at rest, (changes, preloads)."""
-        made = [
-            changed_sliders(self.bodies, self.case, self.laws, change, slabs=1)  # without slip
-            for change in changes
-        ]
         problem = self.structure.small
+        made = [self.jointed.sliders(change, slabs=1) for change in changes]  # without slip
         return substructures.changed_stiffness(near, [problem.with_laws(laws).law for laws in made])
 
     def finish(self, result: Dataset, facts: Sequence[str]) -> Dataset:
         """Add facts on bodies, loads and solver, and the fields of the elements."""
         solver = f"Solved by {self.method.name}: {self.chosen.why}."
         result = result.assign_attrs(facts="\n".join([*facts, solver]))
-        damages = [body.worst_damage for body in self.bodies.bodies]
+        damages = [body.worst_damage for body in self.jointed.bodies.bodies]
         return with_too_far(
             macro.bodies.add_body_fields(result, self.parts.assembly.bodies, damage=damages)
         )
@@ -241,32 +232,28 @@ class ReadyBodies:
 class SolveAgain:
     """Solve of bodies with a change, that workers can import."""
 
-    bodies: Bodies
-    case: Case
-    laws: Sequence[Dataset | None]
+    jointed: BodiesWithLaws
     problem: "substructures.CutProblem"
-    areas: Sequence[float]
     method: "substructures.Method"
-    follow: Follow
-    near: Any
+    near: "substructures.FollowedLoads"  # the path without a change
 
     def __call__(self, change: Change) -> Dataset:
         """Follow the path again."""
-        source = change.structure or self.bodies
-        laws = changed_sliders(source, self.case, self.laws, change)
+        jointed = self.jointed.changed(change)
+        laws = jointed.sliders(change)
         if change.structure is None:
-            problem = self.problem.with_laws(laws)
-            return self.follow(problem, self.areas, self.method, near=self.near)
-        other = source.build(self.case, laws).assembly
-        return self.follow(
-            substructures.condense_assembly(other, self.method).small, other.areas, self.method
+            problem, near = self.problem.with_laws(laws), self.near
+        else:
+            other = jointed.build(laws).assembly
+            problem, near = substructures.condense_assembly(other, self.method).small, None
+        return substructures.follow_cut_loads(
+            problem, self.near.loads, method=self.method, extrapolate=True, near=near
         )
 
 
-def with_cautions_of(
-    result: Dataset, bodies: Bodies, case: Case, datasets: Datasets, laws: Sequence[Dataset | None]
-) -> Dataset:
+def with_cautions_of(result: Dataset, jointed: BodiesWithLaws, datasets: Datasets) -> Dataset:
     """Add the cautions of laws, once each, and of representative volumes from other cases."""
+    bodies, case, laws = jointed.bodies, jointed.case, jointed.laws
     named = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
     if len(named) == len(laws) > 0 and all(law is laws[0] for law in laws):
         named = {"its law": next(iter(named.values()))}

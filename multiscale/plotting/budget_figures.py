@@ -91,7 +91,7 @@ def step_labels(budget: Dataset, *, unit: str = "") -> list[str]:
     for name in PRESSURES:
         if name in budget.variables:
             return [f"{1e-6 * value:.3g}{unit}" for value in budget[name].values]
-    if "largest_displacement" in budget:  # result of vibration
+    if "step_mode" in budget:  # result of vibration
         along = length_unit(budget["largest_displacement"].values[-1:])
         modes, sizes = budget["step_mode"].values, along.scale * budget["largest_displacement"]
         which = [f"mode {mode}, " for mode in modes] if len(set(modes)) > 1 else [""] * len(modes)

@@ -14,8 +14,8 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, LatinMethod
 from multiscale.macro.bodies import add_body_fields, stacked_blocks
 from multiscale.macro.substructures import (
-    JointLoading,
     cut_assembly,
+    joint_path,
     load_joint,
     solve_latin,
 )
@@ -39,7 +39,7 @@ def result():
     materials = [Elastic((1.0 - DAMAGE) * E, 0.0), Elastic(E, 0.0)]
     law = Sliders(ModifiedLaw(NORMAL, 0.5), 0.2, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 3, 2), materials, [law])
-    loaded = load_joint(blocks, JointLoading(PRELOADS), method=LatinMethod(parts=(2, 1)))
+    loaded = load_joint(blocks, joint_path(PRELOADS), method=LatinMethod(parts=(2, 1)))
     return add_body_fields(loaded, blocks.bodies, damage=(DAMAGE, 0.0))
 
 

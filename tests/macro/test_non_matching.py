@@ -19,7 +19,7 @@ from multiscale.macro import (
     solve_assembly,
 )
 from multiscale.macro.bodies import LapShape, lap_joint
-from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
+from multiscale.macro.substructures import cut_assembly, joint_path, load_joint
 
 EDGE, NORMAL = 0.02, Exponential(1e9, 0.2e-6)
 LAW = Sliders(NORMAL, 0.3, pressures=(1e6, 1e8), slabs=8)
@@ -118,7 +118,7 @@ def test_every_method_finds_the_same_and_a_cut_changes_little(method):
 def test_a_lap_joint_of_plates_meshed_apart_equals_the_matching_joint():
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=3e-3)
     finer = replace(shape, element=2e-3)
-    loading = JointLoading((40e6,))
+    loading = joint_path((40e6,))
     alike = [lap_joint(item, (Elastic(210e9, 0.3),) * 2, LAW) for item in (shape, finer)]
     lower, upper = alike[0].bodies[0], alike[1].bodies[1]
     apart = replace(alike[0], bodies=(lower, upper))

@@ -16,7 +16,7 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.micro.damage.rve import measure_volume, represent
-from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline import load_case, run, run_macro
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
 from tests.closed_forms.joint import series
@@ -229,6 +229,25 @@ def test_the_plate_has_16_substructures_and_its_24_edge_interfaces(tmp_path):
     assert result.attrs["interfaces"] == 24 + 9  # nine lines where four meet
     scale = np.abs(whole.displacement.values).max()
     np.testing.assert_allclose(result.displacement, whole.displacement, atol=1e-8 * scale)
+
+
+def test_a_plate_bends_and_vibrates_as_a_clamped_beam(tmp_path):
+    """The deflection of Timoshenko's beam, p L^4 / 32 E h^3 + p L^2 / 8 k G h, and Euler's mode."""
+    narrow = [
+        ('["4 m", "4 m", "0.2 m"]', '["1 m", "5 cm", "2 cm"]\ndensity = "2700 kg/m^3"'),
+        ("[16, 16, 1]", "[40, 2, 2]"),
+        ("poissons_ratio = 0.3", "poissons_ratio = 0"),
+        ("[substructures]\nparts = [4, 4]\n", ""),
+    ]
+    case = load_case(write_scene(tmp_path, PLATE, *narrow))
+    bent = run_macro(case, tmp_path / "bent.nc")
+    E, h, p = 70e9, 0.02, 1e3
+    deflection = p / (32.0 * E * h**3) + p / (8.0 * 5.0 / 6.0 * 0.5 * E * h)
+    np.testing.assert_allclose(bent["largest_displacement"], deflection, rtol=5e-3)
+    modes = write_scene(tmp_path, PLATE, *narrow, ("", '[vibration]\namplitudes = ["1 um"]\n'))
+    result = run(load_case(modes), tmp_path / "modes")["vibration"]
+    first = 22.3733 / (2.0 * np.pi) * np.sqrt(E * h**2 / 12.0 / 2700.0)
+    np.testing.assert_allclose(result["mode_frequency"][0], first, rtol=5e-3)
 
 
 def test_a_law_from_a_file_gives_springs_in_series_and_stays_as_it_is(blocks, tmp_path):

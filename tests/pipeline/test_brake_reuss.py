@@ -10,14 +10,14 @@ from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.whole import assemble
 from multiscale.macro.vibration import Amplitudes, follow_backbone, structure_mass
 from multiscale.pipeline import load_case
-from multiscale.pipeline.body_budget import Change
+from multiscale.pipeline.body_budget import BodiesWithLaws, Change
 from multiscale.pipeline.stages.vibrating_bodies import _laws, _press
 from multiscale.plotting.vibration_figures import plot_vibrating_joint
 
 
 def test_the_shipped_beam_has_its_asperities_and_modes():
     case = load_case("brake_reuss")
-    (law,) = _laws(case.structure, case, [None], Change())
+    (law,) = _laws(BodiesWithLaws(case.structure, case, [None]), Change())
     assert law.asperities.density.sum() == pytest.approx(1371333.5)
     # by the reference implementation for the whole table of heights
     response = law.respond(np.array([[-1.5e-5], [0.0], [0.0]]), np.zeros((law.n_state, 1)))
@@ -48,7 +48,8 @@ def test_preloaded_frequencies_and_the_backbone_agree_with_the_reference():
     case = load_case("brake_reuss")
     asked = case.vibration.model_copy(update={"modes": (5,)})
     case = case.model_copy(update={"vibration": asked})
-    still, _ = _press(case.structure, case, _laws(case.structure, case, [None], Change()))
+    jointed = BodiesWithLaws(case.structure, case, [None])
+    still, _ = _press(jointed, _laws(jointed, Change()))
     computed = still.modes.frequency[[0, 2, 4]]
     np.testing.assert_allclose(computed, [168.5026, 580.4082, 1177.6498], rtol=0.01)
     sizes = Amplitudes((2.43e-6, 8.94e-6, 3.25e-5, 6.99e-5))
@@ -65,7 +66,8 @@ def test_preloaded_frequencies_and_the_backbone_agree_with_the_reference():
 def test_the_frequencies_without_contact_agree_with_the_reference():
     """Only the bolts join both halves, which may part along them; six modes do not move rigidly."""
     case = load_case("brake_reuss")
-    parts = case.structure.build(case, _laws(case.structure, case, [None], Change()))
+    jointed = BodiesWithLaws(case.structure, case, [None])
+    parts = jointed.build(_laws(jointed, Change()))
     free = cut_assembly(parts.assembly)
     mass = structure_mass(free, parts.assembly.bodies, [7930.0] * 2)
     squares = np.sort(eigsh(assemble(free).stiffness, 13, mass, sigma=-1e4)[0])

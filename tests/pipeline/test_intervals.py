@@ -11,12 +11,12 @@ from scipy.stats import t
 
 from multiscale.io import save_law
 from multiscale.laws import Exponential, Sliders
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.body_answers import CYCLES as CYCLE_TABLE
 from multiscale.pipeline.showing import list_cycles, round_by
 from multiscale.pipeline.stage import Job
-from multiscale.pipeline.stages.loaded_bodies import CYCLES as CYCLE_TABLE
-from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import error_budget, fit_law, sliders_from_dataset, with_budget
 from tests.support import TWO_BLOCKS, joints_of, write_scene
@@ -75,7 +75,7 @@ class ByPickle(Executor):
 def test_workers_solve_the_changes_of_a_budget(joint, tmp_path):
     write_cells(tmp_path / "law.nc")
     case = load_case(write_scene(tmp_path, SCENE)).from_structure(None)
-    shared = ROUGH_JOINTS.run(case, {}, Job(tmp_path, ByPickle()))
+    shared = LOADED_BODIES.run(case, {}, Job(tmp_path, ByPickle()))
     for name in ("error_half_width", "cycle_loss_one_part"):
         np.testing.assert_allclose(shared[name], joint[name], rtol=1e-12)
 
@@ -139,7 +139,7 @@ def test_the_loss_of_the_loop_is_the_dissipation_of_the_points_as_the_steps_fall
     write_cells(tmp_path / "law.nc")
     apart = []
     for steps in (4, 8):
-        loading = JointLoading((20e6,), 1.5e6, cycles=1, steps=steps)
+        loading = joint_path((20e6,), 1.5e6, cycles=1, steps=steps)
         bodies, laws = joints_of(case)
         assembly = bodies.build(case, bodies.sliders(case, laws)).assembly
         result = load_joint(assembly, loading)
@@ -164,7 +164,7 @@ def test_the_share_of_slip_follows_the_slabs_and_is_continuous():
 
 
 def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint, tmp_path):
-    table = next(ROUGH_JOINTS.sections({"macro_result": joint}, tmp_path))
+    table = next(LOADED_BODIES.sections({"macro_result": joint}, tmp_path))
     row = dict(zip(table.head, table.rows[1], strict=True))
     ends = 1e-12 * joint["joint_stiffness_mean_law"].values[:, 1]
     half = 0.5 * np.ptp(ends)
@@ -183,7 +183,7 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint, tmp_
 
 
 def test_the_headline_gives_a_share_its_interval_and_no_per_cent_of_per_cent(joint):
-    cycle = ROUGH_JOINTS.summary(joint).answer[1]
+    cycle = LOADED_BODIES.summary(joint).answer[1]
     number, kinds = r"([\d.]+)", "mean law(?: and one part)?"
     share = f"{number} % of the contact force is at sliding"
     match = re.search(rf"{share} \({kinds} {number} ... {number}", cycle)
@@ -285,7 +285,7 @@ def test_first_order_intervals_of_the_mean_law_agree_with_its_samples(tmp_path):
     write_cells(tmp_path / "law.nc", n_samples=40)
     case = load_case(write_scene(tmp_path, SCENE))
     result = run_macro(case, tmp_path / "out.nc")
-    loading = case.cycles.loading(case.statics.preloads[1:])
+    loading = case.cycles.path(case.statics.preloads[1:])
     bodies, (law,) = joints_of(case)
     beds = [[sliders_from_dataset(law, k, **bodies.beds(case))] for k in range(40)]
     drawn = [load_joint(bodies.build(case, bed).assembly, loading) for bed in beds]
@@ -307,7 +307,7 @@ def test_the_slipping_load_has_the_error_of_the_decay_length(joint, tmp_path):
     number of cells and discrepancy of the model have larger errors.
     """
     law, case = write_cells(tmp_path / "law.nc"), load_case(write_scene(tmp_path, SCENE))
-    loading = case.cycles.loading(case.statics.preloads[1:])
+    loading = case.cycles.path(case.statics.preloads[1:])
     bodies, laws = joints_of(case)
     (sliders,) = bodies.sliders(case, laws)
     loads = []

@@ -127,26 +127,12 @@ def test_blocks_of_a_volume_are_as_stiff_as_its_tensor_and_as_sure(tmp_path):
     assert open_dataset(tmp_path / "pores.nc", RVE).attrs["poissons_ratio"] == 0.3
 
 
-@pytest.mark.slow
-def test_a_block_has_the_life_of_the_same_body(tmp_path):
-    write_law(tmp_path / "law.nc")
-    for name, z in (("lower", 0.0), ("upper", 0.01)):
-        mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1), origin=(0.0, 0.0, z))
-        write_body(tmp_path / f"{name}.msh", mesh)
-    joint = '[interface]\nlaw = "law.nc"\nfriction = 0.9\nstiffness_ratio = 0.8\n'
-    fatigue = """
-[fatigue]
-body = "BODY"
-fatigue_limit = "1.5 MPa"
-strength = "600 MPa"
-damage_strength = "0.0002 MPa"
-threshold = 0.0
-feedback = false
-"""
-    blocks = TWO_BLOCKS.replace('["5 MPa", "20 MPa"]', '["20 MPa"]')
-    blocks = blocks.replace("[interface]\nfriction = 0.2\nstiffness_ratio = 0.8\n", joint)
-    blocks += '[cycles]\nshear = "2 MPa"\ncycles = 2\nsteps = 2\n'
-    body = """
+JOINT = '[interface]\nlaw = "law.nc"\nfriction = 0.9\nstiffness_ratio = 0.8\n'
+BLOCKS = TWO_BLOCKS.replace('["5 MPa", "20 MPa"]', '["20 MPa"]').replace(
+    "[interface]\nfriction = 0.2\nstiffness_ratio = 0.8\n", JOINT
+)
+BLOCKS += '[cycles]\nshear = "2 MPa"\ncycles = 2\nsteps = 2\n'
+BODY = """
 [[structure.bodies]]
 name = "NAME"
 mesh = "NAME.msh"
@@ -155,9 +141,7 @@ youngs_modulus = "210 GPa"
 poissons_ratio = 0
 supports = { HELD }
 """
-    both = [("lower", 'bottom = "clamped"'), ("upper", 'front = "y"')]
-    parts = "".join(body.replace("NAME", name).replace("HELD", item) for name, item in both)
-    loads = """
+LOADS = """
 [[structure.interfaces]]
 sides = ["lower.top", "upper.bottom"]
 [[structure.loads]]
@@ -175,12 +159,71 @@ load = "shear"
 cycles = 2
 steps = 2
 """
-    bodies = f'title = "Bodies"\n[structure]\nkind = "bodies"\n{parts}{loads}{joint}'
+PARTS = [("lower", 'bottom = "clamped"'), ("upper", 'front = "y"')]
+BODIES = "".join(BODY.replace("NAME", name).replace("HELD", item) for name, item in PARTS)
+BODIES = f'title = "Bodies"\n[structure]\nkind = "bodies"\n{BODIES}{LOADS}{JOINT}'
+"""Two blocks, and the same bodies by their meshes under named loads."""
+
+
+@pytest.fixture
+def meshed(tmp_path):
+    write_law(tmp_path / "law.nc")
+    for name, z in (("lower", 0.0), ("upper", 0.01)):
+        mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1), origin=(0.0, 0.0, z))
+        write_body(tmp_path / f"{name}.msh", mesh)
+    return tmp_path
+
+
+def test_blocks_answer_as_the_same_bodies_under_named_loads(meshed):
+    """The same quantities under two names; the beds of sliders differ."""
+    blocks, bodies = (
+        run(case_of(meshed, text.replace("= 0.9", "= 0.15")), meshed / name)["macro_result"]
+        for text, name in ((BLOCKS, "blocks"), (BODIES, "bodies"))
+    )
+    area, pressed = 0.02**2, {"step": 0}
+    for name, twin in (("joint_stiffness", "press"), ("tangential_stiffness", "shear")):
+        stiffness = bodies["stuck_stiffness"].isel(pressed).sel(load=twin)
+        np.testing.assert_allclose(area * blocks[name][0], stiffness, rtol=1e-3, err_msg=name)
+    for name, twin in (("approach", "press"), ("shear_displacement", "shear")):
+        size = float(np.abs(blocks[name]).max())
+        apart = blocks[name].values - bodies["load_displacement"].sel(load=twin).values
+        assert np.abs(apart).max() < 5e-3 * size, name
+    for name in ("interface_pressure", "cycle_energy", "interface_energy"):
+        np.testing.assert_allclose(blocks[name], bodies[name], rtol=0.02, err_msg=name)
+
+
+def test_bodies_are_condensed_as_the_same_blocks(meshed):
+    cut = "[substructures]\nparts = [1, 1]\nhomogenise = true\n"
+    blocks, bodies = (
+        run(
+            case_of(meshed, text.replace("cycles = 2\nsteps = 2", "cycles = 1\nsteps = 1") + cut),
+            out,
+        )
+        for text, out in ((BLOCKS, meshed / "blocks"), (BODIES, meshed / "bodies"))
+    )
+    stiffness = blocks["homogenised"]["stiffness"].values
+    size = np.abs(stiffness).max()
+    np.testing.assert_allclose(
+        bodies["homogenised"]["stiffness"], stiffness, rtol=0.0, atol=1e-9 * size
+    )
+
+
+@pytest.mark.slow
+def test_a_block_has_the_life_of_the_same_body(meshed):
+    fatigue = """
+[fatigue]
+body = "BODY"
+fatigue_limit = "1.5 MPa"
+strength = "600 MPa"
+damage_strength = "0.0002 MPa"
+threshold = 0.0
+feedback = false
+"""
     lives = []
-    for text, name in ((blocks, "body 1"), (bodies, "upper")):
-        case = case_of(tmp_path, text + fatigue.replace("BODY", name))
-        lives.append(float(run(case, tmp_path / name)["fatigue_life"]["cycles_to_first"]))
+    for text, name in ((BLOCKS, "body 1"), (BODIES, "upper")):
+        case = case_of(meshed, text + fatigue.replace("BODY", name))
+        lives.append(float(run(case, meshed / name)["fatigue_life"]["cycles_to_first"]))
     assert np.isfinite(lives[0])
     assert lives[0] == pytest.approx(lives[1], rel=0.02)  # beds differ
     with pytest.raises(CaseError, match="there are body 0, body 1; name one by body"):
-        case_of(tmp_path, blocks + fatigue.replace('body = "BODY"\n', ""))
+        case_of(meshed, BLOCKS + fatigue.replace('body = "BODY"\n', ""))

@@ -441,7 +441,7 @@ def test_bodies_name_their_knobs():
 def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     from multiscale.pipeline.stages.accuracy import Asked
     from multiscale.pipeline.stages.joint import JOINT
-    from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
+    from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 
     asked = Asked(JOINT, "joint_stiffness")
     result = open_run(run_folder)["macro_result"].to_dataset()
@@ -469,8 +469,8 @@ def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     assert "few cells" not in half_widths
     # answers of some steps have the errors of these steps: the others follow in shear
     shear = xr.DataArray(1.0 * (np.arange(preloads.size) > 1), dims="step")
-    sheared = {ROUGH_JOINTS.name: datasets[JOINT.name].assign(shear=shear)}
-    half_widths, _ = Asked(ROUGH_JOINTS, "joint_stiffness").errors(sheared, [0, 1])
+    sheared = {LOADED_BODIES.name: datasets[JOINT.name].assign(shear=shear)}
+    half_widths, _ = Asked(LOADED_BODIES, "joint_stiffness").errors(sheared, [0, 1])
     np.testing.assert_allclose(half_widths["fit"], half[:2])
     other = Asked(JOINT, "mean_gap")  # which has no budget
     assert other.errors(datasets, [1]) == ({}, {})

@@ -11,7 +11,7 @@ from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_law
 from multiscale.macro.substructures.whole import assemble
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.body_budget import Change
+from multiscale.pipeline.body_budget import BodiesWithLaws, Change
 from multiscale.pipeline.stages.vibrating_bodies import (
     VIBRATING_BODIES,
     _laws,
@@ -160,12 +160,13 @@ def test_intervals_of_stated_values_are_as_wide_as_samples_scatter(meshes):
     case = load_case(write_scene(meshes, ONLY_PRESS + LARGER, *UNCERTAIN))
     result = run(case, meshes / "stated")["vibration"]
     bodies, rng = case.structure, np.random.default_rng(seed=5)
-    near = _press(bodies, case, _laws(bodies, case, [None], Change()))[0]
+    jointed = BodiesWithLaws(bodies, case, [None])
+    near = _press(jointed, _laws(jointed, Change()))[0]
     drawn = []
     for normal in rng.standard_normal((24, 2)) / 1.96:
         length = next(bodies.uncertain(1.0 + 0.1 * normal[0]))[2]
         both = next(length.uncertain(1.0 + 0.2 * normal[1]))[2]
-        drawn.append(_solve_changed(bodies, case, [None], near, Change(structure=both)))
+        drawn.append(_solve_changed(jointed, near, Change(structure=both)))
     for name in ("frequency", "fall", "damping"):
         scatter = 1.96 * np.std([sample[name] for sample in drawn], axis=0) / result[name].values
         half = result["error_half_width"].sel(quantity=name, error_term="stated values").values
@@ -182,9 +183,10 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
     assert f"of {FEWEST_SAMPLES} bootstrap samples of the law" in result.attrs["how_sampling"]
     bodies = case.structure
     laws = bodies.read_laws(case, {}, lambda file, quick: open_law(file))
-    near = _press(bodies, case, _laws(bodies, case, laws, Change()))[0]
+    jointed = BodiesWithLaws(bodies, case, laws)
+    near = _press(jointed, _laws(jointed, Change()))[0]
     drawn = [
-        _solve_changed(bodies, case, laws, near, Change((0,), law_from_dataset(laws[0], sample)))
+        _solve_changed(jointed, near, Change((0,), law_from_dataset(laws[0], sample)))
         for sample in range(laws[0].sizes["sample"])
     ]
     for name in ("frequency", "damping"):
@@ -218,10 +220,10 @@ def measured(meshes):
 def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(measured):
     """Of the frequency by the logarithm of the stiffness ratio, which the rest does not see."""
     case, law, read, bed = measured
-    given, bodies = bed(0.8, 0.2), case.structure
+    given, jointed = bed(0.8, 0.2), BodiesWithLaws(case.structure, case, [law])
     (frequency, _), gradient = read(["1e-6, 1000, 1e-3"]).answer(given, {})
     changed = Change((0,), normal_law(law, given.curve))
-    still, _ = _press(bodies, case, _laws(bodies, case, [law], changed))
+    still, _ = _press(jointed, _laws(jointed, changed))
     rest, shape = still.rest, still.modes.shape[:, 0]
     whole = assemble(rest.free.with_locked_bolts())
     tangent = rest.law.respond(rest.state.jump, rest.law.unsheared(rest.state.history)).tangent

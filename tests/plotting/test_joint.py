@@ -10,9 +10,9 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import add_body_fields, stacked_blocks
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.pipeline.showing import list_cycles
-from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.plotting import joint_pictures, plot_hysteresis, plot_joint_plan
 
 
@@ -29,7 +29,7 @@ def meshed(blocks, result):
 
 @pytest.fixture(scope="module")
 def result(blocks):
-    loading = JointLoading((2e6, 10e6), shear=1.5e6, cycles=1, steps=3)
+    loading = joint_path((2e6, 10e6), shear=1.5e6, cycles=1, steps=3)
     return load_joint(blocks, loading, method=LatinMethod(tolerance=1e-6))
 
 
@@ -90,7 +90,7 @@ def test_the_loop_encloses_the_energy_per_area_of_the_cycle(result):
 
 
 def test_all_figures_of_a_joint_are_written(result, tmp_path):
-    files = ROUGH_JOINTS.draw(result, tmp_path / "figures")
+    files = LOADED_BODIES.draw(result, tmp_path / "figures")
     assert [file.stem for file in files] == [
         "contact_zones",
         "pressure",
@@ -104,5 +104,5 @@ def test_all_figures_of_a_joint_are_written(result, tmp_path):
 def test_a_joint_that_slid_away_at_once_is_refused_with_the_reason(result, tmp_path):
     failed = result.assign(slip_fraction=result["slip_fraction"] * np.nan)
     with pytest.raises(CaseError, match=r"no step has an answer, .* can be drawn: it slides away"):
-        ROUGH_JOINTS.draw(failed.assign_attrs(failure="it slides away"), tmp_path / "figures")
+        LOADED_BODIES.draw(failed.assign_attrs(failure="it slides away"), tmp_path / "figures")
     assert not (tmp_path / "figures").exists()

@@ -23,7 +23,7 @@ from multiscale.macro import (
     NewtonSchur,
     solve_assembly,
 )
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import joint_path, load_joint
 
 E, LENGTH, WIDTH, HEIGHT = 210e9, 1.0, 0.01, 0.002
 PRESSURE, MU, SLIPS = 1e6, 0.3, 0.57  # Pa, 1, share of the length
@@ -65,7 +65,7 @@ def test_the_end_moves_by_the_closed_form():
 
 
 def test_a_cycle_dissipates_the_cube_of_the_force():
-    result = load_joint(bar(20), JointLoading((PRESSURE,), SHEAR, 1, 8), method=METHOD)
+    result = load_joint(bar(20), joint_path((PRESSURE,), SHEAR, 1, 8), method=METHOD)
     lost = 2.0 * FORCE**3 / (3.0 * STIFFNESS * FRICTION)
     assert result.cycle_energy.item() == pytest.approx(lost, rel=0.01)
 

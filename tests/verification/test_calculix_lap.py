@@ -12,7 +12,7 @@ from multiscale.laws import PowerLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton
 from multiscale.macro.bodies import LapShape, lap_joint
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.upscaling import (
     assume_shear,
     fit_law,
@@ -135,7 +135,7 @@ def test_the_loop_of_a_lap_joint_agrees_with_calculix(make_case, width, loss, tm
     case = make_case(tmp_path / "law.inp")
     assembly = lap_joint(SHAPE, [Elastic(210e9, 0.3)] * 2, case.sliders)
     keep_ignoring_broken_pipes()
-    loading = JointLoading((PRELOAD,), SHEAR, cycles=1, steps=STEPS)
+    loading = joint_path((PRELOAD,), SHEAR, cycles=1, steps=STEPS)
     result = load_joint(assembly, loading, method=AssembledNewton())
     mine = result["shear_displacement"].to_numpy()
     times, along = loop_of_calculix(assembly, case, tmp_path)

@@ -14,7 +14,7 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.pipeline import load_case, run_macro
 from tests.pipeline.test_intervals import write_cells
 from tests.support import case_text, write_scene
@@ -56,7 +56,7 @@ def true_joint(factor):
         parts.append(replace(face, boundaries=names, law=law))
     assembly = replace(whole, bodies=tuple(bodies), interfaces=tuple(parts))
     result = load_joint(
-        assembly, JointLoading((10e6,), 1e6, cycles=1, steps=4), method=LatinMethod(tolerance=1e-7)
+        assembly, joint_path((10e6,), 1e6, cycles=1, steps=4), method=LatinMethod(tolerance=1e-7)
     )
     assert result["converged"].values.all()
     return answers_of(result)

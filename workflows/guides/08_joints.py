@@ -12,7 +12,7 @@ from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.upscaling import law_from_dataset
 
 # A structure is cut into substructures that a micro-macro method solves side by side. Where two
@@ -23,7 +23,7 @@ normal = law_from_dataset(open_law("results/interface_law.nc"))
 law = Sliders(normal, friction=0.2, stiffness_ratio=0.8)
 steel = Elastic(210e9, 0.3)
 blocks = stacked_blocks((0.04, 0.02, 0.01), (4, 2, 1), [steel, steel], [law])
-loading = JointLoading((5e6, 10e6, 20e6), shear=3e6, cycles=1, steps=4)  # Pa
+loading = joint_path((5e6, 10e6, 20e6), shear=3e6, cycles=1, steps=4)  # Pa
 joint = load_joint(blocks, loading, method=LatinMethod(parts=(2, 1)))
 print(joint["joint_stiffness"].values[:3], joint["tangential_stiffness"].values[:3])  # Pa/m
 print(joint["slip_fraction"].values)  # share of the joint that slips in a step

@@ -45,8 +45,8 @@ PAGES = {
     ),
     "links": (
         "trusses, nets, plates and substructures",
-        "TensegrityGrid EquivalentPlate CableNet LinkTable LinkMesh Plate Statics Dynamics "
-        "Substructures",
+        "TensegrityGrid EquivalentPlate CableNet LinkTable LinkMesh Plate LoadFactors Statics "
+        "Dynamics Substructures",
     ),
     "volumes": ("volumes with pores and cracks", "RveSettings GrowthSettings"),
     "grains": (

@@ -1,7 +1,7 @@
 """Paths of loads: named loads step by step, then closed cycles of a load."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +30,13 @@ class LoadPath:
     amplitude : float, amplitude of its factor in the cycles
     cycles : int, closed cycles after the first rise
     cycle_steps : int, load steps of that rise: 4 of these make a cycle
+    amplitudes : tuple of float
+        Amplitudes of the shear of a joint, rising: a closed cycle of each at the end of every step,
+        next to the path.
+    amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
+    of_joint : bool
+        Whether the loads are preload and shear of a joint, 1 Pa on faces with these forces as
+        areas, so that its answers have their own names; see :func:`joint_path`.
 
     Raises
     ------
@@ -45,6 +52,9 @@ class LoadPath:
     amplitude: float = 1.0
     cycles: int = 0
     cycle_steps: int = 10
+    amplitudes: tuple[float, ...] = ()
+    amplitude_steps: int = FEW_STEPS
+    of_joint: bool = False
 
     def __post_init__(self) -> None:
         if not self.steps or any(len(step) != len(self.names) for step in self.steps):
@@ -76,6 +86,36 @@ class LoadPath:
             path.append(ends[-1] + np.outer(swing, which))
         return np.concatenate(path)
 
+    def beside(self, step: int) -> np.ndarray:
+        """Factors of the loads in the closed cycles of all amplitudes at the end of a step."""
+        swing = np.outer(self.amplitudes, np.append(1.0, closed_cycle(self.amplitude_steps)))
+        return self.steps[step] + np.outer(swing, np.array(self.names) == self.cycled)
+
+    @property
+    def count(self) -> int:
+        """Number of load steps, with those of the cycles of all amplitudes."""
+        beside = len(self.steps) * len(self.amplitudes) * (1 + 4 * self.amplitude_steps)
+        return len(self.ends()) + beside
+
+    @property
+    def few(self) -> int:
+        """Steps to the amplitude of a cycle that is followed again; 0 without cycles."""
+        return max(1, min(FEW_STEPS, self.cycle_steps // 2)) if self.cycles else 0
+
+    def shortened(self, solved: int, closes: bool) -> "LoadPath":
+        """Return the steps that are solved and, if the path ``closes``, cycles of few steps.
+
+        Cycles of all amplitudes, of a step to each, replace the cycles at the end.
+        """
+        return replace(
+            self,
+            steps=self.steps[:solved],
+            cycles=int(closes and self.cycles > 0 and not self.amplitudes),
+            cycle_steps=self.few or 1,
+            amplitudes=self.amplitudes if closes else (),
+            amplitude_steps=1,
+        )
+
     def closed(self) -> list[slice]:
         """Return the load steps of every cycle, with both ends."""
         rise, cycle = self.substeps * len(self.steps) + self.cycle_steps, 4 * self.cycle_steps
@@ -99,57 +139,49 @@ class LoadPath:
         return number
 
 
-@dataclass(frozen=True)
-class JointLoading:
-    """Preloads in turn, then cycles of shear at the last preload, or at all of them.
+def joint_path(
+    preloads: Sequence[float],
+    shear: float = 0.0,
+    cycles: int = 0,
+    steps: int = 10,
+    amplitudes: Sequence[float] = (),
+) -> LoadPath:
+    """Return a path over preloads in turn, then cycles of shear at the last, or at all of them.
 
     Parameters
     ----------
-    preloads : tuple of float, pressures on the pressed face, Pa
+    preloads : sequence of float, pressures on the pressed face, Pa
     shear : float, amplitude of the tangential traction on the sheared face, Pa
     cycles : int, closed cycles from the positive to the negative amplitude and back
     steps : int, load steps from zero to the amplitude: 4 of these make a cycle
-    amplitudes : tuple of float
+    amplitudes : sequence of float
         Amplitudes of the shear, Pa, rising: a cycle of each at every preload, next to the path.
-    amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
 
     Raises
     ------
     CaseError
         If a value is outside its range.
     """
-
-    preloads: tuple[float, ...]
-    shear: float = 0.0
-    cycles: int = 0
-    steps: int = 10
-    amplitudes: tuple[float, ...] = ()
-    amplitude_steps: int = FEW_STEPS
-
-    def __post_init__(self) -> None:
-        if not self.preloads or not all(0.0 < p < np.inf for p in self.preloads):
-            raise CaseError(f"preloads must be positive (Pa), got {list(self.preloads)}")
-        if self.cycles < 0 or self.steps < 1 or (self.cycles and not 0.0 < self.shear < np.inf):
-            raise CaseError(
-                f"cycles need a positive shear (Pa) and at least one step, got {self.cycles} "
-                f"cycles, {self.shear:g} Pa and {self.steps} steps"
-            )
-        if not np.all(np.diff(self.amplitudes, prepend=0.0) > 0.0):
-            raise CaseError(
-                f"amplitudes must be positive and rise (Pa), got {list(self.amplitudes)}"
-            )
-
-    def path(self, areas: Sequence[float] = (1.0, 1.0)) -> LoadPath:
-        """Path over preload and shear of 1 Pa on faces of some areas, m²."""
-        return LoadPath(
-            ("preload", "shear"),
-            tuple(areas),
-            tuple((preload, 0.0) for preload in self.preloads),
-            cycled="shear",
-            amplitude=self.shear or 1.0,
-            cycles=self.cycles,
-            cycle_steps=self.steps,
+    if not preloads or not all(0.0 < p < np.inf for p in preloads):
+        raise CaseError(f"preloads must be positive (Pa), got {list(preloads)}")
+    if cycles < 0 or steps < 1 or (cycles and not 0.0 < shear < np.inf):
+        raise CaseError(
+            f"cycles need a positive shear (Pa) and at least one step, got {cycles} cycles, "
+            f"{shear:g} Pa and {steps} steps"
         )
+    if not np.all(np.diff(amplitudes, prepend=0.0) > 0.0):
+        raise CaseError(f"amplitudes must be positive and rise (Pa), got {list(amplitudes)}")
+    return LoadPath(
+        ("preload", "shear"),
+        (1.0, 1.0),
+        tuple((preload, 0.0) for preload in preloads),
+        cycled="shear",
+        amplitude=shear or 1.0,
+        cycles=cycles,
+        cycle_steps=steps,
+        amplitudes=tuple(amplitudes),
+        of_joint=True,
+    )
 
 
 def closed_cycle(steps: int) -> np.ndarray:

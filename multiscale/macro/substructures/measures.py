@@ -17,12 +17,7 @@ from multiscale.macro.data_range import (
     with_load_shares,
 )
 from multiscale.macro.substructures.latin_solver import LatinMethod
-from multiscale.macro.substructures.load_path import (
-    JointLoading,
-    LoadPath,
-    closed_cycle,
-    cycle_work,
-)
+from multiscale.macro.substructures.load_path import LoadPath, cycle_work
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stepping import (
     FollowedPath,
@@ -53,67 +48,16 @@ def follow_cut_loads(
     *,
     method: Method,
     extrapolate: bool = False,
-    near: FollowedPath | None = None,
+    near: "FollowedLoads | None" = None,
 ) -> Dataset:
-    r"""Load a cut structure with interfaces by named loads.
-
-    Parameters
-    ----------
-    problem : CutProblem
-        Its load cases are the loads of the path; with bolts, the first is their tightening. For
-        instance the small problem of :func:`condense_assembly`.
-    path : LoadPath
-    method : Method, as in :func:`solve_assembly`
-    extrapolate : bool, as in :func:`load_joint`
-    near : FollowedPath, optional, the same path under other laws, as initial guess
-
-    Returns
-    -------
-    Dataset
-        Follows ``MACRO_RESULT``: the fields of :func:`solve_assembly`; factor, displacement and
-        stiffnesses of every load; pressure, open and slipping shares of every interface; and the
-        energy dissipated in cycles.
-
-    Raises
-    ------
-    CaseError
-        If the path does not have a factor for each load case.
-
-    Notes
-    -----
-    With the nodal forces :math:`f` of a load at the factor 1 and their resultant F, its
-    displacement is :math:`q = f \cdot u / F`: the mean along the load where the load is uniform.
-    It counts from bodies without stress and interfaces without gap. Its stiffness is
-    :math:`F^2 / (f \cdot u)`, by :meth:`~.tangents.Tangents.work`, against a small
-    rise of its factor away from zero, and against changes so small that no point slips. The energy
-    of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
-    :func:`~.load_path.cycle_work`; interfaces share it in proportion to the dissipation at their
-    points.
-    """
-    loaded = _follow_path(problem, path, method, near, rising=True)
-    factors, forces = path.factors(), np.array(path.forces)
-    displacement = loaded.displacement(forces)
-    (stuck, *_), (whole, of_interfaces, _) = loaded.work
-    free = np.isinf(whole)
-    values: dict[str, Any] = {
-        "path_step": path.ends(),
-        "factor": factors,
-        "load_displacement": displacement,
-        "load_secant": _secants(factors, displacement, forces, not problem.joints),
-        "load_stiffness": forces**2 / whole,
-        "stuck_stiffness": forces**2 / stuck,
-        "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
-    }
-    loads = [_format_factors(path.names, row) for row in factors]
-    result = _measure(loaded, path, displacement, values, extrapolate, loads)
-    if problem.joints:
-        result = MACRO_RESULT.assign(result, _of_interfaces(result, path))
-    return result.assign_coords(load=list(path.names))
+    """Load a cut structure by named loads: :func:`follow_loads`, then :func:`measure_loads`."""
+    followed = follow_loads(problem, path, method=method, near=near)
+    return measure_loads(followed, extrapolate=extrapolate)
 
 
 def load_joint(
     assembly: Assembly,
-    loading: JointLoading,
+    path: LoadPath,
     *,
     method: Method = LatinMethod(),  # noqa: B008  # frozen
     extrapolate: bool = False,
@@ -126,128 +70,103 @@ def load_joint(
         Its load cases are a preload and a shear of 1 Pa, with the areas of the loaded faces: from
         :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of 1 Pa
         under their washers, replace the preload; they are locked in the cycles.
-    loading : JointLoading
+    path : LoadPath, from :func:`joint_path`
     method : Method, see :func:`solve_assembly`
-    extrapolate : bool
-        Whether steps far outside the data of a law have the values that the law extrapolates; see
-        :func:`~multiscale.macro.data_range.with_load_shares`.
+    extrapolate : bool, see :func:`measure_loads`
 
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``: the fields of :func:`solve_assembly`; approach, shear, stiffness,
-        open, sticking and slipping shares of the joints, their load outside the data of their
-        laws, and energy per cycle; secant stiffness, slip and loss of the cycles at every preload.
+        Follows ``MACRO_RESULT``; see :func:`measure_loads`.
 
     Raises
     ------
     CaseError
         If faces do not match, a substructure is in pieces, a law is rigid contact, or there are
         not two areas.
-
-    Notes
-    -----
-    With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
-    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot u)` at a preload is the stiffness
-    for vibrations too small for any point to slip, with u of (1) of
-    :meth:`~.tangents.Tangents.work`; joints and bodies are in series, with the work that each
-    stores. The energy of a cycle is the work of the shear on its face,
-    :func:`~.load_path.cycle_work`.
-
-    Every cycle is solved: pressing makes points slip, and the shear of a lap joint changes its
-    pressure, so that Masing's rule from the first loading does not hold. The secant stiffness is
-    the shear over the displacement between both ends of a cycle. The distribution of the loss comes
-    from the dissipation of the steps; their sum is of first order in the step and is scaled to the
-    work of the cycle.
     """
     if len(assembly.areas) != 2:
         raise CaseError(
             f"a joint needs two load cases, preload and shear, with the areas of their faces, got "
             f"{len(assembly.areas)} areas"
         )
-    joint = condense_assembly(assembly, method)
-    followed = follow_joint(joint.small, loading, method=method)
-    return joint.restore(measure_joint(followed, assembly.areas, extrapolate=extrapolate))
+    joint, path = condense_assembly(assembly, method), replace(path, forces=tuple(assembly.areas))
+    return joint.restore(
+        follow_cut_loads(joint.small, path, method=method, extrapolate=extrapolate)
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedJoint:
+class FollowedLoads:
     """A structure after a path of loads.
 
     Attributes
     ----------
+    loads : LoadPath
     load : ndarray, shape (n, cases), forces of the loads at the factor 1, N
     work : ndarray, shape (2, 3, steps, cases)
         :meth:`~.tangents.Tangents.work` of each load at the end of each step of the path, J.
     path : FollowedPath
     ended : list of JointState, at the ends of the steps of the path
-    loading : JointLoading, optional
     cycles : list of FollowedPath
-        From each preload, all amplitudes: the shear rises in one step to an amplitude, makes a
-        closed cycle and rises to the next. They end before the first preload that failed.
+        From the end of each step, all amplitudes: the load rises in one step to an amplitude, makes
+        a closed cycle and rises to the next. They end before the first step that failed.
     """
 
+    loads: LoadPath
     load: np.ndarray
     work: np.ndarray
     path: FollowedPath
     ended: list[JointState]
-    loading: JointLoading | None = None
     cycles: Sequence[FollowedPath] = ()
 
-    def displacement(self, forces: np.ndarray) -> np.ndarray:
-        """Displacement of loads with given resultants, N, shape (steps, cases), m."""
-        return np.asarray(self.path.unknowns @ self.load / forces)
 
+def follow_loads(
+    problem: CutProblem, path: LoadPath, *, method: Method, near: FollowedLoads | None = None
+) -> FollowedLoads:
+    """Follow a path of loads, and measure tangents at the ends of its steps.
 
-def _follow_path(
-    problem: CutProblem,
-    path: LoadPath,
-    method: Method,
-    near: FollowedPath | None,
-    *,
-    rising: bool = False,
-) -> FollowedJoint:
-    """Follow a path, and measure tangents at the ends of its steps."""
+    Parameters
+    ----------
+    problem : CutProblem
+        Its load cases are the loads of the path; with bolts, the first is their tightening. For
+        instance the small problem of :func:`condense_assembly`.
+    path : LoadPath
+    method : Method, as in :func:`solve_assembly`
+    near : FollowedLoads, optional, the same path under other laws, as initial guess
+
+    Raises
+    ------
+    CaseError
+        If the path does not have a factor for each load case.
+    """
     factors, ends = path.factors(), path.ends()
     tangents = Tangents(problem, method.linear(problem))
     work, ended = np.full((2, 3, *factors.shape), np.nan), list[JointState]()
 
     def note(step: int, state: JointState) -> None:
         if ends[step] >= 0:
-            rise = np.where(factors[step] < 0.0, -1.0, 1.0) if rising else None
+            rise = None if path.of_joint else np.where(factors[step] < 0.0, -1.0, 1.0)
             work[:, :, step] = tangents.work(state, rise)
             ended.append(state)
 
-    followed = follow(PreparedStructure(problem, method), factors, near=near, note=note)
-    return FollowedJoint(tangents.whole.load, work, followed, ended)
+    start = PreparedStructure(problem, method)
+    followed = follow(start, factors, near=near.path if near else None, note=note)
+    # LATIN begins the cycles with its first directions, whatever the path has updated
+    prepared, known = PreparedStructure(problem, method), near.cycles if near else ()
+    cycles = [
+        follow(
+            prepared,
+            path.beside(step),
+            after=state,
+            near=known[step] if step < len(known) else None,
+        )
+        for step, state in enumerate(ended if path.amplitudes else ())
+    ]
+    return FollowedLoads(path, tangents.whole.load, work, followed, ended, cycles)
 
 
-def follow_joint(
-    problem: CutProblem, loading: JointLoading, *, method: Method, near: FollowedJoint | None = None
-) -> FollowedJoint:
-    """Press and shear a cut structure.
-
-    Parameters
-    ----------
-    problem : CutProblem
-        For instance the small problem of :func:`condense_assembly`.
-    loading : JointLoading
-    method : Method
-    near : FollowedJoint, optional
-        The same structure and loading with other laws, as initial guess.
-    """
-    followed = _follow_path(problem, loading.path(), method, near.path if near else None)
-    top, known = np.array(loading.amplitudes), near.cycles if near else ()
-    shear = np.ravel(top[:, None] * np.append(1.0, closed_cycle(loading.amplitude_steps)))
-    prepared, cycles = PreparedStructure(problem, method), list[FollowedPath]()
-    for level, state in enumerate(followed.ended if top.size else ()):
-        swing = np.stack([np.full(shear.size, loading.preloads[level]), shear], axis=1)
-        like = known[level] if level < len(known) else None
-        cycles.append(follow(prepared, swing, after=state, near=like))
-    return replace(followed, loading=loading, cycles=cycles)
-
-
-def changed_stiffness(followed: FollowedJoint, laws: Sequence[SideBySide]) -> dict[str, np.ndarray]:
+def changed_stiffness(followed: FollowedLoads, laws: Sequence[SideBySide]) -> dict[str, np.ndarray]:
     """Return relative changes of the stiffnesses at the preloads by small changes of the laws.
 
     To first order, shape (laws, preloads); see :meth:`~.tangents.Tangents.changes`.
@@ -264,63 +183,101 @@ def changed_stiffness(followed: FollowedJoint, laws: Sequence[SideBySide]) -> di
     }
 
 
-def measure_joint(
-    followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
-) -> Dataset:
-    """Evaluate the measures of :func:`load_joint` with the areas of both loaded faces, m²."""
-    loading, area = followed.loading, np.array(areas)
-    assert loading is not None  # of follow_joint
-    path, moved = loading.path(areas), followed.displacement(area)
-    (preload, shear), (approach, along) = path.factors().T, moved.T
+def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Dataset:
+    r"""Evaluate displacements, stiffnesses, slip and losses of a structure after its path.
+
+    Parameters
+    ----------
+    followed : FollowedLoads
+    extrapolate : bool
+        Whether steps far outside the data of a law have the values that the law extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: the fields of :func:`solve_assembly`; open, sticking and slipping
+        shares of points and interfaces, their load outside the data of their laws, and the energy
+        dissipated in cycles. Of named loads, factor, displacement and stiffnesses of each. Of a
+        joint, preload and shear, displacements of their faces, stiffnesses per area without slip
+        and, at all amplitudes, secant stiffness, slip and loss of the cycles at every preload.
+
+    Notes
+    -----
+    With the nodal forces :math:`f` of a load at the factor 1 and their resultant F, its
+    displacement is :math:`q = f \cdot u / F`: the mean along the load where the load is uniform.
+    It counts from bodies without stress and interfaces without gap. Its stiffness is
+    :math:`F^2 / (f \cdot u)`, by :meth:`~.tangents.Tangents.work`, against a small
+    rise of its factor away from zero, and against changes so small that no point slips. The energy
+    of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
+    :func:`~.load_path.cycle_work`; interfaces share it in proportion to the dissipation at their
+    points. A joint has the area A of a face in place of F, and :math:`A / (f \cdot u)` as
+    stiffness; joints and bodies are in series, with the work that each stores.
+
+    Every cycle is solved: pressing makes points slip, and the shear of a lap joint changes its
+    pressure, so that Masing's rule from the first loading does not hold. The secant stiffness is
+    the shear over the displacement between both ends of a cycle. The distribution of the loss comes
+    from the dissipation of the steps; their sum is of first order in the step and is scaled to the
+    work of the cycle.
+    """
+    path, problem, run = followed.loads, followed.path.problem, followed.path
+    moved = np.asarray(run.unknowns @ followed.load / np.array(path.forces))
+    values = _of_faces(followed, moved) if path.of_joint else _of_loads(followed, moved)
+    joints = contact_measures(run) if problem.joints else {}
+    result = MACRO_RESULT.assign(run.result, {"path_step": path.ends()} | values | joints)
+    if joints:
+        rows = () if path.of_joint else path.factors()
+        loads = [_format_factors(path.names, row) for row in rows]
+        shares, data = joint_shares(problem, result)
+        result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=loads)
+        known = extrapolate | (result["known"].to_numpy() == 1)
+        moved = np.where(known[:, None], moved, np.nan)
+    if path.cycles:
+        lost = {"cycle_energy": path.cycle_energy(moved)}
+        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(path.cycles))
+    if joints:
+        result = MACRO_RESULT.assign(result, _of_interfaces(result, path))
+    if path.amplitudes:
+        result = _with_amplitudes(result, followed, extrapolate)
+    return result if path.of_joint else result.assign_coords(load=list(path.names))
+
+
+def _of_faces(followed: FollowedLoads, moved: np.ndarray) -> dict[str, np.ndarray]:
+    """Return loads, displacements and stiffnesses per area of the pressed and sheared faces."""
+    (preload, shear), (approach, along) = followed.loads.factors().T, moved.T
+    pressed, sheared = followed.loads.forces
     whole, of_joints, of_bodies = followed.work[0]
-    values: dict[str, Any] = {
+    return {
         "preload": preload,
         "shear": shear,
         "approach": approach,
         "shear_displacement": along,
-        "joint_stiffness": area[0] / whole[:, 0],
-        "tangential_stiffness": area[1] / whole[:, 1],
-        "interface_stiffness": area[0] / of_joints[:, 0],
-        "solid_stiffness": area[0] / of_bodies[:, 0],
+        "joint_stiffness": pressed / whole[:, 0],
+        "tangential_stiffness": sheared / whole[:, 1],
+        "interface_stiffness": pressed / of_joints[:, 0],
+        "solid_stiffness": pressed / of_bodies[:, 0],
     }
-    result = _measure(followed, path, moved, values, extrapolate)
-    if loading.amplitudes:
-        result = _with_amplitudes(result, followed, loading, float(area[1]), extrapolate)
-    return result
 
 
-def _measure(
-    loaded: FollowedJoint,
-    path: LoadPath,
-    displacement: np.ndarray,
-    values: dict[str, Any],
-    extrapolate: bool,
-    loads: Sequence[str] = (),
-) -> Dataset:
-    """Add values, states of the joints, shares of load outside the data, and energy of cycles."""
-    followed = loaded.path
-    joints = contact_measures(followed) if followed.problem.joints else {}
-    result = MACRO_RESULT.assign(followed.result, values | joints)
-    if joints:
-        shares, data = joint_shares(followed.problem, result)
-        result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=loads)
-        known = extrapolate | (result["known"].to_numpy() == 1)
-        displacement = np.where(known[:, None], displacement, np.nan)
-    if path.cycles:
-        lost = {"cycle_energy": path.cycle_energy(displacement)}
-        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(path.cycles))
-    return result
+def _of_loads(followed: FollowedLoads, moved: np.ndarray) -> dict[str, np.ndarray]:
+    """Return factors, displacements and stiffnesses of named loads."""
+    factors, forces = followed.loads.factors(), np.array(followed.loads.forces)
+    (stuck, *_), (whole, of_interfaces, _) = followed.work
+    free = np.isinf(whole)
+    return {
+        "factor": factors,
+        "load_displacement": moved,
+        "load_secant": _secants(factors, moved, forces, not followed.path.problem.joints),
+        "load_stiffness": forces**2 / whole,
+        "stuck_stiffness": forces**2 / stuck,
+        "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
+    }
 
 
-def _with_amplitudes(
-    result: Dataset,
-    followed: FollowedJoint,
-    loading: JointLoading,
-    area: float,
-    extrapolate: bool,
-) -> Dataset:
+def _with_amplitudes(result: Dataset, followed: FollowedLoads, extrapolate: bool) -> Dataset:
     """Add secant stiffness, slip and loss of the cycles of shear."""
-    preloads, top = loading.preloads, np.array(loading.amplitudes)
+    path, area = followed.loads, followed.loads.forces[1]
+    preloads, top = [preload for preload, _ in path.steps], np.array(path.amplitudes)
     cautions: list[str] = []
     shape = (len(preloads), top.size)
     loss, secant, slip = (np.full(shape, np.nan) for _ in range(3))

@@ -8,12 +8,12 @@ from multiscale.pipeline.stages.accuracy import accuracy_stage
 from multiscale.pipeline.stages.body_life import BODY_FATIGUE, CRACKING_BODY
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.stages.cut_structures import CONDENSED_PARTS, LINKS, PLATE
+from multiscale.pipeline.stages.cut_structures import CONDENSED_PARTS, LINKS
 from multiscale.pipeline.stages.ensembles import SLIDING
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.plates_of_links import EQUIVALENT_PLATE
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW, ROADS
@@ -47,8 +47,6 @@ COMPUTED: tuple[Stage, ...] = (
     BRAKING,
     LINKS,
     EQUIVALENT_PLATE,
-    PLATE,
-    ROUGH_JOINTS,
     LOADED_BODIES,
     BODY_FATIGUE,
     CRACKING_BODY,

@@ -22,14 +22,14 @@ from multiscale.micro.damage.element_fatigue import (
 )
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import Change, ErrorSources, JointsOfLaw, changed_sliders
+from multiscale.pipeline.body_budget import BodiesWithLaws, Change, ErrorSources, JointsOfLaw
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.volumes import GROWING_CRACKS
 from multiscale.pipeline.structure_stage import choose_solver, structure_of
-from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
@@ -86,30 +86,24 @@ LACKS = (
 class _Cycled:
     """The structure under its cycles, and the body that is followed."""
 
-    bodies: Bodies
-    case: Case
-    laws: Sequence[schema.Dataset | None]  # of every interface
+    jointed: BodiesWithLaws
     method: "substructures.Method"
     number: int  # of the body that is followed
 
-    @property
-    def sliders(self) -> list[InterfaceLaw]:
-        """Laws of all interfaces."""
-        return self.bodies.sliders(self.case, self.laws)
-
     def solve(self, laws: Sequence[InterfaceLaw], cracked: np.ndarray | None = None) -> np.ndarray:
         """Solve the path anew; return the stress of the last cycle as :meth:`stress`."""
-        built = self.bodies.build(self.case, laws)
+        built = self.jointed.build(laws)
         bodies = list(built.assembly.bodies)
         if cracked is not None:
             bodies[self.number] = replace(bodies[self.number], share=1.0 - cracked)
         whole = substructures.condense_assembly(
             replace(built.assembly, bodies=tuple(bodies)), self.method
         )
-        follow = partial(
-            substructures.follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate
+        path = replace(built.path, amplitudes=())
+        followed = substructures.follow_cut_loads(
+            whole.small, path, method=self.method, extrapolate=self.jointed.case.extrapolate
         )
-        return self.stress(whole.restore(follow(whole.small, built.path)), built.path, bodies)
+        return self.stress(whole.restore(followed), path, bodies)
 
     def stress(
         self, result: schema.Dataset, path: "substructures.LoadPath", bodies: "Sequence[macro.Body]"
@@ -119,24 +113,23 @@ class _Cycled:
         moved = result["displacement"].to_numpy()[path.closed()[-1], nodes[0] : nodes[1]]
         if not np.isfinite(moved).all():
             raise ConvergenceError(
-                f"{self.case.title}: the life is unknown, as steps of the last cycle have no "
-                f"answer; {result.attrs.get('failure') or result.attrs.get('cautions', '')}"
+                f"{self.jointed.case.title}: the life is unknown, as steps of the last cycle have "
+                f"no answer; {result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
-        sound = 1.0 - self.bodies.bodies[self.number].damage
+        sound = 1.0 - self.jointed.bodies.bodies[self.number].damage
         return macro.bodies.element_stress(bodies[self.number], moved) / sound
 
 
 def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Follow the damage of the inclusions of a body over the cycles of the previous stage."""
-    structure: Bodies = structure_of(case)
-    bodies = structure.with_volumes(case, datasets, job.read_rve)
+    structure: SolvedBodies = structure_of(case)
+    jointed = BodiesWithLaws.of(structure, case, datasets, job)
+    bodies, sliders = jointed.bodies, jointed.sliders()
     table, result = case.fatigue, datasets[schema.MACRO_RESULT.name]
-    laws = bodies.read_laws(case, datasets, job.read_law)
     method = choose_solver(case, structure.joint_size(case), job.team).taken.method
     names = [body.name for body in bodies.bodies]
     number = names.index(table.body or names[0])
-    cycled = _Cycled(bodies, case, laws, method, number)
-    built = bodies.build(case, cycled.sliders)
+    cycled, built = _Cycled(jointed, method, number), jointed.build(sliders)
     body, settings = built.assembly.bodies[number], bodies.bodies[number]
     stress = cycled.stress(result, built.path, built.assembly.bodies)
     if (most := float(von_mises(stress).max())) > table.strength:
@@ -148,7 +141,7 @@ def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     material = table.material(*settings.moduli)
 
     def stress_of(cracked: np.ndarray) -> np.ndarray:
-        return cycled.solve(cycled.sliders, cracked) if cracked.any() else stress
+        return cycled.solve(sliders, cracked) if cracked.any() else stress
 
     life = local_fatigue(
         stress_of,
@@ -181,7 +174,7 @@ def _with_intervals(
     job: Job,
 ) -> schema.Dataset:
     """Add the intervals of the life of the mean part and of the next part."""
-    table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
+    table, middle = cycled.jointed.case.fatigue, float(life["cycles_to_first"])
     on_mesh = Term("not known: no body has a coarser mesh")
     if coarse is not None:
         mesh = abs(float(np.log(coarse / middle)))
@@ -194,13 +187,12 @@ def _with_intervals(
 
     def shortest(change: Change) -> np.ndarray:
         """Life of the element that cracks first with a changed law."""
-        sliders = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
-        lives = first(cycled.solve(sliders), material)
+        lives = first(cycled.solve(cycled.jointed.sliders(change)), material)
         places.append(int(np.argmin(lives)))
         return np.array([[float(lives.min())]])
 
     # errors by the laws of the joints and by the mesh, of logarithms of the life
-    laws = ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws
+    laws = ErrorSources.of(cycled.jointed).laws
     budget = propagate(
         "life",
         [
@@ -246,7 +238,7 @@ def _left_out(
     cycled: _Cycled, budget: schema.Dataset, laws: Sequence[JointsOfLaw]
 ) -> Iterator[str]:
     """Caution on errors that the intervals of the life do not count."""
-    for number, law in enumerate(cycled.laws):
+    for number, law in enumerate(cycled.jointed.laws):
         if not has_budget(law):
             yield NO_LAW_BUDGET.format(number=number)
     missing = dict[tuple[int, ...], list[str]]()  # by the joints of the laws that lack them
@@ -256,9 +248,9 @@ def _left_out(
     for joints, terms in missing.items():
         if listed := ", ".join(term for term in terms if term != MACRO):
             yield LACKS.format(joints=", ".join(map(str, joints)), terms=listed)
-    if cycled.case.fatigue.part_deviation is None:
+    if cycled.jointed.case.fatigue.part_deviation is None:
         yield NO_PART_SCATTER
-    if any(body.porous for body in cycled.bodies.bodies):
+    if any(body.porous for body in cycled.jointed.bodies.bodies):
         yield NO_VOLUME_ERRORS
 
 
@@ -275,11 +267,11 @@ def _caution_open_cycle(stress: np.ndarray) -> Iterator[str]:
 
 def _coarser_life(cycled: _Cycled) -> float | None:
     """Return the cycles to the first crack on coarser meshes, if these are given and crack."""
-    table = cycled.case.fatigue
-    for bodies in cycled.bodies.coarser().values():
-        coarse = replace(cycled, bodies=bodies)
+    table = cycled.jointed.case.fatigue
+    for bodies in cycled.jointed.bodies.coarser().values():
+        coarse = replace(cycled, jointed=replace(cycled.jointed, bodies=bodies))
         material = table.material(*bodies.bodies[cycled.number].moduli)
-        stress = coarse.solve(coarse.sliders)
+        stress = coarse.solve(coarse.jointed.sliders())
         first = first_cracks(stress, material, scatter=table.scatter, max_cycles=table.max_cycles)
         return float(first.min()) if np.isfinite(first).any() else None
     return None
@@ -347,7 +339,7 @@ def _sections_of_life(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 def _needs_of_life(case: Case) -> Needs:
     again = SOLVES if case.fatigue.scatter else 0
-    bodies: Bodies = structure_of(case)
+    bodies: SolvedBodies = structure_of(case)
     names = [body.name for body in bodies.bodies]
     body = bodies.bodies[names.index(case.fatigue.body or names[0])]
     inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
@@ -364,7 +356,7 @@ BODY_FATIGUE = Stage(
     schema=schema.FATIGUE_LIFE,
     tables=("fatigue",),
     reads={"title", "fatigue"},
-    takes=(ROUGH_JOINTS, LOADED_BODIES),
+    takes=(LOADED_BODIES,),
     run=_follow_cycles,
     write_fields=write_life_fields,
     needs=_needs_of_life,
@@ -383,7 +375,7 @@ NO_MESH = "intervals do not count the error of the mesh, which is not known: giv
 FAILED = "the load has not fallen to zero, so that the energy of the cracks is not known"
 
 
-def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
+def _loaded(bodies: SolvedBodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
     """Build the body, and the nodal forces, N, of the last step of [statics]."""
     built = bodies.build(case, [])
     body = built.assembly.bodies[0]
@@ -395,7 +387,7 @@ def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
 
 def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
-    bodies: Bodies = structure_of(case).with_volumes(case, datasets, job.read_rve)
+    bodies: SolvedBodies = structure_of(case).with_volumes(case, datasets, job.read_rve)
     body, load = _loaded(bodies, case)
     mean, *laws = softening_samples(datasets[schema.VOLUME_GROWTH.name])
     cracked = []

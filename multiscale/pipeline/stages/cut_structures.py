@@ -1,4 +1,4 @@
-"""Stages: bars and cables, plates, whole or cut, and condensed substructures."""
+"""Stages: bars and cables, whole or cut, and condensed substructures."""
 
 from collections.abc import Callable, Iterator
 from math import ceil
@@ -8,18 +8,16 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import ConvergenceError
-from multiscale.io.fields import write_body_fields, write_link_fields
+from multiscale.io.fields import write_link_fields
 from multiscale.macro import substructures
 from multiscale.needs import Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.structure_stage import structure_of, structure_stage, with_too_far
 from multiscale.pipeline.tables.link_settings import Dynamics, LinkStructure, Statics
-from multiscale.pipeline.tables.made_bodies import Plate
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import in_space, on_axes
-from multiscale.plotting.joint_figures import plot_body_stress
 from multiscale.plotting.link_figures import (
     ENERGIES,
     plot_deformed_links,
@@ -389,50 +387,6 @@ LINKS = structure_stage(
 )
 
 
-def _solve_plate(plate: Plate, case: Case, datasets: Datasets, job: Job) -> Dataset:
-    assembly, factors = plate.build(), np.array(case.statics.load_factors)
-    result = macro.solve_assembly(assembly, factors, method=case.cut.method(job.team))
-    result = macro.bodies.add_body_fields(result, assembly.bodies)
-    largest = np.linalg.norm(result["displacement"].to_numpy(), axis=2).max(axis=1)
-    return with_too_far(MACRO_RESULT.assign(result, {"largest_displacement": largest}))
-
-
-def _plate_answer(result: Dataset) -> Iterator[str]:
-    """Report the largest displacement at the last load factor, and the largest stress."""
-    known = np.flatnonzero(result["converged"].to_numpy() == 1)
-    for last in (result.isel(step=k) for k in known[-1:]):
-        last = last.assign(equivalent_stress=last["equivalent_stress"].max())
-        yield from View(result).sentences(
-            last,
-            "At the load factor {load_factor} the plate moves by up to {largest_displacement}, and "
-            "the largest mean stress of an element is {equivalent_stress} (von Mises).",
-        )
-
-
-def _plate_sections(result: Dataset) -> Iterator[Section]:
-    """Show the plate at the last step."""
-    known = np.flatnonzero(result["converged"].to_numpy() == 1)
-    if known.size:
-        drawn = in_space(plot_body_stress, result, step=int(known[-1]))
-        yield Section("Plate", figures={"body_stress": drawn})
-
-
-PLATE = structure_stage(
-    "plate",
-    _solve_plate,
-    lambda plate, case: substructures.cut_needs(
-        3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse
-    ),
-    Table(("load_factor", "largest_displacement", "iterations", "residual")),
-    write_body_fields,
-    reads={"structure", "statics", "substructures"},
-    question="How far does the plate move under its loads?",
-    answers=("largest_displacement",),
-    more=_plate_sections,
-    answer=_plate_answer,
-)
-
-
 def _condense(case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Condense at the last step that converged."""
     result = datasets[MACRO_RESULT.name]
@@ -446,6 +400,6 @@ CONDENSED_PARTS = Stage(
     schema=HOMOGENISED,
     tables=("structure", "homogenise"),
     reads={"substructures"},
-    takes=(LINKS, PLATE, ROUGH_JOINTS),
+    takes=(LINKS, LOADED_BODIES),
     run=_condense,
 )

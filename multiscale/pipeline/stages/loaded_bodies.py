@@ -1,6 +1,5 @@
-"""Stages of elastic bodies: rough joints at preloads and in cycles, bodies under named loads."""
+"""Stage of elastic bodies under loads: preload and shear of joints, or named loads."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import cast
@@ -11,443 +10,110 @@ from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import body_budget, showing, structure_stage
+from multiscale.pipeline.body_answers import answers_of, list_faces, list_interfaces
 from multiscale.pipeline.case_knobs import body_knobs
 from multiscale.pipeline.real_contact import with_contact, with_interface_contact
-from multiscale.pipeline.stage import Datasets, Job, Section
+from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
-from multiscale.pipeline.tables.assembly_settings import Bodies
-from multiscale.pipeline.tables.made_bodies import JointedBodies
 from multiscale.pipeline.tables.settings import Case
-from multiscale.plotting import joint_pictures, load_pictures
-from multiscale.plotting.figure import in_space, on_axes
-from multiscale.plotting.joint_figures import plot_body_stress
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 
-NO_LARGER = (
-    "the error of the mesh is unknown, and no interval counts it: nothing was solved with elements "
-    "of twice the size; give smaller elements, or an even number of them, in [structure]"
-)
 
-IN_CYCLES = ("secant_stiffness", "cycle_loss", "cycle_slip")
-
-TABLE = showing.Table(
-    (
-        "preload",
-        *STIFFNESS[:3],
-        "slipping_load",
-        "tangential_stiffness:±",
-        *STIFFNESS[3:],
-        "slip_fraction",
-        "open_fraction",
-        "real_pressure:±",
-    ),
-    HEADS | {"tangential_stiffness": "tangential, no slip", "slipping_load": "sliding force"},
-    answer="approach",
-)
-"""Answers of the joints at their preloads."""
-
-CYCLES = showing.Table(
-    (
-        "cycle_preload",
-        "cycle_shear",
-        *(f"{name}{form}" for name in IN_CYCLES for form in ("", ":both")),
-    ),
-    {"cycle_shear": "amplitude", "secant_stiffness": "secant stiffness"},
-    answer="cycle_loss",
-    at=2,
-    along=("level", "amplitude"),
-)
-"""Answers of the closed cycles at every preload and amplitude."""
-
-STIFF = (
-    "At a preload of {preload} the joint has a normal stiffness of {joint_stiffness:±} and, before "
-    "it slips, a tangential stiffness of {tangential_stiffness:±}."
-)
-LOSES = (
-    "A cycle of shear between {most} and -{most} MPa dissipates {cycle_energy:±}; at its ends, "
-    f"{showing.SLIP}."
-)
-"""Sentences of the answer: at a preload, and in the last cycle."""
-
-
-def _press(structure: JointedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
-    """Press the joints, then shear them; stiffnesses have the error budget of the law."""
+def _load(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
+    """Follow the path of the loads; answers have the error budgets of the laws."""
     ready = structure_stage.ReadyBodies.of(structure, case, datasets, job)
-    loading = cast(substructures.JointLoading, ready.parts.loading)  # joints have a joint loading
-    law = cast(Dataset, ready.laws[0])  # all joints share this law
-    steps = structure.joint_size(case).steps
-    result = with_contact(ready.solve(partial(_follow_joints, loading), steps, datasets, job), law)
-    bolted = bool(ready.parts.assembly.bolts)
-    bolts = showing.list_bolts(result, result["preload"].to_numpy()) if bolted else []
-    facts = [*showing.list_facts(result), *_of_faces(case, ready.parts.assembly.areas), *bolts]
-    sources = body_budget.ErrorSources.of(ready.bodies, case, ready.laws)
-    result = with_cautions(result, "" if sources.meshes else NO_LARGER)
-    if sources and job.intervals:
-        preloads = case.statics.preloads
-        solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
-        short = substructures.JointLoading(preloads[:solved])
-        if case.cycles and result["converged"].values.all():
-            short = substructures.JointLoading(
-                preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1
-            )
-        near = substructures.follow_joint(ready.structure.small, short, method=ready.method)
-        solve = ready.again(partial(_follow_joints, short), near)
-        asked = body_budget.joint_answers(result, partial(ready.first_order, near))
-        result = body_budget.with_joint_budget(result, sources, solve, asked, job)
-    return ready.finish(result, facts)
-
-
-def _of_faces(case: Case, areas: Sequence[float]) -> Iterator[str]:
-    """Yield the forces of the preloads, and the forces over displacements of stiffnesses."""
-    pressed, sheared = (1e6 * area for area in areas)  # mm²
-    forces = ", ".join(f"{1e-9 * pressed * preload:.4g}" for preload in case.statics.preloads)
-    yield f"The preloads are pressures on {pressed:.4g} mm², forces of {forces} kN."
-    yield (
-        f"Stiffness is pressure or shear over the displacement of its face: 1 MPa/µm is "
-        f"{pressed:.4g} N/µm of preload, and {sheared:.4g} N/µm of shear."
-    )
-
-
-def _follow_joints(
-    loading: "substructures.JointLoading",
-    problem: "substructures.CutProblem",
-    areas: Sequence[float],
-    method: "substructures.Method",
-    near: "substructures.FollowedJoint | None" = None,
-    extrapolate: bool = True,
-) -> Dataset:
-    """Load the joints, from the path of near joints if given."""
-    followed = substructures.follow_joint(problem, loading, method=method, near=near)
-    return substructures.measure_joint(followed, areas, extrapolate=extrapolate)
-
-
-def _needs_of_joints(bodies: JointedBodies, case: Case) -> Needs:
-    needs, size = structure_stage.solver_needs(bodies, case), bodies.joint_size(case)
-    count, path, pressed = len(case.statics.preloads), "only", "the preloads"
-    if case.cycles:
-        few, cycles = len(case.cycles.all_amplitudes), case.cycles
-        path = f"and {count} x {few} cycles of one step to their amplitudes"
-        pressed = (
-            f"{size.steps} load steps: preloads, cycles at the last one ({cycles.cycles}), "
-            f"and one cycle at each of {count} preloads and {few} amplitudes"
-        )
-    solves = Choice(
-        "intervals",
-        f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the preloads {path}, if the law "
-        f"carries a budget: one for each of its terms, measured friction and stiffness ratio, beds "
-        f"of half the slabs, and the mesh",
-    )
-    loading = Choice("loading", pressed)
-    libraries = (*needs.libraries, *bodies.source.mesher)
-    return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
-
-
-def _answer_of_joints(result: Dataset) -> Iterator[str]:
-    """Report stiffness, slip and loss at the last of the preloads with an answer."""
-    known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
-    if not known.size:
-        return
-    view = showing.View(result)
-    yield from view.sentences(result.isel(step=known[-1]), STIFF)
-    if "cycle_energy" in result:
-        most = f"{1e-6 * float(np.abs(result['shear']).max()):.3g}"
-        yield from view.sentences(result.isel(step=-1, cycle=-1), LOSES, most=most)
-    yield from showing.list_missing(result)
-
-
-def _sections_of_joints(result: Dataset) -> Iterator[Section]:
-    """Show where the joints stick, slip and open, their loop, and their error budgets."""
-    caption = [
-        "Zones and pressure are seen along the normal of the first joint, at the last amplitude "
-        "that has an answer; a point slides if contacts with more than half of its pressure "
-        "slide, and is open below 1 % of the mean pressure; lines are the outlines of the bodies."
-    ]
-    figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
-    yield Section("Joint", caption, figures=figures)
-    if "cycle_loss" in result:
-        cycles = [
-            "At each preload the shear makes a closed cycle of each amplitude, in rising order. "
-            "The secant stiffness is the shear over the displacement of the sheared face between "
-            "both ends of a cycle. Bands are the 95 % intervals of the mean law and of one part."
-        ]
-        yield Section("Cycles of shear", cycles, *CYCLES.rows(result))
-    yield from budget_sections(result)
-
-
-def _pressed(result: Dataset) -> Dataset:
-    """Return the steps before any shear."""
-    sheared = np.flatnonzero(result["shear"].to_numpy())
-    return result.isel(step=slice(sheared[0])) if sheared.size else result
-
-
-def _compare_joints(result: Dataset) -> Dataset:
-    """Return the answers at the preloads and of cycles, with the slip at the end of the path."""
-    slip = [name for name in result if str(name).startswith("slipping_load")]
-    if not result["shear"].any():
-        return result.drop_vars(slip)
-    return _pressed(result).assign({name: result[name].isel(step=-1) for name in slip})
-
-
-ROUGH_JOINTS = structure_stage.structure_stage(
-    "rough_joints",
-    _press,
-    _needs_of_joints,
-    lambda result: TABLE.rows(_pressed(result)),
-    write_body_fields,
-    reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
-    takes=(FITTED_LAW, THIRD_BODY_LAW, REPRESENTATIVE_VOLUME),
-    knobs=body_knobs,
-    question="How stiff are the joints, where do they slip, and what does a cycle dissipate?",
-    check=partial(structure_stage.require_known, answer="approach"),
-    more=_sections_of_joints,
-    answer=_answer_of_joints,
-    answers=(
-        *("preload", "joint_stiffness", "tangential_stiffness", "interface_stiffness"),
-        *("real_pressure", "slipping_load", "cycle_energy"),
-    ),
-    compared=_compare_joints,
-)
-
-QUICK_NOTE = (
-    "--quick takes larger elements in geometries, and elements of first order on meshes that are "
-    "read from files, which it cannot make coarser"
-)
-
-NO_COARSER = (
-    "the error of the meshes is unknown, and no interval counts it: give every body a coarser "
-    "mesh, of elements twice as large"
-)
-
-OF_LOADS = ("factor", "load_displacement", "load_secant")
-SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
-"""Columns of the table for each load, and for each interface after its pressure."""
-
-SLIPS = 1e-3  # change of a stiffness by slip, relative to it, from which both are reported
-
-
-def _load(bodies: Bodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
-    """Follow the path over the named loads."""
-    ready = structure_stage.ReadyBodies.of(bodies, case, datasets, job)
-    laws, path = ready.laws, ready.parts.path
-    result = ready.solve(partial(_follow, path), len(path.factors()), datasets, job)
-    if laws:
+    path, parts, laws = ready.parts.path, ready.parts, ready.jointed.laws
+    followed, result = ready.solve(datasets, job)
+    if path.of_joint:
+        result = with_contact(result, cast(Dataset, laws[0]))  # all joints share this law
+    elif laws:
         result = with_interface_contact(result, laws)
-    result = _with_budget(result, ready, path, job)
-    result = result.assign_attrs(bodies=" ".join(body.name for body in bodies.bodies))
-    tightening = result["factor"].to_numpy()[:, 0]
-    bolts = showing.list_bolts(result, tightening) if ready.parts.assembly.bolts else []
-    counted = ["Displacements are relative to step 0."] if laws else []
-    facts = [*counted, *ready.parts.facts, *_interfaces(result), *bolts]
+    result = _with_budget(result, ready, followed, job)
+    facts = showing.list_facts(result)
+    if path.of_joint:
+        facts += list_faces(case.statics.preloads, path.forces)
+    else:
+        result = result.assign_attrs(bodies=" ".join(body.name for body in structure.bodies))
+        if not laws:
+            moved = np.linalg.norm(result["displacement"].to_numpy(), axis=2).max(axis=1)
+            result = MACRO_RESULT.assign(result, {"largest_displacement": moved})
+        facts += ["Displacements are relative to step 0."] if laws else []
+        facts += [*parts.facts, *list_interfaces(result)]
+    if parts.assembly.bolts:
+        facts += showing.list_bolts(result, path.factors()[:, 0])
     return ready.finish(result, facts)
 
 
 def _with_budget(
-    result: Dataset, ready: structure_stage.ReadyBodies, path: "substructures.LoadPath", job: Job
+    result: Dataset,
+    ready: structure_stage.ReadyBodies,
+    followed: "substructures.FollowedLoads",
+    job: Job,
 ) -> Dataset:
-    """Propagate the budgets of all laws to stiffnesses, real pressures and the last cycle."""
-    bodies, case, laws = ready.bodies, ready.case, ready.laws
-    sources = body_budget.ErrorSources.of(bodies, case, laws)
-    result = with_cautions(result, "" if sources.meshes else NO_COARSER)
+    """Propagate the budgets of all laws to stiffnesses, real pressures and cycles."""
+    jointed, path = ready.jointed, ready.parts.path
+    sources = body_budget.ErrorSources.of(jointed)
+    result = with_cautions(result, "" if sources.meshes else jointed.bodies.no_coarser)
     if not (sources and job.intervals):
         return result
-    if not laws:  # without laws every converged step is known
+    if not jointed.laws:  # without laws every converged step is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
-    solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
+    converged = result["converged"].to_numpy() == 1
+    solved = int(np.count_nonzero(converged[path.ends() >= 0]))
     if not solved:
         return result
-    whole = bool(result["converged"].values.all())
-    few = body_budget.few_steps(case) if whole else 0
-    short = replace(
-        path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
-    )
-    prepared = substructures.PreparedStructure(ready.structure.small, ready.method)
-    near = substructures.follow(prepared, short.factors())
-    rise = path.cycle_steps if path.cycles and whole else 0
-    asked = body_budget.load_answers(result, rise, few)
-    solve = ready.again(partial(_follow, short), near)
+    near = ready.near(followed, path.shortened(solved, bool(converged.all())))
+    if path.of_joint:
+        asked = body_budget.joint_answers(result, path, partial(ready.first_order, near))
+    else:
+        asked = body_budget.load_answers(result, path)
+    solve = structure_stage.SolveAgain(jointed, ready.structure.small, ready.method, near)
     return body_budget.with_joint_budget(result, sources, solve, asked, job)
 
 
-def _follow(
-    path: "substructures.LoadPath",
-    problem: "substructures.CutProblem",
-    areas: Sequence[float],
-    method: "substructures.Method",
-    near: "substructures.FollowedPath | None" = None,
-    extrapolate: bool = True,
-) -> Dataset:
-    """Follow a path, from a near path if given."""
-    return substructures.follow_cut_loads(
-        problem, path, method=method, extrapolate=extrapolate, near=near
-    )
-
-
-def _answer(result: Dataset) -> Iterator[str]:
-    """Report displacements and the largest stress at the last step of the path with an answer."""
-    moved = 1e6 * result["load_displacement"].to_numpy()
-    ends = np.flatnonzero((result["path_step"].to_numpy() >= 0) & np.isfinite(moved).all(axis=1))
-    if not ends.size:
-        return
-    last, since = result.isel(step=ends[-1]), ""
-    if result.sizes.get("interface", 0):  # without load its gap is not known
-        moved, since = moved - moved[ends[0]], " since step 0"
-    names, factors = map(str, result["load"].values), last["factor"].to_numpy()
-    loads = list(zip(names, factors, moved[ends[-1]], strict=True))
-    acting = [load for load in loads if load[1]] or loads  # all loads if none acts any more
-    motions = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in acting)
-    way = f"the loaded faces have moved{since} by {motions}; " if not since or ends.size > 1 else ""
-    stress = last["equivalent_stress"].to_numpy()
-    worst = int(np.nanargmax(stress))
-    where = ""
-    if len(np.unique(result["element_body"])) > 1:
-        body = int(result["element_body"][worst])
-        bodies = str(result.attrs.get("bodies", "")).split()
-        where = f", in {bodies[body] if bodies else f'body {body}, counted from 0'}"
-    yield (
-        f"At step {int(last['path_step'])} {way}the largest mean stress of an element is "
-        f"{1e-6 * stress[worst]:.4g} MPa (von Mises){where}."
-    )
-
-
-def _secants(result: Dataset) -> Iterator[str]:
-    """Report the tangent stiffness of the structure under each load at the end of the path."""
-    view = showing.View(result)
-    for load in result["load"].values:
-        loaded = result.sel(load=load)
-        for step in np.flatnonzero(np.isfinite(loaded["load_stiffness"].to_numpy()))[-1:]:
-            at, further = loaded.isel(step=step), ""
-            if result.sizes.get("interface"):
-                share = 100.0 * float(at["interface_compliance"].round(6))
-                further = f"; {share:.3g} % of the compliance comes from the interfaces"
-            stiffness, stuck = float(at["load_stiffness"]), float(at["stuck_stiffness"])
-            if abs(stuck - stiffness) > SLIPS * stuck:
-                further += "; without slip, as in small vibration, it is {stuck_stiffness}"
-            yield from view.sentences(
-                at,
-                f"The stiffness of the structure for a small increase of {load} at step "
-                f"{int(at['path_step'])} is {{load_stiffness:()}}{further}.",
-            )
-
-
-def _interfaces(result: Dataset) -> Iterator[str]:
-    """Report the real pressure of interfaces at the end of the path, and the loss of a cycle."""
-    view = showing.View(result)
-    for number in range(result.sizes.get("interface", 0)):
-        interface = result.isel(interface=number)
-        pressure = interface.get("interface_real_pressure", interface["path_step"] * np.nan)
-        for step in np.flatnonzero((interface["path_step"] >= 0) & pressure.notnull())[-1:]:
-            at = interface.isel(step=step)
-            yield from view.sentences(
-                at,
-                f"At step {int(at['path_step'])} the mean pressure on the real contact area of "
-                f"interface {number} is {{interface_real_pressure:()}}.",
-            )
-    for number in range(result.sizes.get("interface", 0) if "interface_energy" in result else 0):
-        lost = f"Interface {number} dissipates {{interface_energy}} in the last cycle."
-        yield from view.sentences(result.isel(cycle=-1, interface=number), lost)
-
-
-def _needs(bodies: Bodies, case: Case) -> Needs:
-    needs, points = structure_stage.solver_needs(bodies, case), len(bodies.interfaces)
-    path = (
-        f"and one cycle of {body_budget.few_steps(case)} steps to its amplitude"
-        if case.cycles
-        else "only"
-    )
-    solves = Choice(
-        "intervals",
-        f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the steps {path}, for each law "
-        f"with a budget: one for each of its terms, and one with coarser beds and meshes",
-    )
-    libraries = tuple(sorted({*needs.libraries, "meshio"}))
-    return replace(needs, libraries=libraries, choices=(*needs.choices, *([solves] * bool(points))))
-
-
-def _sections(result: Dataset) -> Iterator[Section]:
-    """Show loads, bolts and interfaces."""
-    caption = [
-        "Zones, pressure and outlines of the bodies are seen along the normal of each interface, "
-        "at the last step that has an answer."
-    ]
-    known = np.flatnonzero(np.isfinite(result["equivalent_stress"].to_numpy()).all(axis=1))
-    figures = {"body_stress": in_space(plot_body_stress, result, step=int(known[-1]))}
-    figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
-    yield Section("Loads and interfaces", caption, figures=figures)
-    yield from budget_sections(result)
-
-
-def _compared(result: Dataset) -> Dataset:
-    """Return stiffnesses at the last step that has any, slip and bolt forces at the last step."""
-    known = np.isfinite(result["load_stiffness"].to_numpy()).all(axis=1)
-    rest = int(np.flatnonzero(known)[-1]) if known.any() else 0
-    at_rest = ("load_stiffness", "interface_real_pressure")
-    values = {
-        name: value.isel(step=rest if str(name).startswith(at_rest) else -1).reset_coords(drop=True)
-        for name, value in result.data_vars.items()
-        if "step" in value.dims
-    }
-    if "bolt_force" in values:
-        values["bolt_force"] = values["bolt_force"].max("bolt")
-    return result.drop_dims("step").assign(values)
-
-
-def _tabulate(result: Dataset) -> showing.Rows:
-    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts."""
-    loads, count = list(map(str, result["load"].values)), result.sizes.get("interface", 0)
-    if count:  # displacements are relative to step 0, as the gap without load is not known
-        moved = result["load_displacement"]
-        start = moved.isel(step=int(np.argmax(result["path_step"].to_numpy() == 0)))
-        result = result.assign(load_displacement=moved - start)
-    head = (
-        "step",
-        *(f"{name}: factor, µm, N/µm" for name in loads),
-        *(f"interface {k}: MPa, sliding force, area, open area" for k in range(count)),
-        *(("bolts (kN)",) if result.sizes.get("bolt") else ()),
-    )
-    view, rows = showing.View(result), []
-    for k in np.flatnonzero(result["path_step"].values >= 0):
-        step = result.isel(step=k)
-        row = [f"{int(step['path_step'])}"]
-        if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
-            row.append("unknown" if int(step["converged"]) else "not converged")
-            rows.append(showing.padded(tuple(row), head))
-            continue
-        for load in (step.isel(load=at) for at in range(len(loads))):
-            texts = (view.text(load, name) for name in OF_LOADS)
-            row.append(", ".join(texts).replace("unknown", "-"))
-        for interface in (step.isel(interface=at) for at in range(count)):
-            pressure = view.text(interface, "interface_pressure")
-            row.append(", ".join([pressure, *(view.phrase(interface, name) for name in SHARES)]))
-        bolts = (step.isel(bolt=k) for k in range(result.sizes.get("bolt", 0)))
-        forces = ", ".join(view.text(bolt, "bolt_force") for bolt in bolts)
-        rows.append((*row, forces) if forces else tuple(row))
-    return head, rows
+def _needs(bodies: SolvedBodies, case: Case) -> Needs:
+    needs, path = structure_stage.solver_needs(bodies, case), bodies.path(case, ())
+    steps, reached = len(path.steps), len(path.amplitudes)
+    loading, again = f"{path.count} load steps: the loads of [statics]", "only"
+    if path.cycles:
+        loading += f", cycles at the last one ({path.cycles})"
+        again = f"and one cycle of {path.few} steps to its amplitude"
+    if reached:
+        loading += f", and one cycle at each of {steps} preloads and {reached} amplitudes"
+        again = f"and {steps} x {reached} cycles of one step to their amplitudes"
+    choices = [Choice("loading", loading)]
+    if bodies.interfaces:
+        solves = (
+            f"{'5 to 7' if path.cycles else '3 to 6'} more solves, of the steps {again}, for each "
+            f"law with a budget: one for each of its terms, measured friction and stiffness ratio, "
+            f"and one with coarser beds and meshes"
+        )
+        choices.append(Choice("intervals", solves))
+    libraries = (*needs.libraries, *bodies.mesher)
+    return replace(needs, libraries=libraries, choices=(*needs.choices, *choices))
 
 
 LOADED_BODIES = structure_stage.structure_stage(
     "loaded_bodies",
     _load,
     _needs,
-    _tabulate,
+    lambda result: answers_of(result).tabulate(result),
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, THIRD_BODY_LAW, REPRESENTATIVE_VOLUME),
     knobs=body_knobs,
-    question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
+    question=lambda result: answers_of(result).question,
     prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),
-    check=partial(structure_stage.require_known, answer="load_displacement"),
-    quick_note=QUICK_NOTE,
-    more=_sections,
-    answer=lambda result: [*_answer(result), *_secants(result)],
+    check=partial(structure_stage.require_known, answer="displacement"),
+    more=lambda result: answers_of(result).sections(result),
+    answer=lambda result: answers_of(result).sentences(result),
     answers=(
-        "load_stiffness",
-        "interface_real_pressure",
-        "slipping_load",
-        "cycle_energy",
-        "bolt_force",
+        *("preload", "joint_stiffness", "tangential_stiffness", "interface_stiffness"),
+        *("real_pressure", "load_stiffness", "interface_real_pressure", "slipping_load"),
+        *("cycle_energy", "bolt_force", "largest_displacement"),
     ),
-    compared=_compared,
+    compared=lambda result: answers_of(result).compared(result),
 )

@@ -21,13 +21,12 @@ from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
-from multiscale.pipeline.stages.loaded_bodies import NO_COARSER, QUICK_NOTE
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
-from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.cycled_settings import COARSENING
 from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import RVE, VIBRATION, Dataset, with_cautions
@@ -106,21 +105,19 @@ class _Vibrating:
 
 
 def _press(
-    bodies: Bodies,
-    case: Case,
+    jointed: body_budget.BodiesWithLaws,
     laws: Sequence[InterfaceLaw],
     near: "macro.vibration.Preloaded | None" = None,
 ) -> tuple[_Vibrating, list[str]]:
     """Preload bodies, from a state ``near``, and compute their modes; also return facts."""
-    asked = case.vibration
-    parts = bodies.build(case, laws)
+    asked, parts = jointed.case.vibration, jointed.build(laws)
     smooth = [replace(cast(Sliders, law), friction=SMOOTH) for law in laws]  # all have a friction
     try:
         rest = macro.vibration.press_structure(
             parts.assembly,
             parts.path.factors(),
             preload_laws=None if asked.preload_friction else smooth,
-            extrapolate=case.extrapolate,
+            extrapolate=jointed.case.extrapolate,
             near=near,
         )
     except ConvergenceError as error:
@@ -130,20 +127,17 @@ def _press(
             f"{error}; preload_friction = false in [vibration] applies the preload without "
             f"friction: leave it out, or fix the bodies by supports or bolts"
         ) from error
-    densities = [float(body.density or 0.0) for body in bodies.bodies]
+    densities = [float(body.density or 0.0) for body in jointed.bodies.bodies]
     mass = macro.vibration.structure_mass(rest.free, parts.assembly.bodies, densities)
     modes = macro.vibration.tangent_modes(rest.free, rest.tangent(), mass, max(asked.modes))
     return _Vibrating(parts.assembly.bodies, rest, modes, mass), list(parts.facts)
 
 
-def _laws(
-    bodies: Bodies, case: Case, laws: Sequence[Dataset | None], change: body_budget.Change
-) -> list[InterfaceLaw]:
+def _laws(jointed: body_budget.BodiesWithLaws, change: body_budget.Change) -> list[InterfaceLaw]:
     """Build slider beds, on the unloading curve of the cells if it was measured."""
-    asked = case.vibration
-    few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
-    made = body_budget.changed_sliders(bodies, case, laws, few, asked.slabs)
-    for number, law in enumerate(laws):
+    slabs = jointed.case.vibration.slabs
+    made = jointed.sliders(replace(change, slabs=change.slabs and slabs // STATED_BED), slabs)
+    for number, law in enumerate(jointed.laws):
         if law is not None and branch_origins(law).get("unloading", "").startswith("measured"):
             bed = cast(Sliders, made[number])  # the law of cells is a bed
             ratio, exponent = (
@@ -154,12 +148,11 @@ def _laws(
     return made
 
 
-def _solve(structure: Bodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _solve(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
-    bodies = structure.with_volumes(case, datasets, job.read_rve)
-    laws = bodies.read_laws(case, datasets, job.read_law)
-    still, facts = _press(bodies, case, _laws(bodies, case, laws, body_budget.Change()))
+    jointed = body_budget.BodiesWithLaws.of(structure, case, datasets, job)
+    still, facts = _press(jointed, _laws(jointed, body_budget.Change()))
     modes, damping = still.modes, asked.material_damping
     result = still.vibrate(
         asked.reach(still.largest),
@@ -170,8 +163,8 @@ def _solve(structure: Bodies, case: Case, datasets: Datasets, job: Job) -> Datas
     if still.rest.free.bolts:
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
-    result = with_cautions_of(result, bodies, case, datasets, laws)
-    result = _with_budget(result, bodies, case, laws, still, job)
+    result = with_cautions_of(result, jointed, datasets)
+    result = _with_budget(result, jointed, still, job)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
     friction = "with friction" if asked.preload_friction else "without friction"
     frequencies = ", ".join(f"{frequency:.5g}" for frequency in modes.frequency)
@@ -185,19 +178,14 @@ def _solve(structure: Bodies, case: Case, datasets: Datasets, job: Job) -> Datas
 
 
 def _with_budget(
-    result: Dataset,
-    bodies: Bodies,
-    case: Case,
-    laws: Sequence[Dataset | None],
-    still: _Vibrating,
-    job: Job,
+    result: Dataset, jointed: body_budget.BodiesWithLaws, still: _Vibrating, job: Job
 ) -> Dataset:
     """Propagate the budgets of all laws to frequency and damping at every amplitude."""
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
-    sources = body_budget.ErrorSources.of(bodies, case, laws)
-    result = with_cautions(result, "" if sources.meshes else NO_COARSER)
+    sources = body_budget.ErrorSources.of(jointed)
+    result = with_cautions(result, "" if sources.meshes else jointed.bodies.no_coarser)
     if not (sources and job.intervals):
         return result
 
@@ -209,7 +197,11 @@ def _with_budget(
         placed = with_intervals(with_budget(result, whole), schema=VIBRATION)
         return placed.assign_attrs(cautions=str(solved_again.attrs.get("cautions", "")))
 
-    slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
+    rest = still.rest.path.isel(step=[-1])
+    if jointed.laws:
+        slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
+    else:  # without laws every converged step is known
+        slip, rest = np.zeros((solved.size, 0)), rest.assign(known=rest["converged"])
     read = {name: body_budget.answer_at(name, solved) for name in BUDGETED}
     cycles = body_budget.CycleAnswers(
         read,
@@ -221,29 +213,22 @@ def _with_budget(
         COARSENING,
     )
     asked = body_budget.JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
-    rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
     if job.executor is not None:
         still = still.portable()
-    solve = partial(_solve_changed, bodies, case, laws, still)
+    solve = partial(_solve_changed, jointed, still)
     return body_budget.with_joint_budget(rest, sources, solve, asked, job)
 
 
 def _solve_changed(
-    bodies: Bodies,
-    case: Case,
-    laws: Sequence[Dataset | None],
-    near: _Vibrating,
-    change: body_budget.Change,
+    jointed: body_budget.BodiesWithLaws, near: _Vibrating, change: body_budget.Change
 ) -> Dataset:
     """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
-    asked = case.vibration
-    other = bodies if change.structure is None else change.structure
-    assert isinstance(other, Bodies)  # of the same kind
-    alike = other.bodies is bodies.bodies
+    asked, other = jointed.case.vibration, jointed.changed(change)
+    alike = other.bodies.bodies is jointed.bodies.bodies
     rest = near.rest if alike else None
-    still, _ = _press(other, case, _laws(other, case, laws, change), rest)
+    still, _ = _press(other, _laws(other, change), rest)
     if alike:
         still = _in_order_of(still, near)
     return still.vibrate(asked.reach(near.largest, coarse=True), asked.material_damping)
@@ -265,26 +250,23 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
 class _ModesOfLaw:
     """Solve of a mode of bodies of which all interfaces have a law, that workers can import."""
 
-    bodies: Bodies
-    case: Case
-    law: Dataset
+    jointed: body_budget.BodiesWithLaws
     near: _Vibrating
 
     def __call__(
         self, table: MeasuredJoint, interface: BedCurve, nuisances: Mapping[str, float]
     ) -> np.ndarray:
         """Return frequencies, s-1, and damping ratios at the amplitudes of a table."""
-        laws = [self.law] * len(self.bodies.interfaces)
-        normal = normal_law(self.law, interface.curve)
+        laws, asked = self.jointed.laws, self.jointed.case.vibration
+        normal = normal_law(cast(Dataset, laws[0]), interface.curve)
         change = body_budget.Change(tuple(range(len(laws))), normal)
         beds = [
             replace(
                 cast(Sliders, bed), friction=interface.friction, stiffness_ratio=interface.ratio
             )
-            for bed in _laws(self.bodies, self.case, laws, change)
+            for bed in _laws(self.jointed, change)
         ]
-        still = _in_order_of(_press(self.bodies, self.case, beds, self.near.rest)[0], self.near)
-        asked = self.case.vibration
+        still = _in_order_of(_press(self.jointed, beds, self.near.rest)[0], self.near)
         result = still.vibrate(asked.reach(self.near.largest), asked.material_damping)
         if not result["converged"].values.all():
             raise ConvergenceError(str(result.attrs["failure"]))
@@ -296,7 +278,7 @@ def modes_of_law(
 ) -> tuple[float, Answer]:
     """Return the mean pressure of the interfaces of a case, and the answer of its first mode."""
     asked, bodies = case.vibration, case.structure
-    if asked is None or not isinstance(bodies, Bodies) or not bodies.interfaces:
+    if asked is None or not isinstance(bodies, SolvedBodies) or not bodies.interfaces:
         raise CaseError(
             f"{case.title}: a structure with measured vibrations needs bodies with interfaces and "
             f"[vibration]; give the case both, or mass in [[measured]]"
@@ -305,11 +287,11 @@ def modes_of_law(
     given = {"modes": asked.modes[:1], "amplitudes": tuple(rising), "modal_amplitudes": ()}
     case = case.model_copy(update={"vibration": asked.model_copy(update=given)})
     bodies = bodies.with_volumes(case, {}, lambda volume, _: open_dataset(volume, RVE))
-    laws = [law] * len(bodies.interfaces)
-    near, _ = _press(bodies, case, _laws(bodies, case, laws, body_budget.Change()))
+    jointed = body_budget.BodiesWithLaws(bodies, case, [law] * len(bodies.interfaces))
+    near, _ = _press(jointed, _laws(jointed, body_budget.Change()))
     pressure, area = near.rest.state.pressure, near.rest.path["point_area"].values
     mean = float(pressure @ area / area[pressure > 0.0].sum())
-    solve = _ModesOfLaw(bodies, case, law, near if executor is None else near.portable())
+    solve = _ModesOfLaw(jointed, near if executor is None else near.portable())
     differences = by_differences(solve, executor=executor)
 
     def answer(*given: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -321,7 +303,7 @@ def modes_of_law(
     return mean, answer
 
 
-def _needs(bodies: Bodies, case: Case) -> Needs:
+def _needs(bodies: SolvedBodies, case: Case) -> Needs:
     asked = case.vibration
     reached = asked.reach(np.ones(max(asked.modes)))
     grid = sum(amplitudes.curve()[0].size for amplitudes in reached.values())
@@ -401,7 +383,6 @@ VIBRATING_BODIES = structure_stage(
     question="Which frequency and damping do the bodies have, and how do both change with the "
     "amplitude?",
     prepare=lambda bodies, case: bodies.try_to_build(case, macro.vibration.require_joined),
-    quick_note=QUICK_NOTE,
     more=_sections,
     answer=_answer,
     answers=("frequency", "damping"),

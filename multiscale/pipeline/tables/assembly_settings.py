@@ -1,7 +1,7 @@
 """Tables of elastic bodies with meshes of the user, interfaces, bolts and named loads."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -11,30 +11,23 @@ from pydantic import Field, field_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError, suggest
-from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
-from multiscale.laws.bulk.bulk_law import mindlin_ratio
+from multiscale.laws import InterfaceLaw
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import assembly_parts
-from multiscale.pipeline.tables.body_faults import body_faults
-from multiscale.pipeline.tables.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
-from multiscale.pipeline.tables.porous_body import PorousBody
-from multiscale.pipeline.tables.structure_kind import Face, Pressed, StructureKind, highest_pressure
+from multiscale.pipeline.tables.joint_settings import JointLaw, OpenLaw, SolverChoice
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts, body_faults
+from multiscale.pipeline.tables.structure_kind import Face, Pressed, highest_pressure
 from multiscale.pipeline.tables.toml_model import Number, Positive, Settings, at_most
-from multiscale.schema import RVE, Dataset
-from multiscale.upscaling import law_from_dataset, sliders_from_dataset
-from multiscale.upscaling.budget import FEW_CELLS, STATED
-from multiscale.upscaling.propagation import STRETCH, Uncertainty
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from skfem import Mesh
 
-    from multiscale.laws import NormalLaw
     from multiscale.pipeline.stage import Datasets
     from multiscale.pipeline.tables.settings import Case
 
 PRELOAD = "preload"  # name of the tightening of the bolts among the loads
 KINDS = {4: "tetrahedra", 8: "hexahedra"}  # kinds of elements by the number of their corners
-STATED_HOW = "half-widths stated with +-"  # source of the errors of stated values
 
 
 class LoadSteps(SolverChoice):
@@ -58,20 +51,9 @@ class LoadCycles(Settings):
     """Load steps from the middle to the amplitude."""
 
 
-@dataclass(frozen=True, eq=False)
-class StructureParts:
-    """The structure of a case, built."""
-
-    assembly: "macro.Assembly"
-    path: "substructures.LoadPath"
-    facts: tuple[str, ...] = ()  # facts that are reported with the answer
-    loading: "substructures.JointLoading | None" = None  # has the path as its main part
-
-
-class Bodies(StructureKind):
+class Bodies(SolvedBodies):
     """Elastic bodies with meshes of the user, interfaces, bolts and named loads."""
 
-    stage: ClassVar[str] = "loaded_bodies"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (
         ("statics",),
         ("interface", "statics"),
@@ -85,12 +67,16 @@ class Bodies(StructureKind):
         "statics": LoadSteps,
         "cycles": LoadCycles,
     }
-    may_be_cut: ClassVar[bool] = True
-    may_tire: ClassVar[bool] = True
+    quick_note: ClassVar[str] = (
+        "--quick takes larger elements in geometries, and elements of first order on meshes that "
+        "are read from files, which it cannot make coarser"
+    )
+    no_coarser: ClassVar[str] = (
+        "the error of the meshes is unknown, and no interval counts it: give every body a coarser "
+        "mesh, of elements twice as large"
+    )
 
     kind: Literal["bodies"]
-    bodies: tuple[assembly_parts.MeshedBody, ...] = Field(min_length=1)
-    interfaces: tuple[assembly_parts.BodyInterface, ...] = ()
     bolts: tuple[assembly_parts.BodyBolt, ...] = ()
     loads: tuple[assembly_parts.NamedLoad, ...] = ()
 
@@ -122,19 +108,6 @@ class Bodies(StructureKind):
         ]
         named += [(f"bolt {i}", face) for i, bolt in enumerate(self.bolts) for face in bolt.sides]
         return [*named, *((f"the load {load.name}", load.face) for load in self.loads)]
-
-    def _find(self, user: str, face: str) -> tuple[int, str]:
-        """Return the number of the body of a face, and the name of the face in it."""
-        body, dot, boundary = face.partition(".")
-        names = [body.name for body in self.bodies]
-        if not (dot and boundary):
-            raise ValueError(f'{user} names {face!r}, which is not a face; write "BODY.FACE"')
-        if body not in names:
-            raise ValueError(
-                f"{user} names {face!r}, and there is no body {body!r}; there are "
-                f"{', '.join(names)}"
-            )
-        return names.index(body), boundary
 
     @property
     def load_names(self) -> tuple[str, ...]:
@@ -221,69 +194,6 @@ class Bodies(StructureKind):
             path, cycled=to.load, amplitude=to.amplitude, cycles=to.cycles, cycle_steps=to.steps
         )
 
-    def with_volumes(self, case: "Case", datasets: "Datasets", open_rve: OpenLaw) -> Self:
-        """Return the same bodies with their representative volumes, and damaged interfaces."""
-        bodies = tuple(
-            PorousBody.of(body, open_rve(body.rve, body.quick) if body.rve else datasets[RVE.name])
-            if body.porous
-            else body
-            for body in self.bodies
-        )
-        structure = self.model_copy(update={"bodies": bodies})
-        carried = [
-            interface.model_copy(
-                update={"damage": 1.0 - (1.0 - interface.damage) * structure.carried(number)[0]}
-            )
-            for number, interface in enumerate(self.interfaces)
-        ]
-        return structure.model_copy(update={"interfaces": tuple(carried)})
-
-    def carried(self, number: int) -> tuple[float, float]:
-        """Share of an interface that sections of its bodies leave, and half-width over it."""
-        interface, share, error = self.interfaces[number], 1.0, 0.0
-        for face in interface.faces * interface.surface_damage:
-            at, boundary = self._find(f"interface {number}", face)
-            body = self.bodies[at]
-            if isinstance(body, PorousBody):
-                mesh = body.load()
-                damage = body.surface_damage(mesh, boundary)
-                share *= 1.0 - damage.mean
-                error = float(np.hypot(error, damage.half_width / (1.0 - damage.mean)))
-        return share, error
-
-    def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
-        """List the errors of stated values and volumes, each with a structure of changed value."""
-        listed = []
-        for key, half, stretched in self.uncertain(1.0 + STRETCH):
-            name = f"{key} ± {100.0 * half:.3g} %"
-            error = Uncertainty(name=name, half_width={STATED: half}, how={STATED: STATED_HOW})
-            listed.append((error, stretched))
-        porous = [body for body in self.bodies if isinstance(body, PorousBody)]
-        for volume in dict.fromkeys(body.rve for body in porous):
-            alike = {body.name: body for body in porous if body.rve == volume}
-            errors = [body.error(body.load()) for body in alike.values()]
-            worst = max(errors, key=lambda error: error.half_width[FEW_CELLS])
-            name = f"volume of {' and '.join(alike)}"
-            bodies = tuple(
-                body.model_copy(update={"factor": 1.0 + STRETCH}) if body.name in alike else body
-                for body in self.bodies
-            )
-            changed = self.model_copy(update={"bodies": bodies})
-            listed.append((replace(worst, name=name), changed))
-        for at, interface in enumerate(self.interfaces):
-            if interface.surface_damage:
-                less = 1.0 - (1.0 - interface.damage) * (1.0 - STRETCH)
-                damaged = interface.model_copy(update={"damage": less})
-                interfaces = (*self.interfaces[:at], damaged, *self.interfaces[at + 1 :])
-                how = "scatter of sections of the volume, over the area of the interface"
-                error = Uncertainty(
-                    name=f"sections at interface {at}",
-                    half_width={FEW_CELLS: self.carried(at)[1]},
-                    how={FEW_CELLS: how},
-                )
-                listed.append((error, self.model_copy(update={"interfaces": interfaces})))
-        return listed
-
     def read_laws(
         self, case: "Case", datasets: "Datasets", open_law: OpenLaw
     ) -> list[Dataset | None]:
@@ -315,74 +225,6 @@ class Bodies(StructureKind):
                     read[key] = source.complete(law, ratio, middle, case.strict, where)
             laws.append(read[key])
         return laws
-
-    def poissons_ratio(self, interface: assembly_parts.BodyInterface) -> float:
-        """Mean of the bodies that an interface joins."""
-        bodies = [self.bodies[self._find("interface", face)[0]] for face in interface.faces]
-        return float(np.mean([body.poissons_ratio or 0.0 for body in bodies]))
-
-    def sliders(
-        self,
-        case: "Case",
-        laws: Sequence[Dataset | None],
-        normal: "Mapping[int, NormalLaw] | None" = None,
-        slabs: int | None = None,
-    ) -> list[InterfaceLaw]:
-        """Return the laws of all interfaces from :meth:`read_laws`, reduced by their damage."""
-        beds = self.beds(case) | ({} if slabs is None else {"slabs": slabs})
-        made: list[InterfaceLaw] = []
-        changed = normal or {}
-        for number, (interface, law) in enumerate(zip(self.interfaces, laws, strict=True)):
-            if law is None:
-                made.append(self._stated(case, number, beds["slabs"]))
-                continue
-            sound = changed.get(number) or law_from_dataset(law)
-            worn = ModifiedLaw(sound, interface.damage) if interface.damage else sound
-            bed = sliders_from_dataset(law, normal=worn, **beds)
-            made.append(replace(bed, **interface.over(case.interface).given))
-        return made
-
-    def slabs(self, case: "Case") -> int:
-        """Slabs of the beds of sliders."""
-        return SLABS
-
-    def beds(self, case: "Case") -> dict[str, Any]:
-        """Options of :class:`Sliders` of every interface: the bed is fine over the data."""
-        return {"slabs": self.slabs(case)}
-
-    def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
-        """Law of an interface that is stated, with a friction that is given."""
-        interface = self.interfaces[number]
-        source = interface.over(case.interface)
-        for fault in source.missing((), case.strict, f"interface {number}"):
-            raise CaseError(fault)
-        assert source.friction is not None  # else refused above
-        if interface.asperities is not None:
-            return interface.asperities.build(
-                source.friction, source.stiffness_ratio, interface.damage
-            )
-        theory = mindlin_ratio(self.poissons_ratio(interface))
-        stated = interface.exponential or interface.linear
-        assert stated is not None
-        normal = stated.build()
-        return Sliders(
-            ModifiedLaw(normal, interface.damage) if interface.damage else normal,
-            source.friction,
-            source.stiffness_ratio or theory,
-            pressures=stated.pressures,
-            slabs=slabs,
-        )
-
-    def assumed(self, case: "Case") -> list[str]:
-        """Report the assumed stiffness ratios of stated laws, a sentence each."""
-        return [
-            f"interface {number}: the stiffness ratio of "
-            f"{mindlin_ratio(self.poissons_ratio(interface)):.3g} is assumed; give "
-            f"stiffness_ratio, or take the law of cells that are sheared"
-            for number, interface in enumerate(self.interfaces)
-            if (interface.exponential or interface.linear)
-            and interface.over(case.interface).stiffness_ratio is None
-        ]
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies, interfaces and bolts, and the path over the loads."""
@@ -460,18 +302,6 @@ class Bodies(StructureKind):
                 f"{boundary!r}; {hint}"
             )
         return body, boundary
-
-    def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
-        """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
-        for body in self.bodies:
-            body.check_coarser()
-        frictions = [interface.over(case.interface).friction for interface in self.interfaces]
-        any_law = Exponential(1e9, 1e-6)
-        laws = [
-            Sliders(any_law, 1.0 if mu is None else mu, 1.0, pressures=(1e6, 1e8))
-            for mu in frictions
-        ]
-        require(self.build(case, laws).assembly)
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate pressures of the interfaces from the resultants of bolts and loads."""

@@ -299,6 +299,13 @@ class JointPreloads(SolverChoice, Preloads):
     """Pressures on the pressed face of bodies that a solver takes."""
 
 
+class LoadFactors(SolverChoice):
+    """Factors of the load of a plate."""
+
+    load_factors: tuple[toml.Number, ...] = Field(min_length=1)
+    """Load of every step over the whole load."""
+
+
 class RisingPreloads(Preloads):
     """Even pressures between blocks."""
 
@@ -307,7 +314,7 @@ class RisingPreloads(Preloads):
 
 
 class Cycles(toml.Settings):
-    """Cycles of shear after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
+    """Cycles of shear after preloads; see :func:`multiscale.macro.substructures.joint_path`."""
 
     shear: toml.Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
     amplitudes: Annotated[
@@ -333,8 +340,8 @@ class Cycles(toml.Settings):
         """Amplitudes of the cycles at every preload, Pa."""
         return (*self.amplitudes, self.shear)
 
-    def loading(self, preloads: tuple[float, ...]) -> "substructures.JointLoading":
+    def path(self, preloads: tuple[float, ...]) -> "substructures.LoadPath":
         """Return the preloads, the cycles at the last of them, and the cycles at all."""
-        return substructures.JointLoading(
+        return substructures.joint_path(
             preloads, self.shear, self.cycles, self.steps, self.all_amplitudes
         )

@@ -92,13 +92,6 @@ class Statics(toml.Settings):
                 f"{list(self.load_factors)}"
             )
 
-    def uncut_options(self) -> Iterator[str]:
-        """Report options of bars and cables that are not cut."""
-        if self.exact or self.stability:
-            yield "substructures move little: leave out exact and stability"
-        if self.mass is not None:
-            yield "substructures have no frequencies at rest: leave out mass"
-
 
 class LinkStructure(StructureKind):
     """Bars and cables, at rest or in motion."""
@@ -129,8 +122,10 @@ class LinkStructure(StructureKind):
             return
         if case.dynamics and (case.dynamics.theta, case.dynamics.restitution) != (1.0, 0.0):
             yield "substructures move by implicit steps: leave out theta and restitution"
-        if case.statics:
-            yield from case.statics.uncut_options()
+        if case.statics and (case.statics.exact or case.statics.stability):
+            yield "substructures move little: leave out exact and stability"
+        if case.statics and case.statics.mass is not None:
+            yield "substructures have no frequencies at rest: leave out mass"
 
 
 class TensegrityGrid(LinkStructure):

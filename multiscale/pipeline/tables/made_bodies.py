@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import ceil, pi, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -19,10 +19,8 @@ from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.tables import assembly_parts, joint_settings
 from multiscale.pipeline.tables import toml_model as toml
-from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts
-from multiscale.pipeline.tables.body_faults import body_faults
-from multiscale.pipeline.tables.link_settings import Statics
 from multiscale.pipeline.tables.porous_body import PorousBody
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts, body_faults
 from multiscale.pipeline.tables.structure_kind import (
     Pressed,
     StructureKind,
@@ -33,7 +31,7 @@ from multiscale.schema import Dataset
 if TYPE_CHECKING:
     from skfem import Mesh
 
-    from multiscale.pipeline.stage import Datasets, Job
+    from multiscale.pipeline.stage import Datasets
     from multiscale.pipeline.tables.settings import Case
 
 LEAST, MOST = 0.1, 3.0  # pressures of joints that count, over the least and the largest preload
@@ -104,47 +102,6 @@ class Blocks(StructureKind):
         return case.model_copy(update={"cell": case.cell.model_copy(update=size)})
 
 
-class Plate(StructureKind):
-    """An elastic plate, clamped on its left and right edges, under an even pressure on its top."""
-
-    stage: ClassVar[str] = "plate"
-    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
-    models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": Statics}
-    may_be_cut: ClassVar[bool] = True
-
-    kind: Literal["plate"]
-    size: Edges = Field(description="Lengths along x, y and z, m.")
-    elements: Elements = Field(description="Hexahedra along x, y and z.")
-    youngs_modulus: toml.Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: toml.Ratio = Field(description="Poisson's ratio.")
-    pressure: toml.Pressure = Field(description="Pressure on the top at load factor 1, Pa.")
-
-    def build(self) -> "macro.Assembly":
-        """Clamp the plate and load it."""
-        clamped = (0.0, 0.0, 0.0)
-        plate = macro.Body(
-            box_mesh(self.size, self.elements),
-            Elastic(self.youngs_modulus, self.poissons_ratio),
-            supports={"left": clamped, "right": clamped},
-            tractions={"top": (0.0, 0.0, -self.pressure)},
-        )
-        return macro.Assembly((plate,))
-
-    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
-        """Cut the plate into boxes."""
-        return substructures.cut_assembly(self.build(), case.cut.parts)
-
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        x, y, z = self.elements
-        return (x + 1) * (y + 1) * (z + 1)
-
-    def faults_with(self, case: "Case") -> Iterator[str]:
-        """Report large displacements."""
-        yield from case.statics.uncut_options()
-
-
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
 """Nodes of the plan of a lap joint over the nodes of a grid, and nodes added by hole and washer, as
 counted at four sizes of elements."""
@@ -152,10 +109,10 @@ counted at four sizes of elements."""
 Elasticity = Elastic | AnisotropicElastic
 
 
-class RoughBodies(StructureKind, assembly_parts.Material):
-    """Elastic bodies of one material with rough joints between each and the next."""
+class MadeBodies(StructureKind, assembly_parts.Material):
+    """Elastic bodies of one material with rough joints between each and the next, if several."""
 
-    stage: ClassVar[str] = "rough_joints"
+    stage: ClassVar[str] = "loaded_bodies"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (
         ("interface", "statics"),
         ("interface", "statics", "cycles"),
@@ -194,6 +151,12 @@ class RoughBodies(StructureKind, assembly_parts.Material):
     def coarser(self) -> Mapping[float, Self]:
         """Return the same structure on larger elements, if any, by the ratio of their sizes."""
 
+    def path(self, case: "Case", areas: Sequence[float]) -> "substructures.LoadPath":
+        """Return the path over preload and shear, on faces of these areas, m²."""
+        preloads = case.statics.preloads
+        path = case.cycles.path(preloads) if case.cycles else substructures.joint_path(preloads)
+        return replace(path, forces=tuple(areas))
+
     def refinement(self) -> float:
         """Return the ratio of the sizes of the elements of the coarser structure; 1 without any."""
         return max(self.coarser(), default=1.0)
@@ -218,7 +181,7 @@ class RoughBodies(StructureKind, assembly_parts.Material):
 
     def for_solver(self, case: "Case") -> "JointedBodies":
         """Return bodies and interfaces of a case."""
-        damages = case.interface.damage or (0.0,) * self.joints
+        damages = (case.interface and case.interface.damage) or (0.0,) * self.joints
         interfaces = tuple(
             assembly_parts.BodyInterface(sides=(f"body {k}.top", f"body {k + 1}.bottom"), damage=D)
             for k, D in enumerate(damages)
@@ -242,6 +205,8 @@ class RoughBodies(StructureKind, assembly_parts.Material):
     def faults_with(self, case: "Case") -> Iterator[str]:
         """Report a wrong number of damages, and joints without a friction."""
         yield from body_faults(self.bodies, case)
+        if case.interface is None:
+            return
         yield from far_cells(self, case)
         if case.has_cells:
             yield from case.interface.missing(case.known_shear, case.strict)
@@ -265,15 +230,29 @@ class BuiltBody(assembly_parts.MeshedBody):
         return mesh
 
 
-class JointedBodies(Bodies):
-    """Stacked blocks or a lap joint, built by their source; no case has such a table."""
+class JointedBodies(SolvedBodies):
+    """Bodies that their source builds, such as a lap joint; no case has such a table."""
+
+    no_coarser: ClassVar[str] = (
+        "the error of the mesh is unknown, and no interval counts it: nothing was solved with "
+        "elements of twice the size; give smaller elements, or an even number of them, in "
+        "[structure]"
+    )
 
     source: Any
+
+    @property
+    def mesher(self) -> tuple[str, ...]:
+        """Library that meshes the bodies, if any."""
+        mesher: tuple[str, ...] = self.source.mesher
+        return mesher
 
     def read_laws(
         self, case: "Case", datasets: "Datasets", open_law: joint_settings.OpenLaw
     ) -> list[Dataset | None]:
         """Read the law of all joints, with friction."""
+        if not self.interfaces:
+            return []
         interface: joint_settings.RoughInterface = case.interface
         ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]
         law = interface.complete(
@@ -284,24 +263,22 @@ class JointedBodies(Bodies):
     def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of joints and load steps, about."""
         (nodes, face), joints, bodies = self.source.nodes, len(self.interfaces), len(self.bodies)
-        n_steps = len(case.statics.preloads)
-        if case.cycles is not None:  # at the last preload, and one cycle at each amplitude
-            short = n_steps * len(case.cycles.all_amplitudes) * (1 + 4 * substructures.FEW_STEPS)
-            n_steps += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
-        return substructures.JointSize(3 * nodes * bodies, face * joints, bodies, n_steps)
+        steps = self.path(case, (1.0, 1.0)).count
+        return substructures.JointSize(3 * nodes * bodies, face * joints, bodies, steps)
+
+    def path(self, case: "Case", forces: Sequence[float]) -> "substructures.LoadPath":
+        """Return the path over the loads, on faces of these areas, m²."""
+        path: substructures.LoadPath = self.source.path(case, forces)
+        return path
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
         return joint_settings.SLABS if case.cycles else joint_settings.FEW_SLABS
 
-    def cut(self, case: "Case", datasets: "Datasets", job: "Job") -> "substructures.CutProblem":
-        """Cut every body into boxes."""
-        bodies = self.with_volumes(case, datasets, job.read_rve)
-        laws = bodies.sliders(case, bodies.read_laws(case, datasets, job.read_law))
-        return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
-
     def beds(self, case: "Case") -> dict[str, Any]:
         """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""
+        if not self.interfaces:
+            return super().beds(case)
         preloads = case.statics.preloads
         ends = (LEAST * min(preloads), MOST * max(preloads))
         return {"pressures": ends, "slabs": self.slabs(case)}
@@ -309,11 +286,7 @@ class JointedBodies(Bodies):
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies and joints, and the path over preload and shear."""
         assembly = self.source.build([body.elasticity() for body in self.bodies], laws)
-        preloads = case.statics.preloads
-        loading = (
-            case.cycles.loading(preloads) if case.cycles else substructures.JointLoading(preloads)
-        )
-        return StructureParts(assembly, loading.path(assembly.areas), loading=loading)
+        return StructureParts(assembly, self.path(case, assembly.areas))
 
     def coarser(self) -> dict[float, Self]:
         """Return the same structure on larger elements, if any, by the ratio of their sizes."""
@@ -327,12 +300,70 @@ class JointedBodies(Bodies):
         return coarse
 
 
-class StackedBlocks(RoughBodies):
+class Boxes(MadeBodies):
+    """Equal boxes of hexahedra."""
+
+    size: Edges = Field(description="Lengths of a box along x, y and z, m.")
+    elements: Elements = Field(description="Hexahedra of a box along x, y and z.")
+
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same boxes on elements of twice the size; none if their number is odd."""
+        if any(number % 2 for number in self.elements):
+            return {}
+        x, y, z = (number // 2 for number in self.elements)
+        return {2.0: self.model_copy(update={"elements": (x, y, z)})}
+
+    def meshes(self) -> "Sequence[Mesh]":
+        """Mesh every box where it would be at the bottom."""
+        return [box_mesh(self.size, self.elements)] * (self.joints + 1)
+
+    @property
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a box and of its face."""
+        x, y, z = self.elements
+        return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
+
+
+class Plate(Boxes):
+    """An elastic plate, clamped on its left and right edges, under an even pressure on its top."""
+
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("statics", "vibration"))
+    models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": joint_settings.LoadFactors}
+    may_tire: ClassVar[bool] = False
+
+    kind: Literal["plate"]
+    pressure: toml.Pressure = Field(description="Pressure on the top at load factor 1, Pa.")
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return 0
+
+    def path(self, case: "Case", areas: Sequence[float]) -> "substructures.LoadPath":
+        """Return the path over the pressure."""
+        forces = tuple(self.pressure * area for area in areas)
+        steps = tuple((factor,) for factor in case.statics.load_factors)
+        return substructures.LoadPath(("pressure",), forces, steps)
+
+    def build(
+        self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
+    ) -> "macro.Assembly":
+        """Clamp the plate and load it."""
+        clamped = (0.0, 0.0, 0.0)
+        plate = macro.Body(
+            box_mesh(self.size, self.elements),
+            materials[0],
+            supports={"left": clamped, "right": clamped},
+            tractions={"top": (0.0, 0.0, -self.pressure)},
+            bends=True,
+        )
+        return macro.Assembly((plate,), areas=(self.size[0] * self.size[1],))
+
+
+class StackedBlocks(Boxes):
     """Equal blocks with rough joints; see :func:`multiscale.macro.bodies.stacked_blocks`."""
 
     kind: Literal["stacked_blocks"]
-    size: Edges = Field(description="Lengths of a block along x, y and z, m.")
-    elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
     blocks: toml.Count = Field(2, ge=2, description="Number of blocks, stacked along z.")
 
     @property
@@ -340,20 +371,9 @@ class StackedBlocks(RoughBodies):
         """Number of joints."""
         return self.blocks - 1
 
-    def coarser(self) -> Mapping[float, Self]:
-        """Return the same blocks on elements of twice the size; none if their number is odd."""
-        if any(number % 2 for number in self.elements):
-            return {}
-        x, y, z = (number // 2 for number in self.elements)
-        return {2.0: self.model_copy(update={"elements": (x, y, z)})}
-
     def pressed(self, case: "Case") -> list[Pressed]:
         """Return the preloads, which press the joints evenly."""
         return [Pressed("preloads in [statics] press the joints", case.statics.even)]
-
-    def meshes(self) -> "Sequence[Mesh]":
-        """Mesh every block where it would be at the bottom."""
-        return [box_mesh(self.size, self.elements)] * self.blocks
 
     def build(
         self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
@@ -361,14 +381,8 @@ class StackedBlocks(RoughBodies):
         """Build the blocks and their joints."""
         return macro.bodies.stacked_blocks(self.size, self.elements, materials, laws)
 
-    @property
-    def nodes(self) -> tuple[int, int]:
-        """Nodes of a block and of its face."""
-        x, y, z = self.elements
-        return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
 
-
-class LapJoint(RoughBodies):
+class LapJoint(MadeBodies):
     """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`."""
 
     mesher: ClassVar[tuple[str, ...]] = ("gmsh",)

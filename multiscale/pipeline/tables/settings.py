@@ -22,6 +22,7 @@ from multiscale.pipeline.tables.joint_settings import (
     JointLaw,
     JointPreloads,
     LawSource,
+    LoadFactors,
     OpenLaw,
     RisingPreloads,
     RoughInterface,
@@ -113,7 +114,7 @@ class Case(Settings):
     structure: Structure | None = Field(None, discriminator="kind")
     interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
     statics: Annotated[
-        Any, OneOf((RisingPreloads, JointPreloads, LoadSteps, link_settings.Statics))
+        Any, OneOf((RisingPreloads, JointPreloads, LoadFactors, LoadSteps, link_settings.Statics))
     ] = None
     cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
     dynamics: link_settings.Dynamics | None = None

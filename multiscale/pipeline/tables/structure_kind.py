@@ -115,6 +115,8 @@ class StructureKind(Settings):
     may_be_cut: ClassVar[bool] = False  # whether ``[substructures]`` may cut it
     may_tire: ClassVar[bool] = False
     """Whether ``[fatigue]`` and ``[growth]`` may follow its elements."""
+    quick_note: ClassVar[str] = ""
+    """Sentence about settings that ``--quick`` does not make coarser."""
     of_bodies: ClassVar[bool] = False  # whether it is made of ``[body_1]`` and ``[body_2]``
 
     @property

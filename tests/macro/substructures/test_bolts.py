@@ -25,10 +25,10 @@ from multiscale.macro import (
 )
 from multiscale.macro.bodies import LapShape, lap_joint
 from multiscale.macro.substructures import (
-    JointLoading,
     PreparedStructure,
     cut_assembly,
     follow,
+    joint_path,
     load_joint,
 )
 
@@ -182,7 +182,7 @@ def sheared(bolt=BOLT):
 
 def test_a_cycle_of_shear_dissipates_energy_and_locked_bolts_follow_it():
     assembly = sheared(replace(BOLT, preload=AREA))  # 1 Pa under the washers
-    loading = JointLoading((5e6, 10e6), shear=1.5e6, cycles=1, steps=4)
+    loading = joint_path((5e6, 10e6), shear=1.5e6, cycles=1, steps=4)
     first, other = (
         load_joint(assembly, loading, method=method)
         for method in (AssembledNewton(), LatinMethod())
@@ -201,7 +201,7 @@ def test_a_cycle_of_shear_dissipates_energy_and_locked_bolts_follow_it():
 def test_a_bolted_lap_joint_is_as_stiff_as_a_joint_under_even_pressure():
     """The shank is soft and the plates are flat: locking changes little, washers a little more."""
     shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=4e-3, layers=1)
-    loading = JointLoading((40e6,), shear=3e6, cycles=1, steps=3)
+    loading = joint_path((40e6,), shear=3e6, cycles=1, steps=3)
     materials, shank = (Elastic(E, 0.3),) * 2, shank_stiffness(6e-3, 8e-3, E)
     given, bolted = (
         load_joint(lap_joint(shape, materials, LAW, *k), loading, method=AssembledNewton())

@@ -11,13 +11,13 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Bolt, Interface, shank_stiffness
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
-    JointLoading,
     LoadPath,
     condense_assembly,
     follow_cut_loads,
-    follow_joint,
+    follow_loads,
+    joint_path,
     load_joint,
-    measure_joint,
+    measure_loads,
     whole,
 )
 
@@ -61,7 +61,7 @@ def stacked(law=LAW):
 @pytest.mark.parametrize("assembly", [bolted(), stacked()], ids=["bolted", "stacked"])
 def test_condensed_bodies_answer_as_whole_bodies(assembly, monkeypatch):
     """Constraint modes and modes of the loads represent every displacement under these loads."""
-    loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
+    loading = joint_path((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
     result = load_joint(assembly, loading, method=AssembledNewton(), extrapolate=True)
     whole = load_whole(monkeypatch, assembly, loading)
     assert set(result.variables) == set(whole.variables)
@@ -76,7 +76,7 @@ def test_condensed_bodies_answer_as_whole_bodies(assembly, monkeypatch):
 
 
 def test_a_joint_that_slides_away_is_reported_on_condensed_bodies(monkeypatch):
-    loading = JointLoading((10e6,), 5e6, cycles=1, steps=2)
+    loading = joint_path((10e6,), 5e6, cycles=1, steps=2)
     result = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)
     whole = load_whole(monkeypatch, bolted(), loading)
     assert result.converged.values.sum() < result.sizes["step"]
@@ -88,21 +88,21 @@ def test_a_joint_that_slides_away_is_reported_on_condensed_bodies(monkeypatch):
 
 
 def test_a_changed_law_near_a_path_has_its_answer_in_fewer_steps():
-    loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
-    method, areas = AssembledNewton(), stacked().areas
+    loading = joint_path((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
+    method = AssembledNewton()
     joint = condense_assembly(stacked(), method).small
     changed = joint.with_laws([replace(LAW, friction=0.306)])
-    base = follow_joint(joint, loading, method=method)
-    alone = follow_joint(changed, loading, method=method)
-    near = follow_joint(changed, loading, method=method, near=base)
-    first, other = (measure_joint(item, areas, extrapolate=True) for item in (alone, near))
+    base = follow_loads(joint, loading, method=method)
+    alone = follow_loads(changed, loading, method=method)
+    near = follow_loads(changed, loading, method=method, near=base)
+    first, other = (measure_loads(item, extrapolate=True) for item in (alone, near))
     for name in ("cycle_loss", "secant_stiffness", "joint_stiffness", "traction"):
         np.testing.assert_allclose(other[name], first[name], rtol=1e-6, atol=1.0, err_msg=name)
     newton = [
         int(sum(run.result.iterations.sum() for run in item.cycles)) for item in (alone, near)
     ]
     assert newton[1] < 0.8 * newton[0]
-    again = follow_joint(joint, loading, method=method, near=base)
+    again = follow_loads(joint, loading, method=method, near=base)
     assert sum(int(run.result.iterations.sum()) for run in again.cycles) == 0
 
 

@@ -21,9 +21,9 @@ from multiscale.macro import (
     solve_interface,
 )
 from multiscale.macro.substructures import (
-    JointLoading,
     assemble,
     cut_assembly,
+    joint_path,
     load_joint,
     solve_latin,
 )
@@ -226,7 +226,7 @@ def test_a_corner_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart
     size, materials = (0.02, 0.02, 0.02), [Elastic(210e9, 0.3)] * 2
     law = Sliders(law_of_stiffness(1e6).normal, 1.5, pressures=(2e6, 2e8))
     blocks = bodies.stacked_blocks(size, (2, 2, 2), materials, [law])
-    loading = JointLoading((20e6,), shear=6e6, cycles=1, steps=2)
+    loading = joint_path((20e6,), shear=6e6, cycles=1, steps=2)
     result, problem = (
         load_joint(blocks, loading, method=LatinMethod(parts=(2, 2))),
         cut_assembly(blocks, (2, 2)),

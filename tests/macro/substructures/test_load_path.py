@@ -6,7 +6,7 @@ import pytest
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.substructures import AssembledNewton, JointLoading, load_joint
+from multiscale.macro.substructures import AssembledNewton, joint_path, load_joint
 from multiscale.macro.substructures.load_path import closed_cycle, cycle_work
 
 SIDE = 0.02  # m
@@ -47,7 +47,7 @@ def blocks():
 
 
 def test_cycles_of_the_last_preload_equal_cycles_of_the_path(blocks):
-    loading = JointLoading((10e6, 20e6), 2e6, 1, 4, amplitudes=(0.5e6, 2e6))
+    loading = joint_path((10e6, 20e6), 2e6, 1, 4, amplitudes=(0.5e6, 2e6))
     result = load_joint(blocks, loading, method=AssembledNewton())
     loss, secant = result["cycle_loss"].values, result["secant_stiffness"].values
     assert loss.shape == (2, 2)
@@ -68,7 +68,7 @@ def test_cycles_of_the_last_preload_equal_cycles_of_the_path(blocks):
 
 
 def test_a_cycle_beyond_friction_is_unknown_and_the_others_stay(blocks):
-    loading = JointLoading((2e6, 20e6), 1e6, 1, 2, amplitudes=(0.2e6, 1e6))
+    loading = joint_path((2e6, 20e6), 1e6, 1, 2, amplitudes=(0.2e6, 1e6))
     result = load_joint(blocks, loading, method=AssembledNewton(), extrapolate=True)
     np.testing.assert_array_equal(np.isfinite(result["cycle_loss"]), [[True, False], [True, True]])
     text = result.attrs["cautions"]

@@ -10,7 +10,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface, LatinMethod
 from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
 from multiscale.macro.bodies.builders import lap_meshes
-from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
+from multiscale.macro.substructures import cut_assembly, joint_path, load_joint
 from tests.closed_forms.joint import joint_stiffness, series
 from tests.support import keep_ignoring_broken_pipes
 
@@ -32,7 +32,7 @@ def test_stacked_blocks_have_the_stiffness_and_approach_of_springs_in_series(par
     pressure = np.array([1e6, 10e6, 50e6])
     height, E, decay = 0.02, 210e9, 0.18e-6
     blocks = stacked_blocks((0.02, 0.03, height), (2, 2, 2), [Elastic(E, 0.0)] * 2, [LAW])
-    result = load_joint(blocks, JointLoading(tuple(pressure)), method=LatinMethod(parts=parts))
+    result = load_joint(blocks, joint_path(tuple(pressure)), method=LatinMethod(parts=parts))
     assert result.converged.values.all()
     expected = joint_stiffness(pressure, decay, height / E, height / E)
     np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
@@ -53,7 +53,7 @@ def test_damage_softens_the_block_and_the_joint_that_have_it():
     damaged = ConvexDecreasing(knot, 0.6 * c)
     laws = [Sliders(normal, 0.2, pressures=(1e6, 1e8)) for normal in (sound, damaged)]
     blocks = stacked_blocks((0.02, 0.02, height), (2, 2, 1), materials, laws)
-    result = load_joint(blocks, JointLoading((pressure,)))
+    result = load_joint(blocks, joint_path((pressure,)))
     interfaces = [law.stiffness(law.gap_at(np.array(pressure))) for law in (sound, damaged)]
     expected = series(E / height, 0.7 * E / height, E / height, *interfaces)
     np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
@@ -101,7 +101,7 @@ def test_a_bar_on_a_rough_base_dissipates_the_energy_of_shear_lag():
     pressure, edge, E, steps = 10e6, 0.01, 210e9, 8
     q = 2.0 * 0.2 * pressure * edge  # two faces
     force = 0.6 * q * 0.4
-    loading = JointLoading((pressure,), shear=force / edge**2, cycles=1, steps=steps)
+    loading = joint_path((pressure,), shear=force / edge**2, cycles=1, steps=steps)
     result = load_joint(sheared_bar(32), loading, method=LatinMethod(tolerance=1e-6))
     assert result.converged.values.all()
     expected = 2.0 * force**3 / (3.0 * E * edge**2 * q)
@@ -114,7 +114,7 @@ def test_a_bar_on_a_rough_base_dissipates_the_energy_of_shear_lag():
 
 @pytest.fixture(scope="module")
 def lap(gmsh):
-    loading = JointLoading((10e6, 50e6), shear=3e6, cycles=1, steps=4)
+    loading = joint_path((10e6, 50e6), shear=3e6, cycles=1, steps=4)
     return load_joint(lap_joint(SHAPE, (STEEL, STEEL), LAW), loading)
 
 
@@ -152,7 +152,7 @@ def test_a_cut_through_the_bolt_hole_names_the_divided_substructure(gmsh):
 
 
 def test_a_cut_lap_joint_equals_the_whole_joint(gmsh, lap):
-    loading = JointLoading((10e6, 50e6))
+    loading = joint_path((10e6, 50e6))
     cut = load_joint(
         lap_joint(SHAPE, (STEEL, STEEL), LAW), loading, method=LatinMethod(parts=(3, 1))
     )
@@ -191,7 +191,7 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
     materials = [Elastic(70e9, 0.0)] * 3
     laws = [limited(1e6, 100e6), limited(1e6, 4e6)]
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), materials, laws)
-    loading = JointLoading((3e6, 5e6, 9e6), shear=0.1e6, cycles=1, steps=1)
+    loading = joint_path((3e6, 5e6, 9e6), shear=0.1e6, cycles=1, steps=1)
     result = load_joint(blocks, loading)
     np.testing.assert_allclose(result.load_above[:3], [[0, 0], [0, 1], [0, 1]], atol=1e-12)
     np.testing.assert_allclose(result.load_far[:3], [[0, 0], [0, 0], [0, 1]], atol=1e-12)
@@ -209,7 +209,7 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
         assert not finite[2:].any()
     assert np.isnan(result.cycle_energy).all()
 
-    cut = load_joint(blocks, JointLoading((9e6,)), method=LatinMethod(parts=(2, 1)))
+    cut = load_joint(blocks, joint_path((9e6,)), method=LatinMethod(parts=(2, 1)))
     np.testing.assert_allclose(cut.load_above, [[0.0, 1.0]], atol=1e-12)  # of joints, not parts
 
     extended = load_joint(blocks, loading, extrapolate=True)
@@ -224,7 +224,7 @@ def test_joint_and_bodies_in_series_are_the_whole(lap):
     """Springs for blocks, and for the lap joint the compliances of joint and bodies add up."""
     E, h, pressure = 70e9, 0.01, np.array([2e6, 20e6])
     blocks = stacked_blocks((0.02, 0.02, h), (2, 2, 1), [Elastic(E, 0.0)] * 3, [LAW, LAW])
-    result = load_joint(blocks, JointLoading(tuple(pressure)))
+    result = load_joint(blocks, joint_path(tuple(pressure)))
     of_law = LAW.normal.stiffness(LAW.normal.gap_at(pressure))
     np.testing.assert_allclose(result.interface_stiffness, 0.5 * of_law, rtol=1e-6)
     np.testing.assert_allclose(result.solid_stiffness, E / (3.0 * h), rtol=1e-6)

@@ -11,13 +11,13 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Interface
 from multiscale.macro.bodies import GapMap
 from multiscale.macro.substructures import (
-    JointLoading,
     LoadPath,
     changed_stiffness,
     condense_assembly,
     follow_cut_loads,
-    follow_joint,
-    measure_joint,
+    follow_loads,
+    joint_path,
+    measure_loads,
 )
 
 EDGE, PRESSURE, DECAY, RATIO = 0.02, 10e6, 1e-7, 0.8
@@ -76,7 +76,7 @@ def test_first_order_changes_are_the_differences():
     centre = float(NORMAL.gap_at(np.array(PRESSURE)))
 
     def press(problem):
-        return follow_joint(problem, JointLoading((PRESSURE,)), method=AssembledNewton())
+        return follow_loads(problem, joint_path((PRESSURE,)), method=AssembledNewton())
 
     for change in ("factor", "shift"):
         changed = []
@@ -85,8 +85,8 @@ def test_first_order_changes_are_the_differences():
             normal = ModifiedLaw(NORMAL, centre=centre, **size)
             changed.append(small.with_laws([replace(laws[0], normal=normal), laws[1]]))
         first = changed_stiffness(press(small), [problem.law for problem in changed])
-        solved = [measure_joint(press(problem), (AREA, AREA)) for problem in changed]
-        base = measure_joint(press(small), (AREA, AREA))
+        solved = [measure_loads(press(problem)) for problem in changed]
+        base = measure_loads(press(small))
         for name in ("joint_stiffness", "interface_stiffness", "tangential_stiffness"):
             apart = [float(result[name][0] / base[name][0]) for result in solved]
             rate = -float(np.diff(first[name][:, 0])[0]) / (2.0 * h)

@@ -12,7 +12,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import Block, LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
+from multiscale.macro.substructures import assemble, cut_assembly, joint_path, load_joint
 from multiscale.micro import Cell, CellLaw, Path, self_affine, solve_cell
 from multiscale.upscaling import fit_law, law_from_dataset
 from tests.pressed_joint import ElementJoint, press_blocks, pressed_blocks
@@ -146,7 +146,7 @@ def test_substructures_take_cells_with_friction(fitted):
     for normal in (CellLaw(rough_cell(), RANGE), fitted):
         law = Sliders(normal, friction=0.2, pressures=(1e6, 3e7), slabs=8)
         blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [steel, steel], [law])
-        results.append(load_joint(blocks, JointLoading((1e7,)), method=LatinMethod(parts=(2, 1))))
+        results.append(load_joint(blocks, joint_path((1e7,)), method=LatinMethod(parts=(2, 1))))
         assert results[-1]["converged"].values.all()
     np.testing.assert_allclose(
         results[0]["joint_stiffness"], results[1]["joint_stiffness"], rtol=3e-2
