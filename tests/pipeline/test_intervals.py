@@ -72,6 +72,7 @@ class ByPickle(Executor):
         return future
 
 
+@pytest.mark.slow
 def test_workers_solve_the_changes_of_a_budget(joint, tmp_path):
     write_cells(tmp_path / "law.nc")
     case = load_case(write_scene(tmp_path, SCENE)).from_structure(None)

@@ -57,7 +57,7 @@ load_factors = [1.0]
 
 
 @pytest.fixture
-def run(command, tmp_path):
+def run(without_pages, command, tmp_path):
     """Run a case with a text replaced; return status, output, errors and the folder."""
 
     def run(files, old="", new=""):
