@@ -41,7 +41,7 @@ def fit_command(
     """Fit the interface law to a response, or to a table of measurements."""
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
-    from multiscale.pipeline.specimens import fit_specimens
+    from multiscale.pipeline.specimen_law import fit_specimens
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
     from multiscale.upscaling.branches import describe_shear

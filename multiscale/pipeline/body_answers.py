@@ -55,7 +55,7 @@ LOSES = (
 """Sentences of the answer: at a preload, and in the last cycle."""
 
 
-def list_faces(preloads: Sequence[float], areas: Sequence[float]) -> Iterator[str]:
+def list_forces(preloads: Sequence[float], areas: Sequence[float]) -> Iterator[str]:
     """Yield the forces of the preloads, and the forces over displacements of stiffnesses."""
     pressed, sheared = (1e6 * area for area in areas)  # mm²
     forces = ", ".join(f"{1e-9 * pressed * preload:.4g}" for preload in preloads)

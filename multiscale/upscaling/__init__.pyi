@@ -27,7 +27,7 @@ from .law_budget import error_budget as error_budget
 from .law_budget import with_scales as with_scales
 from .law_checks import admissibility as admissibility
 from .measured.joints import MeasuredJoint as MeasuredJoint
-from .measured.tables import read_measured as read_measured
+from .measured.readers import read_measured as read_measured
 from .measured.vibrations import read_vibration as read_vibration
 from .observations import observe as observe
 from .propagation import Bound as Bound

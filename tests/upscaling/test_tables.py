@@ -15,7 +15,7 @@ from multiscale.upscaling import (
     predict,
     read_observations,
 )
-from multiscale.upscaling.measured.tables import read_measured
+from multiscale.upscaling.measured.readers import read_measured
 from multiscale.upscaling.reading import refuse_band
 from multiscale.upscaling.specimens import with_specimen_budget
 from multiscale.upscaling.tables import quantity_of

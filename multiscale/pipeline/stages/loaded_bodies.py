@@ -10,7 +10,7 @@ from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import body_budget, showing, structure_stage
-from multiscale.pipeline.body_answers import answers_of, list_faces, list_interfaces
+from multiscale.pipeline.body_answers import answers_of, list_forces, list_interfaces
 from multiscale.pipeline.case_knobs import body_knobs
 from multiscale.pipeline.real_contact import with_contact, with_interface_contact
 from multiscale.pipeline.stage import Datasets, Job
@@ -34,7 +34,7 @@ def _load(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> 
     result = _with_budget(result, ready, followed, job)
     facts = showing.list_facts(result)
     if path.of_joint:
-        facts += list_faces(case.statics.preloads, path.forces)
+        facts += list_forces(case.statics.preloads, path.forces)
     else:
         result = result.assign_attrs(bodies=" ".join(body.name for body in structure.bodies))
         if not laws:

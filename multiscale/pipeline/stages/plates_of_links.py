@@ -12,7 +12,7 @@ from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.cut_structures import FIRST_FREQUENCY, strained, unstable
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
-from multiscale.pipeline.tables.link_settings import EquivalentPlate
+from multiscale.pipeline.tables import link_settings
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.lines import plot_lines
@@ -34,7 +34,9 @@ RESOLVED = (
 VIBRATES = "The first frequency of the links themselves is {links_frequency}."
 
 
-def _solve(plate: EquivalentPlate, case: Case, datasets: Datasets, job: Job) -> Dataset:
+def _solve(
+    plate: link_settings.EquivalentPlate, case: Case, datasets: Datasets, job: Job
+) -> Dataset:
     """Solve the plate and, if asked, its links at the same loads."""
     built, factors, mass = plate.build(), case.statics.load_factors, case.statics.mass
     result, cautions = macro.links.solve_plate(built, factors, mass=mass), list[str]()
@@ -81,7 +83,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
     )
 
 
-def _needs(plate: EquivalentPlate, case: Case) -> Needs:
+def _needs(plate: link_settings.EquivalentPlate, case: Case) -> Needs:
     from multiscale.macro.links.link_system import link_needs
 
     elements, steps = int(np.prod(plate.divisions)), len(case.statics.load_factors)

@@ -12,7 +12,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.measured.joints import Answer, BedCurve, MeasuredJoint, MeasuredLoop
-from multiscale.upscaling.measured.tables import refuse_settings, usual_nuisances
+from multiscale.upscaling.measured.readers import refuse_settings, usual_nuisances
 from multiscale.upscaling.tables import read_columns, units_of_columns
 
 COLUMNS = {"amplitude": "m", "frequency": "s-1", "damping": "1"}
