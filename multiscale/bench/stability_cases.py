@@ -70,24 +70,84 @@ def equivalent_plate(bar_over_cable: float, prestress: float, load_factor: float
     return float(np.linalg.norm(direct - stepped) / np.linalg.norm(stepped))
 
 
-def limit_load(rise: float, bars: int) -> float:
-    """Press the apex of a dome past its limit: error of the critical load, (L0 / b)^(1/3) long."""
+def _dome(rise: float, bars: int) -> "tuple[LinkSystem, Callable[[float], float]]":
+    """Return a dome of bars under its critical load, and the force that it bears at a height."""
     from multiscale.laws.link import Bar
-    from multiscale.macro import LinkSystem, solve_past_limit
+    from multiscale.macro import LinkSystem
 
     angle = 2.0 * np.pi * np.arange(bars) / bars
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(bars)])
     start = np.hypot(1.0, rise)
-    length = start ** (1.0 / 3.0)
-    limit = bars / start * (start - length) * np.sqrt(length**2 - 1.0) / length
+
+    def bears(height: float) -> float:
+        length = np.hypot(1.0, height)
+        return float(bars / start * (start - length) * height / length)
+
     fixed, load = np.ones((bars + 1, 3), dtype=bool), np.zeros((bars + 1, 3))
-    fixed[-1, 2], load[-1, 2] = False, -limit
+    # critical where the bars are (L0 / b)^(1/3) long
+    fixed[-1, 2], load[-1, 2] = False, -bears(np.sqrt(start ** (2.0 / 3.0) - 1.0))
     ends = np.column_stack([np.arange(bars), np.full(bars, bars)])
     nodes = np.vstack([ring, [0.0, 0.0, rise]])
-    dome = LinkSystem(nodes, ends, (Bar(1.0),), np.zeros(bars, int), fixed, load)
-    path = solve_past_limit(dome, 1.2)
+    return LinkSystem(nodes, ends, (Bar(1.0),), np.zeros(bars, int), fixed, load), bears
+
+
+def limit_load(rise: float, bars: int) -> float:
+    """Press the apex of a dome past its limit: error of the critical load."""
+    from multiscale.macro import solve_past_limit
+
+    path = solve_past_limit(_dome(rise, bars)[0], 1.2)
     _refuse_failure(path)
     return abs(float(path["critical_factor"]) - 1.0)
+
+
+def near_limit(share: float, rise: float) -> float:
+    """Press the apex of a dome by a share of its critical load: error of the force it bears."""
+    from multiscale.macro import solve_static
+
+    dome, bears = _dome(rise, 6)
+    rest = solve_static(dome, [share], exact=True)
+    _refuse_failure(rest)
+    borne = bears(rise + float(rest["displacement"][-1, -1, 2]))
+    return abs(borne / (-share * dome.load[-1, 2]) - 1.0)
+
+
+def loose_links(scene: str, load: float, solver: str) -> float:
+    """Load mechanisms and slack links: distance from the balance of forces, or of momentum."""
+    from multiscale.laws.link import Bar, Cable
+    from multiscale.macro import LinkSystem, simulate, solve_static
+
+    law, corners = (Cable if scene == "slack cables" else Bar)(1e6), np.eye(4, 3)
+    position = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    fixed, force = np.zeros((4, 3), dtype=bool), 0.0 * corners
+    if scene == "flat square":  # a corner is pushed across the plane of its bars
+        fixed[:3], force[3, 2] = True, -load
+    else:  # along the motion of a square with hinges, or towards the supports of cables
+        fixed[:2], fixed[2:, 2] = True, True
+        force[2:, 0 if scene == "hinged square" else 1] = -load
+    ends = np.array(
+        [[1, 2], [2, 3], [3, 0], [0, 2], [1, 3]][: 3 if scene == "hinged square" else 5]
+    )
+    links = LinkSystem(position, ends, (law,), np.zeros(len(ends), int), fixed, force)
+    if solver == "motion":
+        h, mass = 1e-3, 2.0
+        result = simulate(links, h * np.arange(21), mass)
+        _refuse_failure(result)
+        v, tension = result["velocity"].to_numpy(), result["tension"].to_numpy()
+        pull = np.zeros((len(tension), 4, 3))
+        for (i, j), t, e in zip(ends, tension.T, links.direction, strict=True):
+            pull[:, i] += t[:, None] * e
+            pull[:, j] -= t[:, None] * e
+        change = mass * np.diff(v, axis=0) / h - force - pull[1:]
+        return float(np.abs(change[:, ~fixed]).max() / (load + np.abs(pull).max()))
+    result = solve_static(links, [1.0], exact=solver == "exact")
+    _refuse_failure(result)
+    place = position + result["displacement"].to_numpy()[-1] * (solver == "exact")
+    balance = force.copy()
+    for (i, j), t in zip(ends, result["tension"].to_numpy()[-1], strict=True):
+        way = place[j] - place[i]
+        balance[i] += t * way / np.linalg.norm(way)
+        balance[j] -= t * way / np.linalg.norm(way)
+    return float(np.abs(balance[~fixed]).max() / load)
 
 
 def motion(bar_over_cable: float, prestress: float, step: float) -> float:
@@ -490,6 +550,24 @@ def bounce(friction: float, restitution: float, step: float) -> float:
     energy = (result["kinetic_energy"] - result["work"]).values / float(result["work"].max())
     gain = float(np.diff(energy, prepend=0.0).max())
     return max(gain, -energy.min()) if restitution == 1.0 and friction == 0.0 else gain
+
+
+def impact(speed: float, friction: float, restitution: float) -> float:
+    """Shoot two heaps of spheres at each other: lost momentum, and gain of energy in a step."""
+    from multiscale.macro.granulate import ContactLaw, Grains, Model, simulate_grains
+
+    radius, side = 0.01, np.arange(2)
+    places = np.stack(np.meshgrid(side, side, np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
+    towards = np.where(places[:, 2] < 2, 1.0, -1.0)
+    velocity = speed * np.column_stack([0.0 * towards + 0.1, 0.0 * towards, towards])
+    grains = Grains(2.1 * radius * places, np.full(16, radius), velocity=velocity)
+    model = Model(grains, (), ContactLaw(friction, restitution), (0.0, 0.0, 0.0))
+    step = 0.02 * radius / speed
+    result = simulate_grains(model, 50 * step, step)
+    energy = result["kinetic_energy"].to_numpy() / (0.505 * speed**2 * grains.mass.sum())
+    after = result["velocity"].to_numpy()[-1]
+    lost = (grains.mass @ (after - velocity)) / (speed * grains.mass.sum())
+    return float(max(np.abs(lost).max(), np.diff(energy, prepend=1.0).max()))
 
 
 def third_body(speed: float, pressure: float) -> float:
