@@ -108,7 +108,7 @@ def near_limit(share: float, rise: float) -> float:
     rest = solve_static(dome, [share], exact=True)
     _refuse_failure(rest)
     borne = bears(rise + float(rest["displacement"][-1, -1, 2]))
-    return abs(borne / (-share * dome.load[-1, 2]) - 1.0)
+    return float(abs(borne / (-share * dome.load[-1, 2]) - 1.0))
 
 
 def loose_links(scene: str, load: float, solver: str) -> float:

@@ -147,6 +147,8 @@ def third_body_faults(case: "Case") -> Iterator[str]:
             f"{' and '.join(of_surfaces)} in [law] fit cells of two surfaces, and the law of "
             f"[third_body] is a formula of two parameters; leave out {' and '.join(of_surfaces)}"
         )
+    if case.structure is not None and (case.interface is None or case.interface.speed is None):
+        yield "the law of [third_body] depends on the speed of sliding; give speed in [interface]"
     if case.structure is not None and "grains" in case.structure.asks[0]:
         yield (
             f"a structure of kind {case.structure.kind!r} is made of [grains], and [third_body] "
