@@ -135,6 +135,7 @@ def test_few_measurements_are_fitted_or_refused_in_a_sentence(
     assert sentence in "".join(capsys.readouterr())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "option", "stages", "left_out"),
     [

@@ -99,6 +99,7 @@ def test_a_kernel_that_was_killed_while_it_compiled_is_compiled_by_the_next(tmp_
     assert second.stdout == "1\n"
 
 
+@pytest.mark.slow
 def test_a_cache_that_names_a_class_which_has_gone_is_written_anew(tmp_path, environment):
     text = """
         from typing import NamedTuple

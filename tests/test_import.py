@@ -77,6 +77,7 @@ def test_a_dataset_is_made_of_arrays_without_the_libraries_of_other_arrays():
     assert loaded.isdisjoint({"pint", "dask.array"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "program",
     [
@@ -105,6 +106,7 @@ def refused_first(package, libraries=""):
     """).stdout.splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks of a process")
 def test_every_module_can_be_imported_first():
     """A worker imports first the module of the function that it calls."""

@@ -71,6 +71,7 @@ def test_a_wave_has_the_answers_of_its_closed_forms(scene):
     assert 5.0 * fine < coarse < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", DAMAGE_SCENES)
 def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
     every, followed = life(scene, None)

@@ -84,6 +84,7 @@ def test_only_a_verified_answer_has_converged_and_only_a_sentence_refuses(
     assert entry.sentence == sentence
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_fails_only_its_case(monkeypatch):
     cases = [case("wedge", coefficient=mu) for mu in (0.3, "no number", 1.5)]
     monkeypatch.setattr(stability, "solve_case", _die_without_number)
@@ -112,6 +113,7 @@ def test_results_are_stored_after_every_case(monkeypatch, tmp_path):
     assert dataset.attrs["cases"] == 3
 
 
+@pytest.mark.slow
 def test_every_case_runs_on_one_thread_since_others_run_at_the_same_time(monkeypatch):
     monkeypatch.setattr(stability, "solve_case", _count_threads)
     result = check_stability([case("wedge", coefficient=mu) for mu in (0.3, 0.6)], jobs=2)
@@ -216,6 +218,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "solver", "name", "factor"),
     [
@@ -254,6 +257,7 @@ def test_a_wrong_answer_of_any_step_fails(monkeypatch, scene, solver, name, fact
     assert stability.OUTCOMES[outcome.outcome] == "failed"
 
 
+@pytest.mark.slow
 def test_the_command_leaves_the_matrix_and_fails_with_its_cases(command, tmp_path):
     file = tmp_path / "matrix.nc"
     status, output, _ = command("stability", "wedge", "-o", file)

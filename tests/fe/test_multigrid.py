@@ -63,6 +63,7 @@ def compare(structure, D):
     return float(np.sqrt(abs(error @ (whole.stiffness @ error)) / size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contrast", [1e-6, 1.0, 1e3, 1e8])
 @pytest.mark.parametrize(("across", "opened"), [(1.0, False), (1e-3, True)])
 def test_contrasts_of_the_joint_need_few_iterations(
@@ -131,6 +132,7 @@ def test_bodies_without_joints_are_solved(structure):
     np.testing.assert_allclose(answer, exact, atol=1e-8 * np.abs(exact).max())
 
 
+@pytest.mark.slow
 def test_iterations_do_not_grow_with_the_size(monkeypatch):
     counts = []
     solve = multigrid.minimal_residual

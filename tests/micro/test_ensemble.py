@@ -67,6 +67,7 @@ def test_realisations_of_another_path_in_the_folder_are_not_joined(cells, tmp_pa
         run_ensemble(cells[:2], Path(pressure=pressures), folder=tmp_path)
 
 
+@pytest.mark.slow
 def test_executors_give_the_same_response(cells, tmp_path):
     serial = run_ensemble(cells, PATH)
     with ThreadPoolExecutor(1) as executor:

@@ -111,6 +111,7 @@ def test_the_cost_of_a_plain_run(monkeypatch):
     assert counts["apply"] <= steps + 2 * sets + 2
 
 
+@pytest.mark.slow
 def test_a_run_without_recovered_stress_does_without_scikit_fem():
     code = (
         "import sys, numpy as np\n"

@@ -64,6 +64,7 @@ KINDS = [
 KINDS[1:] = [pytest.param(*kind.values, id=kind.id, marks=pytest.mark.slow) for kind in KINDS[1:]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "n", "layers"), KINDS)
 def test_a_cell_takes_the_memory_and_the_libraries_that_it_states(make, n, layers):
     code = CODE.format(make=make, n=n, layers=layers, pressure=0.002)

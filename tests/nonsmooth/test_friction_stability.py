@@ -227,6 +227,7 @@ def test_masses_that_leave_no_digits_are_named_with_their_rounding():
     assert "rounding of W r + q is" in solution.detail
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mobility", [1e-300, 1e-200, 1e-155, 1e-100, 1e100, 1e155, 1e200, 1e300])
 @pytest.mark.parametrize("speed", [1e-250, 1e-160, 1.0, 1e160, 1e250])
 def test_numbers_with_squares_that_underflow_or_overflow_are_solved_or_refused(mobility, speed):

@@ -119,6 +119,7 @@ def test_the_adaptive_law_has_the_gaps_of_the_cells_beyond_the_first_data(ways):
     assert abs(first.gap_at(320e6) / float(gap[-1]) - 1.0) > 0.02
 
 
+@pytest.mark.slow
 def test_concurrent_blocks_have_cells_around_every_preload(ways, tmp_path):
     result = run(steel((20.0, 40.0, 80.0), "concurrent"), tmp_path).macro_result
     (file,) = tmp_path.glob("adaptive/*/interface_law.nc")
@@ -130,6 +131,7 @@ def test_concurrent_blocks_have_cells_around_every_preload(ways, tmp_path):
     np.testing.assert_allclose(result["joint_stiffness"], whole["joint_stiffness"], rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_a_structure_that_asks_for_ever_more_pressures_has_a_caution(ways, tmp_path, monkeypatch):
     monkeypatch.setattr("multiscale.pipeline.adaptive.ROUNDS", 1)
     cautions = run(steel((20.0, 40.0, 80.0), "adaptive"), tmp_path).macro_result.attrs["cautions"]
@@ -141,6 +143,7 @@ STEEL = small_steel(4).replace("coarser = 5", "coarser = 0")
 DIRECT = '[interface]\nway = "direct"\n[structure]'
 
 
+@pytest.mark.slow
 def test_direct_blocks_are_as_wide_as_their_cells(tmp_path):
     text = STEEL.replace('"10 mm"', '"2.4 mm"')
     case = load_case(write_scene(tmp_path, text, ("[structure]", DIRECT)))
@@ -190,6 +193,7 @@ def test_cells_between_far_pressures_narrow_the_interval_by_the_form_of_the_law(
     assert np.all(halves[1] < 0.2 * halves[0])
 
 
+@pytest.mark.slow
 def test_inside_the_data_the_adaptive_way_presses_nothing(tmp_path):
     results = [
         run(steel((5.0, 10.0, 20.0, 40.0, 80.0, 160.0), way), tmp_path / way).macro_result

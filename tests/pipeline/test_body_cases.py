@@ -380,6 +380,7 @@ def write_scattered_law(file, samples=0):
     return p
 
 
+@pytest.mark.slow
 def test_few_samples_of_a_law_give_named_loads_the_scatter_of_all(meshes):
     """Next to Student's interval of cells that scatter by a factor."""
     text, half = TEXT.replace(STATED, 'law = "law.nc"\n'), {}
@@ -393,6 +394,7 @@ def test_few_samples_of_a_law_give_named_loads_the_scatter_of_all(meshes):
     assert half[40] == pytest.approx(half[0], rel=0.3)
 
 
+@pytest.mark.slow
 def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
     """Two alike interfaces in series: errors of one law add up, of two laws their squares."""
     for name in ("law.nc", "other.nc"):
@@ -432,6 +434,7 @@ def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
     assert compared["load_stiffness"].values == pytest.approx(real["load_stiffness"].values[-1])
 
 
+@pytest.mark.slow
 def test_workers_solve_bodies_again_for_the_intervals_of_stated_values(meshes):
     """Interface and bodies are springs in series: the interface has its share of the change."""
     changes = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
@@ -494,6 +497,7 @@ def test_the_time_of_all_load_steps_follows_from_the_first(meshes):
     ]
 
 
+@pytest.mark.slow
 def test_the_figure_and_the_answer_are_of_the_last_step_that_is_known(meshes, tmp_path):
     """The last step is far below the pressures of the law; in a linear law it has no load."""
     low = "{ press = 1 }, { pull = 1 }", "{ press = 1 }, { press = 0.001 }"
@@ -514,6 +518,7 @@ def test_the_figure_and_the_answer_are_of_the_last_step_that_is_known(meshes, tm
     assert "or state a law that holds there" in result.attrs["cautions"]
 
 
+@pytest.mark.slow
 def test_slip_and_loss_of_a_stated_law_have_the_intervals_of_its_values(meshes):
     text = TEXT.replace("friction = 0.2", 'friction = "0.2 +- 10 %"').replace('"1 kN"', '"1.8 kN"')
     text += '[cycles]\nload = "pull"\ncycles = 1\nsteps = 4\n'

@@ -273,6 +273,7 @@ def test_the_law_of_the_command_comes_before_the_law_of_the_scene(blocks, tmp_pa
     assert float(last[1]) == pytest.approx(1e-12 * expected[1], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
     along_z = 0.4 * 210e9
     solid, folder = VoxelImage(np.zeros((2, 2, 2)), (1.0, 1.0, 1.0)), blocks.parent
@@ -366,6 +367,7 @@ def test_a_scene_reports_its_real_pressure_and_the_size_of_its_cells(blocks, tmp
     assert facts[1] == "A cell of 1 mm is 0.05 of the edge of the interface, 20 mm."
 
 
+@pytest.mark.slow
 def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load(tmp_path, blocks):
     scene = write_scene(tmp_path, BLOCKS + '[cycles]\nshear = "4.4 MPa"\ncycles = 1\nsteps = 2\n')
     out = tmp_path / "slid.nc"

@@ -192,6 +192,7 @@ def test_identity_follows_the_content_of_an_instrument_file_not_its_place(case, 
     assert measured(case, write_map(tmp_path / "a.txt", 2.0 * heights)).identity() != first
 
 
+@pytest.mark.slow
 def test_a_run_with_a_measured_map_reports_its_share_in_the_cells(case, tmp_path, capsys):
     heights = np.random.default_rng(seed=1).standard_normal((200, 100))
     heights[150:180, 20:70] = np.nan

@@ -42,6 +42,7 @@ def test_the_law_of_the_cells_is_the_law_of_the_interfaces(chain, tmp_path):
         np.testing.assert_array_equal(alone[name], results.macro_result[name])
 
 
+@pytest.mark.slow
 def test_joints_take_the_law_of_another_case_which_is_run_before_them(chain, tmp_path):
     _, _, results = chain
     write_scene(tmp_path, CELLS + "[law]\nsamples = 10\n").rename(tmp_path / "cells.toml")
@@ -76,6 +77,7 @@ def test_a_case_without_a_law_is_refused_before_anything_is_solved(tmp_path, law
     assert not (tmp_path / "laws").exists()
 
 
+@pytest.mark.slow
 def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
     case, out, _ = chain
 
@@ -93,6 +95,7 @@ def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
     assert np.all(np.array(fitted[1:]) > loaded[1:])
 
 
+@pytest.mark.slow
 def test_cells_without_a_structure_are_a_case_and_describe_the_interface(command, tmp_path):
     path = write_scene(tmp_path, CELLS + "[law]\nsamples = 0\n")
     status, output, _ = command("run", path, "-o", "out", "--jobs", "1")
@@ -107,6 +110,7 @@ def test_cells_without_a_structure_are_a_case_and_describe_the_interface(command
     assert line in page
 
 
+@pytest.mark.slow
 def test_blocks_take_a_law_from_a_file(run_folder, tmp_path, command):
     """Only the last stage of a case, with the law of the whole case, gives the same joint."""
     law = run_folder / "interface_law.nc"
@@ -132,6 +136,7 @@ def test_blocks_take_a_law_from_a_file(run_folder, tmp_path, command):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pages")
 def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
     changed = CELLS.replace("realisations = 3", "realisations = 1")

@@ -1,6 +1,7 @@
 """Cases of conducting bodies: answers with their bands, and refusals."""
 
 import numpy as np
+import pytest
 
 from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.pipeline import run
@@ -9,6 +10,7 @@ from tests.support import case_of, case_text
 TEXT = case_text("conducting")
 
 
+@pytest.mark.slow
 def test_a_joint_of_bodies_that_conduct_reports_its_conductance(tmp_path):
     result = run(case_of(tmp_path, TEXT), tmp_path / "out")["macro_result"]
     h = result["thermal_conductance"]

@@ -44,6 +44,7 @@ TEXTS = {
 }
 """Cases of several stages each, by name; scenes are read from their files."""
 
+FAST = ("steel", "blocks", "bodies", "vibration", "fatigue")
 QUICK = (
     "cable_net",
     "equivalent_plate",
@@ -78,7 +79,9 @@ def write_files(folder: Path) -> None:
         write_body(folder / f"{name}.msh", box_mesh(size, counts, origin=(0.0, 0.0, place)))
 
 
-@pytest.fixture(scope="module", params=[*list(TEXTS)[:-2], *QUICK, *slow(*list(TEXTS)[-2:])])
+@pytest.fixture(
+    scope="module", params=[*FAST, *QUICK, *slow(*(text for text in TEXTS if text not in FAST))]
+)
 def finished(request, tmp_path_factory, text_run):
     if request.param in TEXTS:
         case, out, _ = text_run(request.param, TEXTS[request.param], write_files)

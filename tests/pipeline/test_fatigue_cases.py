@@ -150,6 +150,7 @@ def test_a_damaged_body_bears_its_stress_on_the_remaining_area(cube):
     assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_rest_of_an_element_bears_the_whole_load(cube):
     """The structure is solved again with cracked elements; here that has a closed form."""
     pairs = (

@@ -159,6 +159,7 @@ def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path
     assert read_all(read, [dataset], mutate_bytes, 200, tmp_path, seed=1) == []
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(("seed", "count"), SEEDS)
 def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_path, seed, count):
@@ -184,6 +185,7 @@ NASTY = '<script>alert(1)</script> & "x" $\\\\frac{ {{ 7*7 }} </title>'
 SMALL = small_steel(2)
 
 
+@pytest.mark.slow
 def test_a_report_shows_text_of_a_user_without_running_it(tmp_path, monkeypatch):
     from multiscale.report import draw_figures, write_report
 

@@ -96,6 +96,7 @@ def test_waves_below_instrument_noise_are_not_reliable(store):
     assert float(clean["shortest_reliable"]) == pytest.approx(4 * PIXEL)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_pages")
 def test_the_proposed_case_runs(store, rough, command, tmp_path):
     file = store(rough)
@@ -129,6 +130,7 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
     assert (status, "MPa" in output) == (0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("structure", "preload", "pressed"),
     [
@@ -224,6 +226,7 @@ def test_too_many_spikes_are_no_spikes(store):
         measured_map(surface)
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_leaves_the_case_file(store, tmp_path, rough):
     """As of a command that is followed by head."""
     end, closed = os.pipe()

@@ -134,6 +134,7 @@ def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
     assert float(re.search(r"of which (\S+) or more", text)[1]) == pytest.approx(100.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_loss_of_the_loop_is_the_dissipation_of_the_points_as_the_steps_fall(tmp_path):
     """The dissipation of a step is first order in the step, and never negative."""
     case = load_case(write_scene(tmp_path, SCENE))
@@ -242,6 +243,7 @@ def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
     assert (changed.stiffness_ratio, changed.normal) == (before.stiffness_ratio, before.normal)
 
 
+@pytest.mark.slow
 def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     """Cells dissipate a tenth more than the bed, .02 of it apart at equal slip and traction."""
     spread = 0.01 * np.linspace(-1.0, 1.0, 401)[:, None]

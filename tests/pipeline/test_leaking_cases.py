@@ -12,6 +12,7 @@ from tests.support import case_of, case_text
 TEXT = case_text("seal")
 
 
+@pytest.mark.slow
 def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
     out = tmp_path / "out"
     result = run(case_of(tmp_path, TEXT), out)

@@ -53,6 +53,7 @@ def measured_case(folder, *changes):
     return case_of(folder, TEXT + MEASURED + LOOPS, *changes)
 
 
+@pytest.mark.slow
 def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
     results = run(measured_case(tmp_path), tmp_path / "out")
     law, joint = results["interface_law"], results["macro_result"]
@@ -83,6 +84,7 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
         calibrate_case(plain, sheared)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", [LOOPS, VIBRATION], ids=["loops", "vibrations"])
 def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(table, tmp_path):
     blocks = 'kind = "blocks"\nheight = "5 mm"\nwidth = "10 mm"'

@@ -55,6 +55,7 @@ def answers(tmp_path_factory):
     return solve
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEXTS)
 def test_answers_scale_with_lengths_and_stresses(answers, name):
     first, other = answers(TEXTS[name]), answers(scaled(TEXTS[name]))
@@ -64,6 +65,7 @@ def test_answers_scale_with_lengths_and_stresses(answers, name):
         np.testing.assert_allclose(other[key][0], by * values, rtol=1e-4, err_msg=key)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "pair", "answer", "rises"),
     [

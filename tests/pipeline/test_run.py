@@ -136,6 +136,7 @@ def test_a_second_run_keeps_the_cells_and_gives_the_same_law(shipped_run, comman
     xr.testing.assert_equal(law, open_law(out / "interface_law.nc"))
 
 
+@pytest.mark.slow
 def test_micro_and_fit_do_only_the_first_half(command, tmp_path):
     small = FLAT.replace("[128, 128]", "[64, 64]").replace("realisations = 5", "realisations = 2")
     (tmp_path / "small.toml").write_text(small, encoding="utf-8")
@@ -146,6 +147,7 @@ def test_micro_and_fit_do_only_the_first_half(command, tmp_path):
     assert open_law(tmp_path / "law.nc").attrs["n_realisations"] == 2
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_in_mid_run_deletes_nothing(tmp_path, monkeypatch):
     from multiscale.errors import MultiscaleError
 
@@ -192,6 +194,7 @@ def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, 
     assert np.all(np.diff(results.macro_result["joint_stiffness"]) > 0.0)
 
 
+@pytest.mark.slow
 def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     file, E, height = finished[0] / "interface_law.nc", 210e9, 0.01
     before = file.read_bytes()

@@ -30,6 +30,7 @@ def test_the_same_case_finds_its_result(folder):
     assert (folder / "macro_result.nc").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder):
     case = load_case(folder / "case.toml")
     other = case.model_copy(
@@ -135,6 +136,7 @@ def test_a_structure_is_run_shown_and_solved_again_under_another_load(tmp_path):
         run(case.model_copy(update={"structure": smaller}), out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "lost", "show"),
     [
@@ -192,6 +194,7 @@ def test_a_run_with_a_folder_that_another_run_takes_ends_in_a_sentence(folder, m
         run(case, folder)
 
 
+@pytest.mark.slow
 def test_results_of_another_run_in_the_folder_are_not_taken(folder):
     case = load_case(folder / "case.toml")
     other = case.model_copy(

@@ -18,7 +18,7 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
 from multiscale.upscaling import assume_shear, sliders_from_dataset
 from multiscale.upscaling.shear_budget import shear_errors
-from tests.support import TWO_BLOCKS, case_of, joints_of, small_steel, write_law, write_scene
+from tests.support import TWO_BLOCKS, case_of, joints_of, slow, small_steel, write_law, write_scene
 
 SHEAR = """
 [micro.shear]
@@ -38,9 +38,9 @@ CHAIN = CELLS + LAW + SHEAR + ROUGH
 THEORY = 2.0 * 0.7 / 1.7
 
 
-@pytest.fixture(scope="module")
-def finished(text_run):
-    return text_run("sheared", CHAIN)
+@pytest.fixture(scope="module", params=slow("sheared"))
+def finished(request, text_run):
+    return text_run(request.param, CHAIN)
 
 
 def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
@@ -104,6 +104,7 @@ def test_other_loads_shear_no_cell_and_another_shear_presses_none(finished, tmp_
     assert open_law(out / "interface_law.nc").attrs["n_sheared"] == 1
 
 
+@pytest.mark.slow
 def test_the_command_fits_the_same_law_from_files_and_exports_it(finished, command, tmp_path):
     _, out, results = finished
     status, output, _ = command(
@@ -153,6 +154,7 @@ def test_a_given_value_replaces_a_measured_value_and_is_reported(finished):
     assert joints_of(strict, results)[1][0].identical(law)
 
 
+@pytest.mark.slow
 def test_a_missing_value_is_assumed_by_theory_or_refused(tmp_path):
     law = write_law(tmp_path / "law.nc")
     text = PLAIN.replace("[interface]", '[interface]\nlaw = "law.nc"\nfriction = 0.3')

@@ -13,7 +13,7 @@ from multiscale.pipeline import make_cells, requirements, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.ensembles import make_pair
 from multiscale.schema import SLIDING_RESPONSE
-from tests.support import case_of
+from tests.support import case_of, slow
 
 SLIDE = """
 [slide]
@@ -35,9 +35,9 @@ ELASTIC = (
 )
 
 
-@pytest.fixture(scope="module")
-def finished(text_run):
-    case, out, results = text_run("slide", ELASTIC + SLIDE)
+@pytest.fixture(scope="module", params=slow("slide"))
+def finished(request, text_run):
+    case, out, results = text_run(request.param, ELASTIC + SLIDE)
     return case, out, results["sliding_response"]
 
 

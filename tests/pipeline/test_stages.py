@@ -55,6 +55,7 @@ def test_the_tables_of_a_file_ask_for_its_stages():
     assert [stage.name for stage in stages_of({"structure", "joint"})] == joint[2:]
 
 
+@pytest.mark.slow
 def test_a_stage_that_is_added_is_run_reported_and_shown(run_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(stages, "STAGES", (*STAGES, ADDED))
     out = tmp_path / "out"

@@ -102,6 +102,7 @@ def test_a_sweep_of_a_joint_that_slips_keeps_its_answers_and_reports_which_slide
     assert "slide" not in result["caution"].values[0]
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_truss_has_the_numbers_of_its_table(write, tmp_path):
     sweep = load_sweep(write(GRID))
     result = run_sweep(sweep, tmp_path / "out")
@@ -126,6 +127,7 @@ def test_a_case_that_is_a_sweep_is_not_loaded_as_one_case(write):
         load_case(write(SMALL + SWEEP))
 
 
+@pytest.mark.slow
 def test_each_point_is_the_run_of_its_case_and_a_failure_is_a_sentence(write, tmp_path):
     text = SMALL.replace("[36, 36]", "[40, 40]") + "[sweep]\ncell.points = [[36, 36], [16, 16]]\n"
     sweep = load_sweep(write(text))
@@ -141,6 +143,7 @@ def test_each_point_is_the_run_of_its_case_and_a_failure_is_a_sentence(write, tm
     assert list(result["cell.points"].values) == ["[36, 36]", "[16, 16]"]
 
 
+@pytest.mark.slow
 def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     run_sweep(load_sweep(write(SMALL + "[sweep]\ncell.layers = [8]\n")), tmp_path / "out")
     (stored,) = (tmp_path / "out").glob("points/*/macro_result.nc")

@@ -160,6 +160,7 @@ def test_a_braking_force_has_an_error_budget(finished):
     )
 
 
+@pytest.mark.slow
 def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):
     case, _, results = finished
     assert results.macro_result["known"].values.all()

@@ -108,6 +108,7 @@ def test_a_free_structure_and_an_amplitude_that_slides_are_reported(meshes):
     assert re.search(r"mode 1 has no solution from the modal amplitude .* kg.1/2 m on", sentence)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [0, 40])
 def test_intervals_follow_the_budget_of_the_law(meshes, samples):
     write_scattered_law(meshes / "law.nc", samples)

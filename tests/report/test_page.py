@@ -117,6 +117,7 @@ def test_the_answer_shows_the_interface_the_bodies_and_that_it_is_elastic(page):
     assert "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm." in page
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(which("chromium") is None, reason="needs the browser chromium")
 @pytest.mark.parametrize("size", [(1200, 900), *slow((360, 740))], ids=["desk", "phone"])
 def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):

@@ -290,6 +290,7 @@ def test_the_fit_term_of_the_stiffness_at_the_highest_pressure_is_of_the_size_of
         assert (law["gap_fit_share"], law["stiffness_fit_share"]) == (0.25, 0.5)
 
 
+@pytest.mark.slow
 def test_the_variance_of_the_differences_of_grids_counts_once():
     """No bias: the rest is the interval of the mean difference."""
     random, computed = np.random.default_rng(seed=5), []

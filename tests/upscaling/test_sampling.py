@@ -139,6 +139,7 @@ def test_the_scatter_of_single_cells_is_not_reduced():
     assert scatter == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [5, 12])
 def test_the_samples_cover(n):
     """Percentiles of 200 samples of 200 repeats; pairs are drawn together, others apart."""

@@ -249,6 +249,7 @@ def two_bodies(points, seed, friction=0.3, opposite=1.0):
 E_STAR = 0.5e9 / (1.0 - 0.3**2)
 
 
+@pytest.mark.slow
 def test_cells_of_two_bodies_are_pressed_sheared_released_and_pressed_again(tmp_path):
     cells = [two_bodies(12, 0)]
     pressures = 0.05 * E_STAR * np.array([0.05, 0.1])

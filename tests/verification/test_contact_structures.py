@@ -24,6 +24,7 @@ def test_a_ball_on_a_half_space_is_hertzs():
     assert radius == pytest.approx(CONTACT_RADIUS, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_pressure_under_a_ball_is_the_ellipse_of_hertz():
     *_, step = scenes.ball_on_half_space(5)
     surface = step.contact["ball"]

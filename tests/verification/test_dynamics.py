@@ -53,6 +53,7 @@ def mass_on_cable(time, stiffness=1000.0, fall=0.1):
     return speed * s - 0.5 * GRAVITY * s**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("theta", "rate", "size"), [(1.0, 1.0, 2e-2), (0.5, 2.0, 5e-5)])
 def test_a_mass_falls_into_an_elastic_cable(theta, rate, size):
     steps, errors = np.array([1e-3, 5e-4, 2.5e-4]), []
@@ -95,6 +96,7 @@ def test_stiffer_cables_tend_to_the_inextensible_cable():
     np.testing.assert_allclose(np.log10(np.divide(distances[:-1], distances[1:])), 2.0, atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("h", "error"), [(1e-2, 2e-2), (1e-3, 2e-3)])
 def test_a_bouncing_point_is_where_it_should_be(h, error):
     ground = line([0.0, 1.0], [Strut(np.inf)], [1], GRAVITY)
@@ -197,6 +199,7 @@ def test_a_grid_released_from_its_load_keeps_account_of_its_energy():
     assert np.any(np.diff(slack) > 0)  # and others go slack on the way back
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
 @pytest.mark.parametrize("step", [2e-3, 5e-3, 0.1])
 def test_no_step_is_large_enough_to_gain_energy(theta, step):

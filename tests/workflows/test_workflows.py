@@ -32,6 +32,7 @@ def files(pattern):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", files("*.py"))
 def test_every_workflow_runs(script, tmp_path):
     main = runpy.run_path(str(script))["main"]
@@ -80,6 +81,7 @@ def test_every_shipped_case_runs(name, shipped_run):
     assert (out / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", files("scenes/*.toml"))
 def test_every_scene_runs(scene, shipped_run, tmp_path):
     """Scenes that name the law of a shipped case take it from its run, which other tests share."""
@@ -111,6 +113,7 @@ def test_published_and_exact_values_are_met(tmp_path):
     assert [what for what, *_ in rows if f"| {what} |" not in page] == []
 
 
+@pytest.mark.slow
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):
     main = runpy.run_path(str(FOLDER / "tensegrity_grid.py"))["main"]
     assert not main(["--quick", "-o", str(tmp_path)])

@@ -32,6 +32,7 @@ def lattice(friction, rate):
     return model, step
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [*slow(0.0, 0.2), 0.4])
 def test_a_triangular_lattice_of_discs_follows_rowes_closed_form(friction):
     # rows part along x, so that contacts inclined at the angle t bear the load: where they slip,

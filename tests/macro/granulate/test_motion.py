@@ -72,6 +72,7 @@ def test_the_bouncing_point_is_a_closed_form_of_its_impacts():
     assert bouncing_point(0.9, 3.0) == pytest.approx(0.418352, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compliance", [*slow(0.0), 0.05])
 @pytest.mark.parametrize("restitution", [0.5, *slow(0.8, 0.9)])
 def test_a_bouncing_grain_follows_its_closed_form_to_first_order(restitution, compliance):
@@ -216,6 +217,7 @@ def test_compliant_grains_that_hit_each_other_overlap_by_less_than_a_hundredth(s
     assert np.diff(energy, prepend=kinetic).max() < 1e-3 * kinetic
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compliance", [*slow(0.0), 0.02])
 @pytest.mark.parametrize("restitution", [0.5, *slow(0.9)])
 def test_grains_that_bounce_overlap_by_less_than_a_hundredth(restitution, compliance):

@@ -123,6 +123,7 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
     np.testing.assert_allclose(scalar, full, atol=2e-5 if compliance else 1e-8)
 
 
+@pytest.mark.slow
 def test_a_cell_without_friction_is_pressed_alike_with_1_and_3_unknowns():
     results = [
         compact(np.full(20, 0.01), 1e3, ContactLaw(friction), planar=True, max_steps=25)

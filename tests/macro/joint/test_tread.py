@@ -69,6 +69,7 @@ def test_friction_that_moves_the_pressure_far_still_has_its_steady_state(tread, 
     assert result.braking_force == pytest.approx(mu * result.load, rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_friction_that_tips_the_block_is_refused_with_the_shear_it_would_cause(tread):
     result = slide_tread(tread, SteadySliding(ROAD, Coulomb(3.0), (1.0, 0.0)), PRESSURE)

@@ -218,6 +218,7 @@ def test_a_bolted_lap_joint_is_as_stiff_as_a_joint_under_even_pressure():
     assert 1e-4 < np.ptp(bolted.bolt_force.values) / (40e6 * area) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_bolted_bodies_that_slide_away_are_reported(method):
     steps = np.array([[1.0, 0.0], [1.0, 1e6], [1.0, 4.5e6], [1.0, 0.0]])

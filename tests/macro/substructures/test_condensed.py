@@ -75,6 +75,7 @@ def test_condensed_bodies_answer_as_whole_bodies(assembly, monkeypatch):
     assert small.n < result.attrs["unknowns"]
 
 
+@pytest.mark.slow
 def test_a_joint_that_slides_away_is_reported_on_condensed_bodies(monkeypatch):
     loading = joint_path((10e6,), 5e6, cycles=1, steps=2)
     result = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)

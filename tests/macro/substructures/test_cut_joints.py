@@ -96,6 +96,7 @@ def say_slide(result):
     return float(match[1]), float(match[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("solve", "parts"), [(solve_latin, 2), (solve_schur, 1)])
 def test_a_push_just_below_friction_is_balanced_and_a_push_just_above_it_is_refused(solve, parts):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
@@ -292,6 +293,7 @@ def test_a_joint_that_is_open_everywhere_separates_both_bodies(solve, law):
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contrast", [1e-4, 1e4])
 @pytest.mark.parametrize("ratio", [*slow(1e-6), 1e12])
 def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio):

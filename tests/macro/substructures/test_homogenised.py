@@ -106,6 +106,7 @@ def test_substructures_that_are_all_resolved_are_the_whole():
         np.testing.assert_allclose(result[name], expected[name], rtol=0.0, atol=1e-7 * size)
 
 
+@pytest.mark.slow
 def test_the_first_frequencies_are_within_a_percent_and_a_motion_follows_the_whole():
     grid, coarse = tensegrity_grid(16), []
     problem = cut(grid, 4)

@@ -113,6 +113,7 @@ def count_iterations(grid, problem, reference, load_factor, **options):
     return next(k for k, error in enumerate(errors, 1) if error < 1e-6)
 
 
+@pytest.mark.slow
 def test_the_coarse_problem_and_updated_directions_keep_the_iterations_few():
     grid = tensegrity_grid(16)
     problem = cut_links(grid, split_grid(grid, (8, 8)))

@@ -67,6 +67,7 @@ def test_cycles_of_the_last_preload_equal_cycles_of_the_path(blocks):
     assert np.all(result["loss_density"].values >= 0.0)
 
 
+@pytest.mark.slow
 def test_a_cycle_beyond_friction_is_unknown_and_the_others_stay(blocks):
     loading = joint_path((2e6, 20e6), 1e6, 1, 2, amplitudes=(0.2e6, 1e6))
     result = load_joint(blocks, loading, method=AssembledNewton(), extrapolate=True)

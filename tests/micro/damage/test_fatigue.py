@@ -195,6 +195,7 @@ def test_a_straight_pull_is_integrated_exactly_from_the_threshold_on():
     assert 0.1 < 4e-4 / p < 0.9
 
 
+@pytest.mark.slow
 def test_substeps_for_the_damage_are_of_second_order():
     angle = np.arange(8) * np.pi / 4.0
     path = np.zeros((8, 6))

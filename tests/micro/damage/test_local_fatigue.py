@@ -81,6 +81,7 @@ def every_cycle(mean, scatter):
     raise AssertionError("nothing cracks")
 
 
+@pytest.mark.slow
 def test_jumps_between_solves_keep_the_life_of_every_cycle():
     """Inclusions crack one after the other, and the rest bears more."""
     scatter, mean = 0.04, 225e6

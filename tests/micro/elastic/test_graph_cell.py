@@ -121,6 +121,7 @@ def test_extreme_slopes_converge(slope):
     assert response["contact_fraction"].values[0, -1] > 0.95
 
 
+@pytest.mark.slow
 def test_nearly_incompressible_cells_converge_without_locking():
     path, gaps, counts = Path(pressure=(0.002,)), [], []
     for nu in (0.399, 0.49, 0.499, 0.4999):

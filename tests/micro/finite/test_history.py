@@ -57,6 +57,7 @@ def test_a_load_that_one_asperity_cannot_carry_is_carried_when_the_next_one_touc
     assert walk.newton_iterations < 160  # 360 by ever shorter increments of the load
 
 
+@pytest.mark.slow
 def test_a_load_takes_the_increments_of_its_approach_and_two_more_to_end_at_the_load():
     waves = np.cos(2.0 * np.pi * np.arange(8) / 8)
     heights = 0.04 * waves[:, None] * waves

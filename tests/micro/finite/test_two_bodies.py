@@ -201,6 +201,7 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
         assert np.linalg.norm(difference - computed) < 0.2 * np.linalg.norm(computed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "friction"])
 @pytest.mark.parametrize("points", [N, 12], ids=["same grid", "other grid"])
 def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points):
