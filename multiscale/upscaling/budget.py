@@ -220,19 +220,34 @@ def assemble_budget(
 
 def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
     """Return half-widths of both kinds of intervals over the answers, (quantities, steps)."""
-    total = budget["error_total"].to_numpy()
-    one_part = np.where(np.isfinite(total), total, known_error(budget))
-    return {"mean_law": mean_law_error(budget), "one_part": one_part}
+    return {"mean_law": mean_law_error(budget), "one_part": known_error(budget)}
 
 
-def limits(value: np.ndarray, error: np.ndarray, share: "np.ndarray | float" = 1.0) -> np.ndarray:
-    """Return both ends of intervals, shape (2, ...), not below zero; the error is relative.
+def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return both ends of intervals, shape (2, ...), not below zero; the error is relative."""
+    return np.asarray(value * np.maximum(1.0 + np.stack([-error, error]), 0.0))
 
-    If the answer is a stiffness in series, the error is of the spring with this share of the
-    compliance, and the ends are of the series.
+
+def _limits_in_series(budget: Dataset, name: str, spring: str) -> dict[str, np.ndarray]:
+    r"""Return both ends of both intervals of a stiffness k in series with an uncertain spring K.
+
+    Terms of which K has at least half, :math:`e_t \leq 2 s\, e_{K, t}` with its share
+    :math:`s = k / K` of the compliance, are errors of K, and the ends are of the series; the
+    others, such as of the mesh of the bodies, are errors of k. Both add as squares.
     """
-    factor = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)  # of the uncertain spring
-    return np.asarray(value * factor / (share + (1.0 - share) * factor))
+    row, value = budget.sel(quantity=[name]), budget[name].to_numpy()
+    share, half = value / budget[spring].to_numpy(), row["error_half_width"]
+    of_spring = half <= 2.0 * share * budget["error_half_width"].sel(quantity=spring)
+    parts = [row.assign(error_half_width=half.where(of_spring, 0.0))]
+    parts += [row.assign(error_half_width=half.where(~of_spring, 0.0), error_bias=0.0 * half)]
+    ends = {}
+    for kind, (error,) in interval_errors(parts[0]).items():
+        rest = np.nan_to_num(interval_errors(parts[1])[kind][0])
+        factor = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)  # of the spring
+        moved = factor / (share + (1.0 - share) * factor) - 1.0
+        widths = np.hypot(moved, rest) * [[-1.0], [1.0]]
+        ends[kind] = value * np.maximum(1.0 + widths, 0.0)
+    return ends
 
 
 def with_intervals(
@@ -246,9 +261,9 @@ def with_intervals(
     the next specimen, with the scatter of the cells in its interface and the discrepancy of joints
     from their cells; where a term is unknown they contain the others, and are lower bounds.
     Answers for each cycle have intervals at the last cycle, by the budget of the last step. No
-    answer lies below zero, and no joint is stiffer than its bodies: its ``uncertain_part``, in
-    series with them, has the error. ``along`` names variable and place of an answer for one of
-    several loads or interfaces.
+    answer lies below zero, and no error of an interface makes its joint stiffer than the bodies:
+    ``uncertain_part``, in series with them, has that error. ``along`` names variable and place of
+    an answer for one of several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():
@@ -262,9 +277,11 @@ def with_intervals(
             value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])
-            uncertain = schema.optional[name].uncertain_part
-            share = value / result[uncertain].to_numpy() if uncertain else 1.0
-            values[f"{name}_{kind}"] = limits(value, half, share)
+            values[f"{name}_{kind}"] = limits(value, half)
+    for name in map(str, result["quantity"].values):
+        if spring := (name in schema.optional and schema.optional[name].uncertain_part):
+            ends = _limits_in_series(result, name, spring)
+            values |= {f"{name}_{kind}": end for kind, end in ends.items()}
     return schema.assign(result, values)
 
 

@@ -10,6 +10,7 @@ from multiscale.pipeline.showing import list_facts, round_by
 from multiscale.pipeline.stages.joint import JOINT, JOINT_TABLE, solve_joint
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset, with_intervals
+from multiscale.upscaling.budget import MACRO
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
 
@@ -47,19 +48,23 @@ def test_interface_and_bodies_stand_next_to_the_joint_each_with_its_error(result
     assert np.all(total.sel(quantity="interface_stiffness") > total.sel(quantity="joint_stiffness"))
 
 
+@pytest.mark.parametrize("mesh", [0.0, 0.2])
 @pytest.mark.parametrize("error", [0.01, 0.6, 1.3])
-def test_ends_of_an_interval_are_springs_in_series_too(result, error):
-    """No joint is stiffer than its bodies, however uncertain its interface is."""
+def test_ends_of_an_interval_are_springs_in_series_too(result, error, mesh):
+    """No joint is stiffer than its bodies by its interface; the mesh is an error of the bodies."""
     known = result.isel(step=slice(2))
     joint, K, solid = (known[f"{name}_stiffness"] for name in ("joint", "interface", "solid"))
-    total = known["error_total"].copy()
-    total.loc["interface_stiffness"] = error
-    total.loc["joint_stiffness"] = error * joint / K  # to first order
-    known = with_intervals(known.assign(error_total=total))
+    half = 0.0 * known["error_half_width"]
+    half.loc[{"quantity": "interface_stiffness", "error_term": "fit"}] = error
+    half.loc[{"quantity": "joint_stiffness", "error_term": "fit"}] = error * joint / K
+    half.loc[{"quantity": "joint_stiffness", "error_term": MACRO}] = mesh
+    half.loc[{"quantity": "interface_stiffness", "error_term": MACRO}] = 0.3 * mesh
+    known = with_intervals(known.assign(error_half_width=half))
     ends = K.values * np.maximum([[1.0 - error], [1.0 + error]], 0.0)
-    np.testing.assert_allclose(known["interface_stiffness_one_part"], ends)
-    series = ends * solid.values / (ends + solid.values)
-    np.testing.assert_allclose(known["joint_stiffness_one_part"], series)
+    series = ends * solid.values / (ends + solid.values) / joint.values - 1.0
+    expected = 1.0 + np.sign(series) * np.hypot(series, mesh)
+    found = known["joint_stiffness_one_part"] / joint.values
+    np.testing.assert_allclose(found, np.maximum(expected, 0.0), atol=1e-12)
 
 
 def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):
