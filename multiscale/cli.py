@@ -363,10 +363,12 @@ def inspect_command(
     if case is not None and proposal:  # before a pipe may close
         write_bytes(case, proposal.encode())
     for inspection, page in zip(inspections, pages, strict=True):
-        warn_of(INSPECTION.cautions(inspection))
-        print_lines(inspection_lines(inspection))
-        typer.echo(f"page, figures and dataset: {page}")
-    if case is not None:
+        name = inspection.attrs["title"]
+        warn_of(f"{name}: {caution}" for caution in INSPECTION.cautions(inspection))
+        print_lines([*inspection_lines(inspection), f"page, figures and dataset: {page}", ""])
+    if case is None:
+        print_lines(proposal.splitlines())
+    else:
         if not proposal:
             raise CaseError(f"{surfaces[-1]}: no case is proposed, and {case} is not written")
         typer.echo(f"case: {case}")

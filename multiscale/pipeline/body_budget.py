@@ -10,14 +10,14 @@ import numpy as np
 
 from multiscale import upscaling
 from multiscale.fe.faces import plane_axes
-from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
+from multiscale.laws import InterfaceLaw, NormalLaw
 from multiscale.macro import substructures
 from multiscale.macro.data_range import LOAD_SHARES, NEGLIGIBLE_LOAD
 from multiscale.pipeline.real_contact import contact_source
 from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.tables.joint_settings import SLABS
 from multiscale.pipeline.tables.settings import Case
-from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts
+from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts, stated_error
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.upscaling import limits, over_steps, with_budget, with_intervals
 from multiscale.upscaling.budget import (
@@ -333,6 +333,12 @@ class ErrorSources:
             replace(error, of=error.name, name="", changes=[Change(structure=changed)])
             for error, changed in bodies.uncertainties()
         ]
+        for key, half, _ in case.interface.uncertain(1.0) if case.interface else ():
+            shares = [getattr(interface, key) is None for interface in bodies.interfaces]
+            joints = tuple(np.flatnonzero(shares).tolist())
+            larger = Change(joints, factors={key: 1.0 + STRETCH})
+            error = stated_error(key, half)
+            stated.append(replace(error, of=error.name, name="", changes=[larger]))
         beds = tuple(
             k for k, interface in enumerate(bodies.interfaces) if interface.asperities is None
         )
@@ -344,12 +350,12 @@ class ErrorSources:
 
 
 def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[InterfaceLaw]:
-    """Return the laws of all joints, with changed parameters in the beds of sliders of a change."""
+    """Return the laws of all joints, with the changed parameters and slabs of a change."""
 
     def changed(law: InterfaceLaw) -> InterfaceLaw:
-        bed = cast(Sliders, law)  # only joints with beds change
-        factors = {name: factor * getattr(bed, name) for name, factor in change.factors.items()}
-        return replace(bed, slabs=change.slabs or bed.slabs, **factors)
+        values = {name: factor * getattr(law, name) for name, factor in change.factors.items()}
+        values |= {"slabs": change.slabs} if change.slabs else {}
+        return cast(InterfaceLaw, replace(cast(Any, law), **values))  # laws are dataclasses
 
     return [changed(law) if joint in change.joints else law for joint, law in enumerate(laws)]
 

@@ -216,8 +216,9 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
     if unread := [name for name in given if name not in read]:
         of_tables = {name for name, value in content.items() if isinstance(value, dict)}
         tables = " and ".join(f"[{name}]" if name in of_tables else name for name in unread)
+        those = "them" if unread[1:] else "it"
         raise CaseError(
             f"{path}: {tables} would be read by no stage of this case, which has the stages "
-            f"{', '.join(stage.name for stage in stages)}; leave it out"
+            f"{', '.join(stage.name for stage in stages)}; leave {those} out"
         )
     return case

@@ -141,15 +141,13 @@ def _doubts(statistics: Dataset, topography: Topography) -> Iterator[str]:
 
 
 def inspection_lines(statistics: Dataset) -> list[str]:
-    """Return the lines of an inspected surface for the command line."""
+    """Return the lines of an inspected surface for the command line, without its case."""
     lines = [f"{statistics.attrs['title']}: {statistics.attrs['format']}"]
     lines += [f"  channel {channel}" for channel in statistics.attrs["channels"].splitlines()]
     rows = tabulate_statistics(statistics, measured=True)
     width = max(len(name) for name, _ in rows)
     lines += [f"{name:<{width}}  {value}" for name, value in rows]
     lines += ["", statistics.attrs["held"]] * bool(statistics.attrs["held"])
-    if statistics.attrs["proposal"]:
-        lines += ["", *statistics.attrs["proposal"].splitlines()]
     return lines
 
 

@@ -252,8 +252,8 @@ def _losses(
             lost.append(
                 f"its windows hold {pieces / whole:.2g}, "
                 + (
-                    f"where cells of {_length(edge)} would hold {HELD:g} (the map has room for the "
-                    f"windows of {separate} side by side)"
+                    f"where cells of {_length(edge)} would hold {HELD:g} (the map has room for "
+                    f"{separate} of their windows)"
                     if order == 0 and edge > max(cell.size)
                     else "as the map is rougher elsewhere: more realisations cover more of it"
                 )

@@ -24,7 +24,7 @@ REALISATIONS = (4, 3, 2, 1)
 SMALLER, MOST_SHRINKS = 0.85, 12  # until there are windows of few filled points
 STEEL = (210e9, 0.3)
 LOADS = np.geomspace(0.004, 0.12, 8)  # of contact modulus times slope: contact of 1 to 20 %
-FRICTION = 0.2  # of points of contact
+FRICTION, FRICTION_ERROR = 0.2, 0.25  # of points of contact, and its half-width over it
 BOLTS = (4, 5, 6, 8, 10, 12, 14, 16, 20, 24, 30, 36, 42, 48)  # mm, diameters of shanks
 BOLT_STRESS = 450e6  # Pa, of a shank under its preload
 SLIDING = 0.3  # share of the sliding load of the full preload, for cycles at half of it and more
@@ -66,6 +66,14 @@ def propose_case(faces: Sequence[MeasuredFace], further: str = "") -> Proposal:
     """Propose cells that hold the heights and slopes of faces; see :func:`write_structure`."""
     if any(not face.reliable[0] < face.reliable[1] for face in faces):
         raise CaseError("the map has too few points for any reliable wavelength")
+    coarse = max(faces, key=lambda face: face.finest)
+    small = min(faces, key=lambda face: max(face.whole.size))
+    if coarse.finest > max(small.whole.size):
+        raise CaseError(
+            f"{coarse.settings.file.name} has no reliable wavelength below "
+            f"{readable(f'{coarse.finest:.3g} m')}, and {small.settings.file.name} measures "
+            f"{readable(f'{max(small.whole.size):.3g} m')}; measure both faces over similar lengths"
+        )
     shared = len({face.settings.file for face in faces}) < len(faces)  # windows of one map
     refusal = CaseError("the map holds no window of roughness")
     for count in REALISATIONS:
@@ -233,12 +241,12 @@ overlap = "{5 * shank} mm"
 hole = "{hole} mm"
 washer = "{washer} mm"
 bolt = "{shank} mm"              # shank, of {1e-3 * force:g} kN
-element = "{0.5 * shank:g} mm"
+element = "{0.25 * shank:g} mm"
 youngs_modulus = "210 GPa"
 poissons_ratio = 0.3
 
 [interface]
-friction = {FRICTION:g}                 # an assumption, as is the ratio of stiffnesses
+friction = "{FRICTION:g} +- {100 * FRICTION_ERROR:g} %"       # assumptions, both
 stiffness_ratio = 0.82
 
 [statics]

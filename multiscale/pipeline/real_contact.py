@@ -97,6 +97,14 @@ def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
     ]
 
 
+def zero_of_gap(law: Dataset) -> list[str]:
+    """Caution that a law of measured stiffnesses has no zero of the gap."""
+    if law.attrs.get("quantity") != "normal_stiffness":
+        return []
+    largest = 1e-6 * float(law.attrs["pressure_max"])
+    return [f"gaps are relative to the gap at {largest:.4g} MPa, as only stiffness was measured"]
+
+
 def unknown_cells(law: Dataset) -> list[str]:
     """Report that a law with the error of cells lacks their size; nothing if it is of a table."""
     of_cells = has_budget(law) and law.attrs.get("family") != TABLE

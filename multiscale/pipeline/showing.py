@@ -318,7 +318,7 @@ def format_error_behind(error: str) -> str:
         return " ± an unknown error"
     more = " or more" if error.endswith(LOWER_BOUND) else ""
     number = error.removesuffix(LOWER_BOUND)
-    return f" {'' if number.startswith('-') else '± '}{number} %{more}"
+    return f" ({number} %{more})" if number.startswith("-") else f" ± {number} %{more}"
 
 
 def padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
@@ -419,8 +419,8 @@ def tabulate_sensitivity(result: Dataset) -> Rows:
 
 
 SLIP = (
-    "{slipping_load} of the contact force is at sliding{slipping_load:intervals}, more than half "
-    "of the local pressure on {slip_fraction} of the nominal area"
+    "{slipping_load} of the contact force is at sliding{slipping_load:intervals}, and more than "
+    "half of the local force on {slip_fraction} of the nominal area"
 )
 """Phrase about the slip at a step."""
 

@@ -298,7 +298,8 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
                     if name in drawn
                 ],
                 "downloads": [*_downloads(run, section)],
-                "lines": map(in_words, (*section.lines, *section.remarks)),
+                "lines": map(in_words, section.lines),
+                "remarks": [*map(in_words, section.remarks)],
                 "head": [*map(in_words, section.head)],
             }
             for section in sections

@@ -274,8 +274,8 @@ def sliders_from_dataset(
     """
     if len(tangential_values(dataset)) < 2:
         raise CaseError(
-            "the law has no tangential branch; shear cells and fit both by fit_branches, or "
-            "assume_shear(law, friction=..., stiffness_ratio=...)"
+            "the law has no tangential branch; shear cells ([micro.shear] of a case, or "
+            "fit_branches in Python), or take assume_shear(law, friction=..., stiffness_ratio=...)"
         )
     drawn = sample if dataset.sizes.get("shear_sample", 0) else None
     ratio = pick(dataset, "shear_stiffness_ratio", [drawn], of="shear")[0]

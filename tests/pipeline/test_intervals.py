@@ -14,6 +14,12 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.body_answers import CYCLES as CYCLE_TABLE
+from multiscale.pipeline.body_budget import (
+    BodiesWithLaws,
+    Change,
+    ErrorSources,
+    change_friction,
+)
 from multiscale.pipeline.showing import list_cycles, round_by
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
@@ -216,7 +222,6 @@ def test_a_value_has_the_digits_of_its_error(value, half, sentence):
 
 def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
     """Of the law with a tangential branch and parameters that the case does not give."""
-    from multiscale.pipeline.body_budget import Change, change_friction
     from multiscale.upscaling.shear_budget import shear_errors
 
     law = write_cells(tmp_path / "law.nc").drop_vars(CYCLED)
@@ -322,3 +327,18 @@ def test_the_slipping_load_has_the_error_of_the_decay_length(joint, tmp_path):
     sampling = law["error_half_width"].sel(error_term="sampling", quantity="mean_gap")
     half = joint["error_half_width"].sel(error_term="sampling", quantity="slipping_load")
     np.testing.assert_allclose(half[-1], slope * float(sampling.mean()), rtol=0.05)
+
+
+@pytest.mark.parametrize("key", ["friction", "stiffness_ratio"])
+def test_stated_half_widths_of_all_joints_are_sources_of_error(key, tmp_path):
+    law = write_cells(tmp_path / "law.nc")
+    scene = re.sub(rf"{key} = ([\d.]+)", rf'{key} = "\1 +- 10 %"', SCENE)
+    case = load_case(write_scene(tmp_path, scene))
+    bodies = BodiesWithLaws(case.structure.for_solver(case), case, [None])
+    (error,) = ErrorSources.of(bodies).stated
+    assert error.half_width == {"stated values": pytest.approx(0.1)}
+    read = bodies.bodies.read_laws(case, {}, lambda file, quick: law)
+    plain, larger = (
+        replace(bodies, laws=read).sliders(change) for change in (Change(), *error.changes)
+    )
+    assert getattr(larger[0], key) == pytest.approx(1.02 * getattr(plain[0], key), rel=1e-12)

@@ -67,7 +67,7 @@ def test_picture_sentence_and_dataset_have_one_measure_of_slip(result):
     assert f"{force} of the contact force at sliding" in ax.get_title()
     assert ax.get_legend().get_texts()[2].get_text() == f"sliding, {area}"
     sentence = (
-        f"{force} of the contact force is at sliding, more than half of the local pressure on"
+        f"{force} of the contact force is at sliding, and more than half of the local force on"
     )
     assert f"{sentence} {area} of the nominal area" in list_cycles(result)[-1]
 

@@ -117,8 +117,8 @@ def test_the_error_follows_an_interval_that_ends_at_zero():
     row = dict(zip(head, rows[0], strict=True))
     assert row["one part, 95 %"] == "0 ... 24"
     assert row["error (%)"] == "-100, +3"
-    assert row["interface (MPa/µm)"] == "460 -100, +136 %"
-    assert say(result, "±") == "23 MPa/µm -100, +3 %"
+    assert row["interface (MPa/µm)"] == "460 (-100, +136 %)"
+    assert say(result, "±") == "23 MPa/µm (-100, +3 %)"
     lines = {line[0]: line[1] for line in tabulate_budget(result, "joint_stiffness")[1]}
     assert (lines["total"], lines["interval"]) == ("6.8", "-100, +3")
 

@@ -15,7 +15,7 @@ import pytest
 
 from tests.support import SCENES as WORKFLOWS
 
-STUDY = runpy.run_path(str(WORKFLOWS.parent / "manual" / "coverage.py"))
+STUDY = runpy.run_path(str(WORKFLOWS.parent / "manual" / "intervals.py"))
 Scene, QUANTITIES = STUDY["Scene"], STUDY["QUANTITIES"]
 
 SCENES = (

@@ -113,6 +113,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     areas |= from_stiffness(result["interface_stiffness"].to_numpy())
     areas = {name: np.where(solved, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
+    cautions = [*cautions, *real_contact.zero_of_gap(law)]
     if not has_budget(law) and law.attrs.get("family") != TABLE:  # a table has this caution already
         cautions = [*cautions, UNKNOWN_LAW.format(number=0)]
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)

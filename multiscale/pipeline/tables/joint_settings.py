@@ -202,17 +202,18 @@ class LawSource(toml.Settings):
 class JointLaw(LawSource):
     """The law of the interfaces between bodies of the user: a normal law with friction."""
 
-    friction: toml.Factor | None = None
+    friction: toml.UncertainFactor | None = None
     """Friction coefficient of Coulomb's law; if not given, the law has it, from sheared cells, or
     else from a sliding cell at the last preload."""
-    stiffness_ratio: Annotated[toml.Number, Field(gt=0.0)] | None = None
+    stiffness_ratio: Annotated[toml.UncertainNumber, Field(gt=0.0)] | None = None
     """Tangential over normal stiffness, of springs slipping in turn; if not given, the ratio of the
     law, or else 2 (1 - nu)/(2 - nu), with a caution."""
 
     @property
     def given(self) -> dict[str, Any]:
         """Parameters of the sliders that the case gives, by their names."""
-        return self.model_dump(include={"friction", "stiffness_ratio"}, exclude_none=True)
+        values = {"friction": self.friction, "stiffness_ratio": self.stiffness_ratio}
+        return {name: value for name, value in values.items() if value is not None}
 
     def missing(
         self, measured: Collection[str], strict: bool, where: str = "[interface]"

@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets, Job
     from multiscale.pipeline.tables.settings import Case
 
-STATED_HOW = "half-widths stated with +-"  # source of the errors of stated values
+
+def stated_error(key: str, half_width: float) -> Uncertainty:
+    """Return the source of error of a value that a case states with its relative half-width."""
+    name, how = f"{key} ± {100.0 * half_width:.3g} %", "half-widths stated with +-"
+    return Uncertainty(name=name, half_width={STATED: half_width}, how={STATED: how})
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +129,7 @@ class SolvedBodies(StructureKind):
         """List the errors of stated values and volumes, each with a structure of changed value."""
         listed = []
         for key, half, stretched in self.uncertain(1.0 + STRETCH):
-            name = f"{key} ± {100.0 * half:.3g} %"
-            error = Uncertainty(name=name, half_width={STATED: half}, how={STATED: STATED_HOW})
-            listed.append((error, stretched))
+            listed.append((stated_error(key, half), stretched))
         porous = [body for body in self.bodies if isinstance(body, PorousBody)]
         for volume in dict.fromkeys(body.rve for body in porous):
             alike = {body.name: body for body in porous if body.rve == volume}

@@ -1,6 +1,6 @@
 """Share of stated 95 % intervals that contain the truth, over many seeded scenes.
 
-    python workflows/manual/coverage.py [--scenes N]
+    python workflows/manual/intervals.py [--scenes N]
 
 from the root of a checkout draws scenes of flat cells, which differ in Hurst exponent, band, slope
 and pressures. The truth of a scene is the mean of 32 realisations, pressed in half the steps and
@@ -33,7 +33,7 @@ Share of stated 95 % intervals that contain the truth, in {scenes} scenes of fla
 exponent 0.3 to 0.9, one or two longest waves per edge, band two to four, slope 0.02 to 0.2,
 pressures over a factor of 10 to 100), each with {ensembles} ensembles of {sizes} realisations;
 the truth are {truth} other realisations. Behind ± stands the 95 % interval of the mean over the
-scenes. (`python workflows/manual/coverage.py`, {day}, {seconds:.0f} processor seconds)
+scenes. (`python workflows/manual/intervals.py`, {day}, {seconds:.0f} processor seconds)
 
 | quantity | {heads} |
 | --- | {rules} |
