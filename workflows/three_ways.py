@@ -5,7 +5,7 @@ this solve only. *Adaptive*: the cells are pressed under three pressures, and fu
 of the structure leaves them, as `way = "adaptive"` of a case does. *Concurrent*: a cell is solved
 wherever the structure asks for a pressure. *Direct*: all roughness is in the model of the
 structure. The scenes are a wave that is rough and a joint of two blocks under a tilted platen; the
-longest wave of the roughness is 1/4 to 1/32 of them. The functions below serve guide 11 too.
+longest wavelength of the roughness is 1/4 to 1/32 of them. The functions below serve guide 11 too.
 
     python workflows/three_ways.py -o three_ways [--quick]
 
@@ -102,7 +102,7 @@ class RoughStructure:
             )
 
     def surface(self, seed: int, points_per_wave: int, waves: int | None = None) -> Surface:
-        """Build the roughness of a square of some longest waves, or of the structure."""
+        """Build the roughness of a square of some longest wavelengths, or of the structure."""
         waves = round(1.0 / self.ratio) if waves is None else waves
         n, edge = round(BAND * points_per_wave * waves), waves * self.ratio * self.length
         return self_affine(
@@ -387,7 +387,7 @@ WAYS = {
 }
 SCENES = {"rough wave": RoughWave, "joint of two blocks": TiltedJoint}
 EFFORTS = ((1 / 4, 8, 16), (1 / 8, 6, 16), (1 / 16, 4, 8), (1 / 32, 3, 8))
-"""Ratios, structures, points per shortest wave of the truth: 4 times a power of 2."""
+"""Ratios, structures, points per shortest wavelength of the truth: 4 times a power of 2."""
 
 
 def measure(

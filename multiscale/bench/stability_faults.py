@@ -1,4 +1,4 @@
-"""Distances from what joints and grains obey, in their answers only."""
+"""Residuals of the conditions of joints and grains, from their answers only."""
 
 from typing import TYPE_CHECKING
 

@@ -109,7 +109,7 @@ class _RunLog(logging.FileHandler):
     """A log that raises no errors: other writers report a full disk."""
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
-        """Leave out the line that cannot be written."""
+        """Ignore a line that cannot be written."""
 
 
 def read_bytes(path: Path) -> bytes:

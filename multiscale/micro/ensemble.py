@@ -135,7 +135,7 @@ def run_realisations(
 
 
 def _without_fields(records: list[PlainDataset]) -> list[PlainDataset]:
-    """Leave out local fields, and pad spots of all realisations to the same number with NaN."""
+    """Remove local fields, and pad spots of all realisations to the same number with NaN."""
     values = [
         {name: array for name, array in record.values.items() if name not in LOCAL}
         for record in records

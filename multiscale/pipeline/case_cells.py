@@ -74,7 +74,7 @@ def make_cells(case: Case) -> list[AnyCell]:
 
 
 def make_surfaces(case: Case) -> list[Surface]:
-    """Make the composite surface of each realisation."""
+    """Return the composite surface of each realisation."""
     return _composites(rough_sides(case))
 
 
@@ -290,7 +290,7 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
 
 
 def two_surfaces(case: Case) -> list[tuple[Surface, Surface]]:
-    """Make the surfaces of both bodies of each realisation, heights out of each body."""
+    """Return the surfaces of both bodies of each realisation, heights out of each body."""
     return _pairs(case, rough_sides(case))
 
 

@@ -32,8 +32,8 @@ iterations grow, too."""
 def cell_knobs(case: Case) -> Iterator[Knob]:
     """Yield the knobs of pressed and sheared cells."""
     each = dict.fromkeys((CELLS, SHEAR, FLAT), 1.0)
-    # the sampling error of a law that measured joints calibrate is that of their posterior, which
-    # does not fall with the number of cells
+    # a law that measured joints calibrate has the sampling error of their posterior, which does not
+    # fall with the number of cells
     sampled = case.measured is None
     if sampled:
         chance = ("sampling", "friction bed")

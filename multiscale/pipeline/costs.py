@@ -1,4 +1,4 @@
-"""Where the time of a run went, the error that each source leaves, and what halves it."""
+"""Seconds of each stage of a run, error of each source, and seconds that halve it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -65,7 +65,7 @@ def source_costs(
 
 
 def cost_section(seconds: Mapping[str, float], costs: Iterable[SourceCost], answer: str) -> Section:
-    """Show seconds beside per cent."""
+    """Show the seconds of stages next to the errors of sources, per cent."""
     shown = {name: time for name, time in seconds.items() if time >= 0.005}
     costs = [cost for cost in costs if cost.error > LEAST]
     rows = [(name.replace("_", " "), f"{time:.3g}", "", "") for name, time in shown.items()]

@@ -1,4 +1,4 @@
-"""Knobs of accuracy: settings of a case on ladders of rungs, and what a rung changes."""
+"""Knobs of accuracy: settings of a case on ladders of rungs, and changes by a rung."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

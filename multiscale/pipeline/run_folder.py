@@ -106,7 +106,7 @@ def open_stages(out: Path) -> dict[Shown, Dataset]:
         raise SchemaError(
             f"{out}: the run is not finished, as {' and '.join(missing)} "
             f"{'is' if len(missing) == 1 else 'are'} missing; run its case again in this folder, "
-            f"which goes on where it ended or states what is wrong"
+            f"which continues it or reports the fault"
         )
     return {stage: open_dataset(out / stage.file, stage.schema) for stage in stages}
 

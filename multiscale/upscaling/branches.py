@@ -34,7 +34,7 @@ WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stif
 ALONG_LOADING, REFUSED = "along the loading curve", "refused"
 """Origin, in a law, of the unloading of cells that have unloaded but give no branch."""
 
-LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is as good as exponential
+LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is equivalent to an exponential
 
 LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
 

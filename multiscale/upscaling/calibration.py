@@ -187,7 +187,7 @@ def calibrate(
 
 
 def _draws(mode: Mode, residual: Residual | None, count: int, random: np.random.Generator) -> Draws:
-    """Draw weighted samples, or normal ones about the mode without a residual."""
+    """Draw weighted samples, or normal samples about the mode without a residual."""
     if residual is not None:
         return draw(residual, mode, max(CANDIDATES, 2 * count), count, random)
     normal = random.normal(size=(count, mode.theta.size))
@@ -449,7 +449,7 @@ def _shear_parameters(
 
 
 def _refuse_tables(measured: Sequence[MeasuredJoint], law: Dataset, extrapolate: bool) -> None:
-    """Refuse no tables, tables that need what the law lacks, and preloads outside its pressures."""
+    """Refuse no tables, tables of branches without a law, and preloads outside its pressures."""
     if not measured:
         raise CaseError("there are no measured values; give a table [[measured]] or more")
     if any(table.sheared for table in measured) and len(tangential_values(law)) < 2:

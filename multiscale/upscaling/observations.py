@@ -233,7 +233,7 @@ def observe(
 def arrange(
     quantity: str, x: tuple[np.ndarray, ...], y: np.ndarray, attributes: Mapping[str, Any]
 ) -> Observations:
-    """Take realisations and points with values, in rising order of the conditions."""
+    """Select realisations and points with values, in rising order of the conditions."""
     counted = np.isfinite(y)
     order = np.lexsort(x[::-1])
     order = order[counted.any(axis=0)[order]]

@@ -46,8 +46,8 @@ print(joint.attrs["unknown"])
 # interval: 12.7 standard errors for two, 4.3 for three. Three realisations give samples of the law,
 # and with them bands of the joint; four give a 95 % band of the law.
 
-# Cautions are printed and stand in the report. They concern too few points to the shortest wave,
-# lost roughness of a map, load outside the pressures of the cells, a real pressure that no metal
-# bears, and too few realisations. A caution does not stop a run; an answer that matters needs an
-# explanation of each.
+# Cautions are printed and stand in the report. They concern too few points to the shortest
+# wavelength, lost roughness of a map, load outside the pressures of the cells, a real pressure that
+# no metal bears, and too few realisations. A caution does not stop a run; an answer that matters
+# needs an explanation of each.
 print(joint.attrs["cautions"] or "no cautions")

@@ -20,7 +20,7 @@ from multiscale.upscaling import (
 
 
 def press(points):
-    """Press ten flat cells of 4 x 4 longest waves, the same surfaces on every grid."""
+    """Press ten flat cells of 4 x 4 longest wavelengths, the same surfaces on every grid."""
     spectrum = {"hurst_exponent": 0.8, "long_cutoff": 20e-6, "short_cutoff": 1e-5, "rms_slope": 0.1}
     size = (80e-6, 80e-6)  # m
     surfaces = [self_affine((points, points), size, seed, **spectrum) for seed in range(10)]

@@ -54,5 +54,5 @@ print(joint["cycle_energy"].values)  # J
 #   mpiexec -n 2 multiscale macro workflows/scenes/tensegrity_substructures.toml -o macro_result.nc
 #
 # In one process the solver of the whole structure (solve_static) is faster at every size measured,
-# up to 128 x 128 modules. NewtonSchur is a Newton method on the interfaces, beside the micro-macro
+# up to 128 x 128 modules. NewtonSchur is a Newton method on the interfaces, next to the micro-macro
 # LatinMethod; microcases/manual/substructures.md compares their counts.

@@ -30,7 +30,7 @@ HEAD = """\
 # Coverage of intervals
 
 Share of stated 95 % intervals that contain the truth, in {scenes} scenes of flat cells (Hurst
-exponent 0.3 to 0.9, one or two longest waves per edge, band two to four, slope 0.02 to 0.2,
+exponent 0.3 to 0.9, one or two longest wavelengths per edge, band two to four, slope 0.02 to 0.2,
 pressures over a factor of 10 to 100), each with {ensembles} ensembles of {sizes} realisations;
 the truth are {truth} other realisations. Behind ± stands the 95 % interval of the mean over the
 scenes. (`python workflows/manual/intervals.py`, {day}, {seconds:.0f} processor seconds)
@@ -42,7 +42,7 @@ scenes. (`python workflows/manual/intervals.py`, {day}, {seconds:.0f} processor 
 
 @dataclass(frozen=True)
 class Scene:
-    """Waves per edge, longest over shortest wave, and pressures over E* times the slope."""
+    """Waves per edge, longest over shortest wavelength, and pressures over E* times the slope."""
 
     hurst: float
     waves: int
@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def draw_scenes(count: int) -> Iterator[Scene]:
-    """Yield seeded scenes with at least four points per shortest wave."""
+    """Yield seeded scenes with at least four points per shortest wavelength."""
     random = np.random.default_rng(seed=1)
     while count:
         waves, band = int(random.integers(1, 3)), int(random.integers(2, 5))

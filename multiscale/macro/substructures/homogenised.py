@@ -260,7 +260,7 @@ class _Cells:
         return CutProblem((coarse,), problem.position, csr_array(problem.expansion @ T))
 
     def _links(self, resolved: np.ndarray, expansion: csr_array, taut: csr_array) -> Links:
-        """Links by their change of tension, as prestress balances: taut, then resolved ones."""
+        """Links by their change of tension, as prestress balances: taut, then resolved links."""
         chosen = [self.problem.substructures[owner] for owner in np.flatnonzero(resolved)]
         rows = [each.links.operator @ expansion[each.unknown] for each in chosen if each.links]
         zero = np.zeros(taut.shape[0])

@@ -258,7 +258,7 @@ FITTED_LAW = Stage(
     reads={
         "law": True,
         "measured": True,
-        "structure": {"kind", "width"},  # with whose width the budget compares the scales
+        "structure": {"kind", "width"},  # the budget compares the scales with its width
         "body_1": set(CONDUCTIVITIES),
         "body_2": set(CONDUCTIVITIES),
     },

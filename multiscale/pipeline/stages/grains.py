@@ -175,7 +175,7 @@ REPORTS = {
 
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show the quantity asked for, the forces, the energies and the error of the contacts."""
-    caption = ["Forces and grains are those of the last stored frame."]
+    caption = ["Forces and grains are of the last stored frame."]
     figures = {name: on_axes(plot) for name, plot in grain_pictures(result).items()}
     yield Section("Grains", caption, figures=figures)
 

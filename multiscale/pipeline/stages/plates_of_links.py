@@ -1,4 +1,4 @@
-"""Stage: a structure of links as a plate, beside the links themselves."""
+"""Stage: a structure of links as a plate, next to the links themselves."""
 
 from collections.abc import Iterator
 from functools import partial

@@ -20,7 +20,7 @@ def cell_faults(case: "Case") -> Iterator[str]:
     if case.cell.mesh is not None and rough:
         yield (
             f"mesh in [cell] is a body with its roughness, and body_{rough[0]} has a [surface] "
-            f"beside it; leave out one of them"
+            f"too; leave out one of them"
         )
     if case.cell.mesh is None and not rough:
         yield "both bodies are smooth; give one of them a [surface] table"

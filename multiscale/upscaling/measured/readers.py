@@ -25,7 +25,7 @@ FRAME, OFFSET = 0.2, 0.1
 """Default half-widths of the compliance of the frame, over the least measured compliance, and of
 the zero of the load, over the least preload."""
 
-STIFFEST = 1 / 3  # share of the measured compliances with the least values, without single ones
+STIFFEST = 1 / 3  # share of the measured compliances with the least values, without single values
 
 AWAY = 0.1  # of the range of a loop, by which its middle may differ from zero
 
