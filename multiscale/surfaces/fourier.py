@@ -139,7 +139,7 @@ class Spectrum:
 
     wavenumber: np.ndarray  # (modes,), rad/m
     power: np.ndarray  # share of a mode in the mean square height, averaged, m²
-    measured: tuple[float, float] = (1.0, 1.0)  # of mean squares of height and slope
+    measured: tuple[float, float] = (1.0, 1.0)  # mean squares, of measured over all points
 
     def roughness(self) -> Roughness:
         """Return the statistics of the measured points."""
