@@ -280,8 +280,8 @@ def with_intervals(
             values[f"{name}_{kind}"] = limits(value, half)
     for name in map(str, result["quantity"].values):
         if spring := (name in schema.optional and schema.optional[name].uncertain_part):
-            ends = _limits_in_series(result, name, spring)
-            values |= {f"{name}_{kind}": end for kind, end in ends.items()}
+            in_series = _limits_in_series(result, name, spring)
+            values |= {f"{name}_{kind}": limit for kind, limit in in_series.items()}
     return schema.assign(result, values)
 
 
