@@ -63,8 +63,8 @@ def test_ends_of_an_interval_are_springs_in_series_too(result, error, mesh):
     ends = K.values * np.maximum([[1.0 - error], [1.0 + error]], 0.0)
     series = ends * solid.values / (ends + solid.values) / joint.values - 1.0
     expected = 1.0 + np.sign(series) * np.hypot(series, mesh)
-    found = known["joint_stiffness_one_part"] / joint.values
-    np.testing.assert_allclose(found, np.maximum(expected, 0.0), atol=1e-12)
+    ratios = known["joint_stiffness_one_part"] / joint.values
+    np.testing.assert_allclose(ratios, np.maximum(expected, 0.0), atol=1e-12)
 
 
 def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):
