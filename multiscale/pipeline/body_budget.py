@@ -32,7 +32,7 @@ from multiscale.upscaling.budget import (
 from multiscale.upscaling.propagation import FEWEST_SAMPLES, FIRST_ORDER, STRETCH
 from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.scales import compare_scales, effective_cells, pressure_length_of_points
-from multiscale.upscaling.shear_budget import loss_term, shear_errors
+from multiscale.upscaling.shear_budget import BED, loss_terms, shear_errors
 
 Reader = Callable[["Dataset"], np.ndarray]  # maps a result to the values of an answer
 
@@ -57,6 +57,7 @@ class CycleAnswers:
     slope: np.ndarray  # (cycles,), logarithmic, of the slipping share over the amplitude
     density: np.ndarray  # (cycles, points), dissipated energy, J/m²
     finer: float  # load steps of a cycle over the steps of paths that are solved again
+    part: np.ndarray | float = 1.0  # (cycles,), of the loss, by the joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,8 +282,6 @@ JointSolve = Callable[[Change], "Dataset"]
 """Maps a change to the result at the preloads and, if joints slip, in cycles of few steps; workers
 must be able to import it."""
 
-BED = "friction bed"  # a term
-
 UNKNOWN_LOSS = (
     "the error of the loss of a cycle is not known, since no cells of the law went through closed "
     "cycles; shear cells by [micro.shear]"
@@ -493,7 +492,8 @@ def _measured(
         cautions += [] if "shear_loss_ratio" in law else [UNKNOWN_LOSS]
         share, total = np.zeros(steps.size), cycles.density @ area
         share[n_rests:] = cycles.density[:, inside] @ joint_area / np.where(total > 0.0, total, 1.0)
-        bounds[BED] = _part_of(loss_term(law), lost * share)
+        share[n_rests:] *= cycles.part
+        bounds |= {name: _part_of(term, lost * share) for name, term in loss_terms(law).items()}
         if "shear_loss_grid_error" in law:
             grid = Term("the loss ratio on two grids", law["shear_loss_grid_error"].to_numpy())
             bounds["micro discretisation"] = _part_of(grid, lost * share)
@@ -511,7 +511,7 @@ def _measured(
         bool((result[name].isel(interface=[*group.joints]) > NEGLIGIBLE_LOAD).any())
         for name in LOAD_SHARES[:2]
     )
-    of_bed = dict.fromkeys(bounds, lost)
+    of_bed = dict.fromkeys(bounds.keys() - {"sampling"}, lost)
     listed += replace(group, law=law).sources(mean, of_bed, drawn, (below, above))
     shared = np.where(lost, cells[0], cells[1])
     return [source.averaged(shared) for source in listed], cautions

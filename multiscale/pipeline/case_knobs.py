@@ -36,8 +36,7 @@ def cell_knobs(case: Case) -> Iterator[Knob]:
     # fall with the number of cells
     sampled = case.measured is None
     if sampled:
-        chance = ("sampling", "friction bed")
-        yield Knob("cells", _more, chance, (0.5, 0.5), each, measured=False, adds=True)
+        yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
     yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), {CELLS: 1.0}, measured=False)
     if case.cell.mesh is None:
         fine = LAYERED if case.cell.geometry != "flat" else PLANE
@@ -52,6 +51,7 @@ def cell_knobs(case: Case) -> Iterator[Knob]:
             costs=larger,
             scatters=True,
             draws=1.0 if sampled else 0.0,
+            lowers=("surface",) if case.from_maps else (),  # windows hold longer waves of a map
         )
 
 
@@ -106,9 +106,10 @@ def body_knobs(case: Case) -> Iterator[Knob]:
         measured=not budgeted,
         ratio=lambda case: case.structure.refinement() if case.structure else 2.0,
     )
+    smaller = {"cycles.steps": 2, "statics.substeps": 2}
+    yield Knob("load steps", scaled(smaller), costs=dict.fromkeys(both, 1.0), eases=True)
     for name, keys, orders, cost in (
         ("layers of the elements", {"structure.layers": 2}, (1.0, 2.0), 1.3),
-        ("load steps", {"cycles.steps": 2, "statics.substeps": 2}, (1.0, 2.0), 1.0),
         ("tolerance of the substructures", {"substructures.tolerance": 0.1}, (3.0, 3.4), 0.1),
         ("slabs", {"vibration.slabs": 2}, (1.0, 2.0), 0.5),
         ("steps of a vibration", {"vibration.steps": 2}, (1.0, 2.0), 1.0),

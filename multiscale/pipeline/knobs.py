@@ -32,6 +32,8 @@ class Knob:
     scatters: bool = False  # whether cells of another rung have other surfaces
     draws: float = 0.0  # power of 2 by which the sampling error falls
     adds: bool = False  # whether a higher rung adds cells to the cells of the rungs below
+    eases: bool = False  # whether solvers that did not converge may converge at a higher rung
+    lowers: tuple[str, ...] = ()  # further terms of the budget, if two rungs do not show otherwise
     ratio: "Callable[[Case], float]" = lambda case: 2.0
     """Return the spacing at the rung below over the spacing of a case; 1 for equal spacings."""
 

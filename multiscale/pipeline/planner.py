@@ -1,9 +1,9 @@
 r"""From a target for the error of an answer to the setting of least time that reaches it.
 
 An answer :math:`A(v)` has a setting :math:`v` of knobs on ladders. Its budget has the errors of
-sampling and of the fit, which knobs lower in proportion; every other knob is coarsened by a rung
-*at the answer*, and the difference shows the error that it leaves, as no cross term is missing
-there:
+sampling and of the fit, which knobs lower in proportion, and biases, which are taken out of the
+answer: their half-widths are left. Every other knob is coarsened by a rung *at the answer*, and the
+difference shows the error that it leaves, as no cross term is missing there:
 
 .. math:: \Delta_k = A(v) - A(v - e_k), \qquad
     \epsilon_k = \frac{\Delta_k}{r_k^{p_k} - 1}.    \tag{1}
@@ -17,14 +17,14 @@ with an expected error below the target; the distance of its answer from the pre
 too.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import inf, isfinite, log2, nan
 
 import numpy as np
 
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.pipeline.knobs import HIGHEST, Knob, Setting
 from multiscale.upscaling.budget import total_error
 
@@ -32,8 +32,8 @@ MOST_ROUNDS = 10
 AIM = 0.85
 """Expected error over the target, for a plan."""
 
-STEPS, ADDED = 2, 4
-"""Rungs of a knob in a round, and of a knob that adds cells."""
+STEPS, ADDED, FEWER = 2, 4, 2
+"""Rungs of a knob in a round, of a knob that adds cells, and down of it, where cells are larger."""
 
 MOST_GROWTH = 10.0
 """Time of a round over the time of the last answer: early errors show little of later errors."""
@@ -47,10 +47,9 @@ NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting, and of
 a term over a whole error below which it is not named."""
 
-SAMPLING = "sampling"
+LEAST_FALL = 0.1  # power of two below which a knob does not lower a term
 
-REMEDIES = {"friction bed": "give the case larger cells, or more points in [micro.shear]"}
-"""What lowers terms that no knob does: a bed of sliders that is nearer to the sheared cells."""
+SAMPLING = "sampling"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +59,7 @@ class Outcome:
     value: np.ndarray  # shape (places,), any unit
     half_width: Mapping[str, np.ndarray]  # by terms, relative; empty without a budget
     seconds: Mapping[str, float]  # of the stages, s
-    bias: Mapping[str, np.ndarray] = field(default_factory=dict)  # by terms, relative, with signs
+    bias: Mapping[str, np.ndarray] = field(default_factory=dict)  # with signs, by terms likewise
     ratio: Mapping[str, float] = field(default_factory=dict)  # r in (1) by knobs, if it is not 2
 
 
@@ -93,12 +92,22 @@ class State:
     outcome: Outcome
     left: Mapping[str, KnobError]
     growth: Mapping[tuple[str, str], float]  # power of two by stage and knob
+    replaced: Collection[str]  # terms of the budget that measured knobs replace
+    falls: Mapping[str, float]  # powers of two by which terms in ``lowers`` of knobs fell
     prediction_error: float = 0.0  # distance from the prediction, relative
 
     @property
     def value(self) -> np.ndarray:
         """The corrected answer."""
-        return self.outcome.value * (1.0 + sum(left.correction for left in self.left.values()))
+        biases = (bias for term, bias in self.outcome.bias.items() if term not in self.replaced)
+        corrections = (left.correction for left in self.left.values())
+        return self.outcome.value * (1.0 - sum(biases)) * (1.0 + sum(corrections))
+
+    @property
+    def half_width(self) -> dict[str, np.ndarray]:
+        """Half-widths by the terms of the budget that no measured knob replaces."""
+        widths = self.outcome.half_width.items()
+        return {term: np.nan_to_num(half) for term, half in widths if term not in self.replaced}
 
 
 @dataclass(frozen=True)
@@ -144,6 +153,8 @@ class Planner:
     time: float = inf  # limit for the seconds of all solves
     spent: Callable[[], float] = lambda: 0.0  # seconds so far
     report: Callable[[str], None] = lambda line: None  # takes a sentence after every round
+    expect: Callable[[float, float], None] = lambda spent, total: None
+    """Takes the seconds so far, and those until the target, as expected, before every round."""
     refused: list[Setting] = field(default_factory=list)  # with all settings above them
 
     def run(self) -> Reached:
@@ -151,11 +162,11 @@ class Planner:
         rounds = list[Round]()
         # a knob that is measured has a rung below the first
         start = {knob.name: self.lowest[knob.name] + knob.measured for knob in self.knobs}
-        step: Round | None = Round(start, nan, nan)
+        step = Round(start, nan, nan)
         state: State | None = None
-        while step is not None:
+        while True:
             before, begin = state, self.spent()
-            state = self._advance(state, step)
+            state, step = self._advance(state, step)
             error = float(np.max(self.error(state)))
             if state is not before:
                 seconds = self.spent() - begin
@@ -165,12 +176,13 @@ class Planner:
                 break
             self._refuse_floor(state)
             growth = MOST_GROWTH * sum(state.outcome.seconds.values())
-            step = self.choose(state, min(self.time - self.spent(), growth))
-            step = step or self.choose(state, self.time - self.spent())
-            if step is not None and len(rounds) == MOST_ROUNDS:
+            left = self.time - self.spent()
+            chosen = self.choose(state, min(left, growth)) or self.choose(state, left)
+            if chosen is None or len(rounds) == MOST_ROUNDS:
                 break
-        assert state is not None
-        error = float(np.max(self.error(state)))
+            step = chosen
+            aimed = self.cheapest(state, AIM * self.target, inf) or step
+            self.expect(self.spent(), min(self.spent() + aimed.expected_seconds, self.time))
         return Reached(
             state,
             self.error(state),
@@ -180,22 +192,38 @@ class Planner:
             "" if error <= self.target else self._reason(state, error, len(rounds)),
         )
 
-    def _advance(self, state: State | None, step: Round) -> State:
-        """Solve the next setting; no setting at or above one without an answer is tried again."""
+    def _advance(self, state: State | None, step: Round) -> tuple[State, Round]:
+        """Solve a setting, or first settings that are finer until they have an answer.
+
+        No setting at or above a setting without an answer is tried again, unless smaller steps may
+        lead to it.
+        """
         try:
-            return self.measure(step.setting, state)
+            return self.measure(step.setting, state), step
         except MultiscaleError as error:
-            if state is None:
+            finer = {name: max(rung, min(rung + 1, 0)) for name, rung in step.setting.items()}
+            if state is None and (finer == step.setting or not isinstance(error, ConvergenceError)):
                 raise
-            self.refused.append(step.setting)
             self.report(f"the setting {_rungs(step.setting)} has no answer: {error}")
-            return state
+        if state is None:
+            return self._advance(None, Round(finer, nan, nan))
+        self.refused.append(step.setting)
+        return state, step
+
+    def _is_refused(self, setting: Setting) -> bool:
+        """Whether a setting is at or above a setting without an answer, and its steps are too."""
+        easing = {knob.name for knob in self.knobs if knob.eases}
+        return any(
+            all(setting[k] <= low[k] if k in easing else setting[k] >= low[k] for k in low)
+            for low in self.refused
+        )
 
     def measure(self, setting: Setting, before: State | None) -> State:
         """Solve the answer at a setting, and below it for every knob that matters."""
         outcome = self.solve(setting, True)
+        replaced = {term for knob in self.knobs if knob.measured for term in knob.terms}
         if before is None:  # without the coarser settings
-            self._refuse_floor(State(setting, outcome, {}, {}))
+            self._refuse_floor(State(setting, outcome, {}, {}, replaced, {}))
         left, growth = dict[str, KnobError](), dict(before.growth) if before else {}
         sampling = outcome.half_width.get(SAMPLING, np.zeros(outcome.value.shape))
         bound = self.target if isfinite(self.target) else 0.0
@@ -225,7 +253,8 @@ class Planner:
             difference = 1.0 - coarse.value / outcome.value
             left[name] = _left(knob, difference, setting[name], old, sampling, ratio)
             growth |= _growth(knob, outcome.seconds, coarse.seconds)
-        state = State(setting, outcome, left, growth)
+        falls = {} if before is None else self._falls(setting, outcome, before)
+        state = State(setting, outcome, left, growth, replaced, falls)
         if before is None or any(
             setting[knob.name] != before.setting[knob.name] and (knob.adds or knob.scatters)
             for knob in self.knobs
@@ -233,38 +262,39 @@ class Planner:
             return state  # other cells
         bias = sum(np.max(old.bias) for old in before.left.values())
         away = np.max(np.abs(_on(state.value, before.value) / before.value - 1.0))
-        return State(setting, outcome, left, growth, max(float(away - bias), 0.0))
+        return replace(state, prediction_error=max(float(away - bias), 0.0))
+
+    def _falls(self, setting: Setting, outcome: Outcome, before: State) -> dict[str, float]:
+        """Return the powers of two by which terms that knobs should lower fell, rung by rung."""
+        falls = dict(before.falls)
+        for knob in self.knobs:
+            rungs = setting[knob.name] - before.setting[knob.name]
+            for term in knob.lowers if rungs > 0 else ():
+                new, old = (
+                    float(np.max(done.half_width.get(term, 0.0)))
+                    for done in (outcome, before.outcome)
+                )
+                if old > 0.0 and new > 0.0:
+                    falls[term] = max(log2(old / new) / rungs, 0.0)
+        return falls
 
     def error(self, state: State, up: Setting | None = None) -> np.ndarray:
         """Return the error of the answer, or the error expected so many rungs higher."""
         up, rung = up or {}, {knob.name: knob for knob in self.knobs}
         draws = sum(knob.draws * up.get(knob.name, 0) for knob in self.knobs)
-        square, bias = np.zeros((2, *state.outcome.value.shape))
-        averaged = self._averaged()
-        for term, (half, shift) in self._rows(state).items():
-            fall, chance = 0.0, draws if term in averaged else 0.0
+        square = np.zeros(state.outcome.value.shape)
+        for term, half in state.half_width.items():
+            fall = draws if term == SAMPLING else 0.0
             for knob in self.knobs:
-                rungs = knob.orders[0] * up.get(knob.name, 0)
-                if term in knob.terms and not knob.measured:
-                    fall, chance = (fall, chance + rungs) if knob.adds else (fall + rungs, chance)
-            square = square + (2.0 ** -(fall + chance) * half) ** 2
-            bias = bias + 2.0**-fall * shift
-        bias = np.abs(bias) + state.prediction_error  # terms have signs, bounds have none
+                if term in (*knob.terms, *knob.lowers):
+                    fall += state.falls.get(term, knob.orders[0]) * up.get(knob.name, 0)
+            square = square + (2.0**-fall * half) ** 2
+        bias = np.full(square.shape, state.prediction_error)
         for name, left in state.left.items():
             fall = _expected_order(rung[name], left) * up.get(name, 0)
             bias = bias + 2.0**-fall * left.bias
             square = square + (2.0**-draws * left.noise) ** 2
         return total_error(bias, np.sqrt(square))
-
-    def _rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return half-width and bias of the terms of the budget that no measured knob replaces."""
-        replaced = {term for knob in self.knobs if knob.measured for term in knob.terms}
-        none = np.zeros(state.outcome.value.shape)
-        return {
-            term: (np.nan_to_num(half), np.nan_to_num(state.outcome.bias.get(term, none)))
-            for term, half in state.outcome.half_width.items()
-            if term not in replaced
-        }
 
     def choose(self, state: State, time: float) -> Round | None:
         """Return the next setting, None if no step fits into the time or helps."""
@@ -293,17 +323,22 @@ class Planner:
     def steps(self, state: State) -> Iterator[Round]:
         """Yield the settings of the next round, with their expected errors and seconds."""
         ranges = []
+        larger = [knob.name for knob in self.knobs if knob.scatters]
         for knob in self.knobs:
+            fewest = self.lowest[knob.name] - state.setting[knob.name]
+            fewer = min(max(-fewest, 0), FEWER) if knob.adds and larger else 0
             most = 1 if knob.scatters else ADDED if knob.adds else STEPS
             room = HIGHEST - state.setting[knob.name]
             useful = knob.adds or knob.draws or knob.scatters or self._matters(state, knob)
-            ranges.append(range(1 + (min(most, max(room, 0)) if useful else 0)))
+            ranges.append(range(-fewer, 1 + (min(most, max(room, 0)) if useful else 0)))
         for rungs in product(*ranges):
             if not any(rungs):
                 continue
             up = {knob.name: u for knob, u in zip(self.knobs, rungs, strict=True)}
+            if min(rungs) < 0 and not any(up[name] for name in larger):
+                continue
             setting = {name: rung + up[name] for name, rung in state.setting.items()}
-            if any(all(setting[k] >= low[k] for k in low) for low in self.refused):
+            if self._is_refused(setting):
                 continue
             error = float(np.max(self.error(state, up)))
             yield Round(setting, nan, nan, error, self.seconds(state, up))
@@ -312,8 +347,8 @@ class Planner:
         """Whether a knob has an error worth lowering."""
         if knob.name in state.left:
             return bool(np.max(state.left[knob.name].bias) > 0.0)
-        rows = self._rows(state)
-        return any(np.any(rows[term]) for term in knob.terms if term in rows)
+        lowered = (*knob.terms, *knob.lowers)
+        return any(np.any(state.half_width.get(term, 0.0)) for term in lowered)
 
     def seconds(self, state: State, up: Setting) -> float:
         """Forecast the seconds of the next round: the answer, and its coarsened settings."""
@@ -351,11 +386,10 @@ class Planner:
             powers = {stage: self._power(state, stage, knob) for stage in seconds}
             return halving_seconds(seconds, powers, order, knob.adds)
 
-        for term, (half, bias) in self._rows(state).items():
-            lowering = (k for k in self.knobs if not k.measured and term in k.terms)
-            knob = next((k for k in lowering if not (k.adds and np.any(bias))), None)
+        for term, half in state.half_width.items():
+            knob = next((k for k in self.knobs if term in (*k.terms, *k.lowers)), None)
             seconds = halving(knob, knob.orders[0] if knob else nan)
-            yield SourceCost(term, float(np.max(total_error(bias, half))), seconds)
+            yield SourceCost(term, float(np.max(half)), seconds)
         for knob in self.knobs:
             if knob.name in state.left:
                 left = state.left[knob.name]
@@ -365,42 +399,26 @@ class Planner:
 
     def fixed(self, state: State, whole: float) -> dict[str, float]:
         """Return the errors of the terms that no knob reduces, if they count in a whole error."""
+        lowered = {term for knob in self.knobs for term in (*knob.terms, *knob.lowers)}
         errors = {
-            term: float(np.max(total_error(bias, half)))
-            for term, (half, bias) in self._fixed_rows(state).items()
+            term: float(np.max(half))
+            for term, half in state.half_width.items()
+            if term not in lowered or state.falls.get(term, 1.0) < LEAST_FALL
         }
         largest = sorted(errors.items(), key=lambda item: -item[1])
         return {term: error for term, error in largest if error > NEGLIGIBLE * whole}
 
-    def _fixed_rows(self, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Return half-width and bias that no knob reduces; further cells lower no bias."""
-        lowered = {term for knob in self.knobs if not knob.adds for term in knob.terms}
-        averaged = self._averaged()
-        return {
-            term: (np.zeros(half.shape) if term in averaged else half, bias)
-            for term, (half, bias) in self._rows(state).items()
-            if term not in lowered
-        }
-
-    def _averaged(self) -> set[str]:
-        """Return the terms with a half-width by the chance of cells."""
-        averaged = {term for knob in self.knobs if knob.adds for term in knob.terms}
-        return averaged | ({SAMPLING} if any(knob.draws for knob in self.knobs) else set())
-
     def _refuse_floor(self, state: State) -> None:
         """Refuse a target below the terms that no knob reduces."""
-        square, total = np.zeros((2, *state.outcome.value.shape))
-        for half, bias in self._fixed_rows(state).values():
-            square, total = square + half**2, total + bias
-        floor = float(np.max(total_error(total, np.sqrt(square))))
+        every = self.fixed(state, 0.0)
+        floor = float(np.linalg.norm([*every.values()]))
         if floor > self.target:
-            fixed = self.fixed(state, floor)
+            fixed = {term: error for term, error in every.items() if error > NEGLIGIBLE * floor}
             named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())
-            remedies = "".join(f": {REMEDIES[term]}" for term in fixed if term in REMEDIES)
             raise CaseError(
                 f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
                 f"reduces {named}; ask for more than {100.0 * floor:.2g} %, or change what that "
-                f"comes from{remedies}"
+                f"comes from"
             )
 
     def _reason(self, state: State, error: float, rounds: int) -> str:
@@ -410,6 +428,12 @@ class Planner:
         why = "no step that lowers it fits into the time"
         if rounds == MOST_ROUNDS:
             why = f"{MOST_ROUNDS} rounds are over"
+        elif self.choose(state, inf) is None:
+            largest = max(self.sources(state), key=lambda source: source.error)
+            why = (
+                f"no further setting of the case lowers it; its largest part is {largest.name} "
+                f"({100.0 * largest.error:.2g} %)"
+            )
         return (
             f"the error is {100.0 * error:.3g} %, above the target of {100.0 * self.target:.3g} %, "
             f"and {why}{more}"

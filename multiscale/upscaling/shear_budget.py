@@ -15,6 +15,8 @@ STEEPEST = np.exp(-1.0)
 
 RATIO = "shear_stiffness_ratio"
 
+BED = "friction bed"  # a term
+
 NORMAL_ALONE = Term("not in a law without shear")
 
 SLIPS = np.geomspace(0.1, 8.0, 16)  # over mu p / (kappa K), up to full slip
@@ -46,10 +48,10 @@ def tangential_terms(
     tangential = {
         "sampling": _sampling(law, p),
         "micro discretisation": grid,
-        "friction bed": _distance(law, p),
+        BED: _distance(law, p),
     }
     bed = "largest distance of the sheared cells from the bed over mu p"
-    normal = {**terms, "friction bed": Term(bed, np.zeros((3, p.size)))}
+    normal = {**terms, BED: Term(bed, np.zeros((3, p.size)))}
     extended = {}
     for name, term in normal.items():
         if term.half_width is None:
@@ -88,18 +90,18 @@ def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]
     return errors
 
 
-def loss_term(law: Dataset) -> Term:
-    """Estimate the error of the loss of the bed in a closed cycle from the cells.
+def loss_terms(law: Dataset) -> dict[str, Term]:
+    """Estimate the errors of the loss of the bed in a closed cycle from the cells.
 
-    The term is of a single answer at a single step. Its bias is :math:`1 - r` with the mean
-    :math:`r` of the ratios of the losses at equal slip and at equal traction, since a joint lies
-    between the two.
-    Its half-width combines the samples, half the distance of the two ratios, and half the range
-    over the pressures. NaN where no cells went through closed cycles.
+    The terms are of a single answer at a single step. The bias of the bed is :math:`1 - r` with the
+    mean :math:`r` of the ratios of the losses at equal slip and at equal traction, since a joint
+    lies between the two. Its half-width combines half the distance of the two ratios and the
+    change over the pressures; further cells lower the half-width of :math:`r` by the samples. NaN
+    where no cells went through closed cycles.
     """
     if "shear_loss_ratio" not in law.variables:
         how = "of the loss not known: no cells went through closed cycles; shear them so"
-        return Term(how, np.full((1, 1), np.nan))
+        return {BED: Term(how, np.full((1, 1), np.nan))}
     require_law(law, "shear_cycle_pressure", "shear_cycle_amplitude", "shear_cycle_loss_ratio")
     ratio = law["shear_loss_ratio"].to_numpy()
     n_samples = int(law.sizes.get("shear_sample", 0))
@@ -107,15 +109,17 @@ def loss_term(law: Dataset) -> Term:
     drawn = [sample.mean() for sample in samples]
     sampling = half_range(np.array(drawn)) if n_samples else np.nan
     each = law["shear_cycle_loss_ratio"].mean("control").groupby(law["shear_cycle_pressure"])
-    widths = [sampling, 0.5 * np.ptp(ratio), 0.5 * float(np.ptp(each.mean().to_numpy()))]
+    between = law.get("shear_loss_pressure_error", 0.5 * float(np.ptp(each.mean().to_numpy())))
+    widths = [0.5 * np.ptp(ratio), float(between)]
     amplitude = float(law["shear_cycle_amplitude"].mean())
     how = (
         f"in cycles to {100.0 * amplitude:.2g} % of full slip the cells lose {ratio[0]:.3g} times "
         f"as much as the bed that slips as far, {ratio[1]:.3g} times as the bed that carries as "
         f"much"
     )
-    half_width = np.full((1, 1), np.linalg.norm(widths))
-    return Term(how, half_width, np.full((1, 1), 1.0 - ratio.mean()))
+    bed = Term(how, np.full((1, 1), np.linalg.norm(widths)), np.full((1, 1), 1.0 - ratio.mean()))
+    count = f"of the loss by {law.attrs.get('n_sheared', 'some')} sheared cells"
+    return {BED: bed, "sampling": Term(count, np.full((1, 1), sampling))}
 
 
 def _sampling(law: Dataset, p: np.ndarray) -> np.ndarray:

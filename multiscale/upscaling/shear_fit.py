@@ -16,6 +16,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, Sliders
 from multiscale.schema import LOADING, MICRO_RESPONSE, Dataset, with_cautions
+from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.fit import laws_of_each, with_branch
 from multiscale.upscaling.observations import Misfit
 from multiscale.upscaling.reading import require_law
@@ -142,6 +143,7 @@ def with_shear(
             "shear_cycle_pressure": lost.pressure,
             "shear_cycle_amplitude": lost.amplitude,
             "shear_cycle_loss_ratio": lost.ratio.mean(axis=0),
+            "shear_loss_pressure_error": between_pressures(lost),
         }
     law = with_branch(law, "shear", "measured", values).assign_attrs(n_sheared=n)
     return with_cautions(law, *cautions)
@@ -311,6 +313,18 @@ def measure_loss(
             ratio[r, c] = (lost[r, last] - lost[r, first]) / np.array(bed)
     at = np.array([pressure[first] for _, first, *_ in cycles])
     return LossRatio(at, amplitude.mean(axis=0), ratio)
+
+
+def between_pressures(lost: LossRatio) -> float:
+    """Return the 95 % half-width of the ratio between pressures, less the chance of few cells."""
+    of_cells, at = lost.ratio.mean(axis=2), np.unique(lost.pressure)
+    each = np.array([of_cells[:, lost.pressure == p].mean(axis=1) for p in at])
+    means, rest = each.mean(axis=1), each - each.mean(axis=0)
+    degrees, n = (len(at) - 1) * (each.shape[1] - 1), each.shape[1]
+    if not degrees:
+        return 0.5 * float(np.ptp(means))
+    chance = np.sum((rest - rest.mean(axis=1, keepdims=True)) ** 2) / (degrees * n)
+    return float(NORMAL * np.sqrt(max(means.var(ddof=1) - chance, 0.0)))
 
 
 def bed_loss(

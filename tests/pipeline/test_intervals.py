@@ -266,8 +266,11 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     at = {"quantity": "cycle_energy", "error_term": "friction bed"}
     beds = float(joint["error_half_width"].sel(at)[-1])  # cells there dissipate as much as the bed
     assert 0.01 < beds < 0.1
-    parts = np.linalg.norm([0.0095, 0.01, 0.02, beds])  # samples, two controls, two pressures
+    parts = np.linalg.norm([0.01, 0.02, beds])  # two controls, two pressures
     assert float(half.sel(quantity="cycle_energy")[-1]) == pytest.approx(parts, rel=1e-6)
+    at["error_term"] = "sampling"  # which the ratio has, too
+    sampling, before = (float(r["error_half_width"].sel(at)[-1]) for r in (result, joint))
+    assert sampling**2 - before**2 == pytest.approx(0.0095**2, rel=1e-6)
     assert not np.nan_to_num(bias.drop_sel(quantity="cycle_energy")).any()
     sentence = (
         "in cycles to 55 % of full slip the cells lose 1.09 times as much as the bed that slips"

@@ -48,7 +48,7 @@ class Synthetic:
 
     seed: int
     slopes: float = 0.0  # half-width that no knob reduces
-    bias: float = 0.0  # of the same term
+    bias: float = 0.0  # of the same term, about which this half-width is
     refused: int = 99  # rung of the elements
     spent: float = 0.0
     cells: int = 0
@@ -69,7 +69,7 @@ class Synthetic:
         self.cells = max(self.cells, n)
         half = np.full(2, 1.96 * SCATTER / np.sqrt(n))
         terms = {"sampling": half, "small slopes": np.full(2, self.slopes)}
-        value = TRUTH * (1.0 + self.error(v)) * (1.0 + SCATTER * drawn.mean())
+        value = TRUTH * (1.0 + self.error(v)) * (1.0 + SCATTER * drawn.mean()) / (1.0 - self.bias)
         bias = {"small slopes": np.full(2, self.bias)}
         return Outcome(value, terms if whole else {}, self.seconds(v), bias)
 
@@ -220,8 +220,6 @@ def test_the_chance_of_cells_of_two_sizes_is_not_an_error_of_their_size():
     ("term", "target", "sentence"),
     [
         ({"slopes": 0.08}, 0.05, r"5 % is out of reach: .* reduces small slopes \(8 %\)"),
-        ({"bias": 0.08}, 0.05, r"5 % is out of reach: .* reduces small slopes \(8 %\)"),
-        ({"bias": -0.08}, 0.05, r"5 % is out of reach: .* reduces small slopes \(8 %\)"),
         # hardly a part of the error of the first answer, of 7 % by sampling
         ({"slopes": 0.003}, 0.002, r"0\.2 % is out of reach: .* small slopes \(0\.3 %\)"),
     ],
@@ -234,31 +232,29 @@ def test_a_target_below_a_term_without_a_knob_names_it(term, target, sentence):
     assert stage.spent == first.spent  # before coarser settings are solved
 
 
-class Bed(Synthetic):
-    """A synthetic stage with a second term that falls with the cells, but for its bias."""
-
-    def __call__(self, v, whole):
-        done = super().__call__(v, whole)
-        slopes = np.full(2, self.slopes * 2.0 ** (-0.5 * v["cells"]))
-        return replace(
-            done, half_width={**done.half_width, "small slopes": slopes} if whole else {}
-        )
-
-    def knobs(self):
-        cells, *others = super().knobs()
-        return [replace(cells, terms=("sampling", "small slopes")), *others]
+@pytest.mark.parametrize("bias", [0.08, -0.08])
+def test_a_bias_of_the_budget_is_taken_out_of_the_answer(bias):
+    plain, biased = (Synthetic(0, bias=b).plan(0.05)[1] for b in (0.0, bias))
+    np.testing.assert_allclose(biased.state.value, plain.state.value, rtol=1e-12)
+    np.testing.assert_allclose(biased.error, plain.error, rtol=1e-12)
+    assert abs(biased.state.outcome.value / plain.state.outcome.value - 1.0)[0] > 0.05
 
 
-def test_further_cells_lower_the_chance_in_a_term_and_not_its_bias():
-    _, reached = Bed(0, slopes=0.08).plan(0.05)
-    assert reached.error.max() <= 0.05
-    with pytest.raises(CaseError, match=r"5 % is out of reach: .* reduces small slopes \(8 %\)"):
-        Bed(0, bias=0.08).plan(0.05)
+@pytest.mark.parametrize(("fall", "reached"), [(1.0, True), (0.5, True), (0.0, False)])
+def test_a_term_falls_as_two_rungs_show(fall, reached):
+    """A knob that should halve a term from rung to rung; the plan ends where it does not."""
 
+    def solve(v, whole):
+        slopes = np.full(1, 0.08 * 2.0 ** (-fall * v["size"]))
+        return Outcome(np.ones(1), {"surface": slopes}, {"cells": 1.0})
 
-def test_a_bias_of_the_budget_counts_in_full():
-    errors = [Synthetic(0, bias=bias).plan(np.inf, time=50.0)[1].error.max() for bias in (0, 0.05)]
-    assert errors[1] > errors[0] + 0.04
+    knob = Knob("size", NO_CASE, measured=False, orders=(1.0, 1.0), lowers=("surface",))
+    planner = Planner([knob], solve, {"size": 0}, 0.03)
+    if reached:
+        assert planner.run().error.max() <= 0.03
+    else:
+        with pytest.raises(CaseError, match=r"3 % is out of reach: .* reduces surface \(8 %\)"):
+            planner.run()
 
 
 def test_an_answer_that_is_not_known_at_coarser_settings_has_no_error():
@@ -302,6 +298,35 @@ def test_a_rung_without_an_answer_leaves_the_last_answer():
     assert any("elements +0" in line or "does not converge" in line for line in lines)
     with pytest.raises(ConvergenceError):
         Diverging(0, refused=-2).plan(0.05)
+
+
+def test_smaller_steps_lead_to_an_answer_that_larger_steps_do_not_have():
+    class Steep(Synthetic):
+        def knobs(self):
+            cells, elements, steps = super().knobs()
+            return [cells, elements, replace(steps, eases=True)]
+
+        def __call__(self, v, whole):
+            if v["elements"] > v["steps"] + 1:
+                raise ConvergenceError("the structure does not converge")
+            return super().__call__(v, whole)
+
+    _, reached = Steep(0).plan(0.02)
+    assert reached.error.max() <= 0.02
+
+
+def test_a_first_setting_without_an_answer_is_followed_by_a_finer_setting():
+    class Coarse(Synthetic):
+        def __call__(self, v, whole):
+            if v["elements"] < -1:
+                raise ConvergenceError("the structure does not converge")
+            return super().__call__(v, whole)
+
+    lines = []
+    _, reached = Coarse(0).plan(0.05, report=lines.append)
+    assert reached.error.max() <= 0.05
+    assert lines[0].startswith("the setting elements -1, steps -1 has no answer: the structure")
+    assert "round 1: the case as it is given;" in lines[1]
 
 
 def test_a_refused_rung_does_not_end_other_ladders():

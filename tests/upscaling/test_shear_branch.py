@@ -26,7 +26,13 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.branches import sliding_friction_at, with_sliding
 from multiscale.upscaling.scales import compare_scales
-from multiscale.upscaling.shear_fit import bed_loss, bed_traction, with_shear
+from multiscale.upscaling.shear_fit import (
+    LossRatio,
+    bed_loss,
+    bed_traction,
+    between_pressures,
+    with_shear,
+)
 from tests.support import rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 
@@ -409,6 +415,22 @@ def test_the_loss_of_cycles_over_the_loss_of_the_bed_is_recovered(law, decay, lo
     assert float(sheared["shear_cycle_amplitude"][0]) == pytest.approx(1.0 - np.exp(-1.0), rel=0.02)
     assert sheared["shear_loss_ratio_sample"].shape == (60, 2)
     INTERFACE_LAW.check(sheared)
+
+
+def test_the_chance_of_few_cells_is_no_change_with_the_pressure():
+    at, spread = np.repeat([6e6, 2e7, 6e7], 2), np.array([1.0, 1.1, 1.15])
+    drawn = np.random.default_rng(seed=1).standard_normal((400, 8, 6))
+
+    def half_width(ratio):
+        return between_pressures(LossRatio(at, at, np.repeat(ratio[..., None], 2, -1)))
+
+    level = 0.2 * drawn[0, :, :1]  # of cells, the same at all pressures
+    exact = half_width(np.repeat(spread, 2) + level)
+    assert exact == pytest.approx(1.96 * spread.std(ddof=1), rel=1e-3)
+    chance = [half_width(1.0 + 0.1 * cells) for cells in drawn]
+    assert np.median(chance) < 0.5 * 1.96 * 0.1 / np.sqrt(16)  # of each mean
+    both = [half_width(np.repeat(spread, 2) + 0.1 * cells) for cells in drawn]
+    assert np.sqrt(np.mean(np.square(both))) == pytest.approx(exact, rel=0.1)
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 1.0, 3.0])

@@ -314,6 +314,7 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
         inf if accuracy.time is None else accuracy.time,
         campaign.spent,
         lines.append,
+        lambda done, total: job.progress(round(done), round(total), "s until the target"),
     )
     reached = planner.run()
     asked = campaign.answers[campaign.answer]

@@ -33,7 +33,7 @@ from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, Dataset
 from multiscale.upscaling.budget import MODEL, known_error
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.sampling import half_range
-from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
+from multiscale.upscaling.shear_budget import BED, loss_terms, with_loss_grid
 from multiscale.upscaling.transport import with_conductance, with_leakage
 
 CLOSED = 1.0 - 1e-6  # contact fraction above which the gap is closed
@@ -206,7 +206,7 @@ def _shear(law: Dataset, of_points: float) -> list[str]:
         f"coefficient of the interface follows from it and does not predict friction.",
     ]
     if "shear_loss_ratio" in law:
-        lines.append(f"{loss_term(law).how.capitalize()}.")
+        lines.append(f"{loss_terms(law)[BED].how.capitalize()}.")
     return lines
 
 

@@ -211,6 +211,7 @@ def _with_budget(
         np.full(solved.size, np.nan),
         np.maximum(slip, 0.0),
         COARSENING,
+        1.0 - case.vibration.material_damping / result["damping"].values[solved],
     )
     asked = body_budget.JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
