@@ -15,7 +15,6 @@ from multiscale.macro import substructures
 from multiscale.macro.data_range import LOAD_SHARES, NEGLIGIBLE_LOAD
 from multiscale.pipeline.real_contact import contact_source
 from multiscale.pipeline.stage import Datasets, Job
-from multiscale.pipeline.tables.joint_settings import SLABS
 from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts, stated_error
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
@@ -187,7 +186,7 @@ class Change:
     joints: tuple[int, ...] = ()  # joints with a changed law
     normal: NormalLaw | None = None  # normal law of these joints
     factors: Mapping[str, float] = field(default_factory=dict)  # factors of friction parameters
-    slabs: int | None = None  # slabs of the beds of sliders of these joints
+    coarse_bed: bool = False  # whether the beds of these joints have half of their slabs
     structure: SolvedBodies | None = None  # structure on another mesh, or with another parameter
 
 
@@ -353,7 +352,8 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
 
     def changed(law: InterfaceLaw) -> InterfaceLaw:
         values = {name: factor * getattr(law, name) for name, factor in change.factors.items()}
-        values |= {"slabs": change.slabs} if change.slabs else {}
+        if change.coarse_bed:
+            values["slabs"] = cast(Sliders, law).slabs // 2
         return cast(InterfaceLaw, replace(cast(Any, law), **values))  # laws are dataclasses
 
     return [changed(law) if joint in change.joints else law for joint, law in enumerate(laws)]
@@ -405,10 +405,10 @@ def with_joint_budget(
     if cycles is not None:
         moving = 1.0 * (np.arange(steps.size) >= rests.size)
         if sources.beds:
-            fewer = Change(sources.beds, slabs=SLABS // 2)
-            how = f"beds of {SLABS} and {SLABS // 2} slabs"
+            fewer, how = Change(sources.beds, coarse_bed=True), "beds of half of the slabs"
+            term = MACRO if sources.meshes else BED  # unknown meshes leave their term unknown
             listed.append(
-                upscaling.Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=how)
+                upscaling.Knob(name="slabs", changes=[fewer], term=term, share=moving, how=how)
             )
         if sources.meshes:
             richardson = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan

@@ -111,7 +111,7 @@ def body_knobs(case: Case) -> Iterator[Knob]:
     for name, keys, orders, cost in (
         ("layers of the elements", {"structure.layers": 2}, (1.0, 2.0), 1.3),
         ("tolerance of the substructures", {"substructures.tolerance": 0.1}, (3.0, 3.4), 0.1),
-        ("slabs", {"vibration.slabs": 2}, (1.0, 2.0), 0.5),
+        ("slabs", {"vibration.slabs": 2, "cycles.slabs": 2}, (1.0, 2.0), 0.5),
         ("steps of a vibration", {"vibration.steps": 2}, (1.0, 2.0), 1.0),
     ):
         yield Knob(name, scaled(keys), (), orders, dict.fromkeys(both, cost))

@@ -70,8 +70,6 @@ SMOOTH = 1e-4  # friction of a smooth preload; none would leave bodies that slid
 
 BUDGETED = ("frequency", "fall", "damping")
 
-STATED_BED = 2  # ratio of the slabs of two beds from which the error of the finer bed is estimated
-
 
 @dataclass(frozen=True, eq=False)
 class _Vibrating:
@@ -135,8 +133,7 @@ def _press(
 
 def _laws(jointed: body_budget.BodiesWithLaws, change: body_budget.Change) -> list[InterfaceLaw]:
     """Build slider beds, on the unloading curve of the cells if it was measured."""
-    slabs = jointed.case.vibration.slabs
-    made = jointed.sliders(replace(change, slabs=change.slabs and slabs // STATED_BED), slabs)
+    made = jointed.sliders(change, jointed.case.vibration.slabs)
     for number, law in enumerate(jointed.laws):
         if law is not None and branch_origins(law).get("unloading", "").startswith("measured"):
             bed = cast(Sliders, made[number])  # the law of cells is a bed

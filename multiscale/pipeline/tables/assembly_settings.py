@@ -14,7 +14,13 @@ from multiscale.errors import CaseError, suggest
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import substructures
 from multiscale.pipeline.tables import assembly_parts
-from multiscale.pipeline.tables.joint_settings import JointLaw, OpenLaw, SolverChoice
+from multiscale.pipeline.tables.joint_settings import (
+    SLABS,
+    JointLaw,
+    OpenLaw,
+    Slabs,
+    SolverChoice,
+)
 from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts, body_faults
 from multiscale.pipeline.tables.structure_kind import Face, Pressed, highest_pressure
 from multiscale.pipeline.tables.toml_model import Number, Positive, Settings, at_most
@@ -49,6 +55,8 @@ class LoadCycles(Settings):
     """Closed cycles after the first loading."""
     steps: Annotated[Positive, at_most(2)] = 10
     """Load steps from the middle to the amplitude."""
+    slabs: Slabs = SLABS
+    """Slabs of the beds of sliders."""
 
 
 class Bodies(SolvedBodies):

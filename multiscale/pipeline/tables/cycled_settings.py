@@ -11,6 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Microcracks
 from multiscale.micro.damage.fatigue import FatigueMaterial
 from multiscale.pipeline.tables import toml_model as toml
+from multiscale.pipeline.tables.joint_settings import Slabs
 from multiscale.pipeline.tables.rve_settings import RveSettings
 
 FEW = 3  # amplitudes of quick runs, at most
@@ -54,7 +55,7 @@ class VibrationSettings(toml.Settings):
     """Steps from the middle of a full cycle to its amplitude."""
     preload_friction: bool = True
     """Whether interfaces have friction while the preload is brought up."""
-    slabs: Annotated[toml.Count, Field(ge=8, le=10_000), toml.at_most(192)] = 512
+    slabs: Annotated[Slabs, toml.at_most(192)] = 512
     """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is not
     resolved."""
 

@@ -93,6 +93,8 @@ SLABS, FEW_SLABS = 48, 8
 that is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see
 :class:`Sliders`."""
 
+Slabs = Annotated[toml.Count, Field(ge=8, le=10_000)]
+
 OpenLaw = Callable[[Path, bool], Dataset]
 """Maps a file, and whether a case is run quick, to an interface law, or to a volume."""
 
@@ -327,6 +329,8 @@ class Cycles(toml.Settings):
     """Closed cycles after the first loading."""
     steps: Annotated[toml.Positive, toml.at_most(2)] = 10
     """Load steps from zero to the amplitude."""
+    slabs: Slabs = SLABS
+    """Slabs of the beds of sliders."""
 
     def _faults(self) -> Iterator[str]:
         if any(low >= high for low, high in pairwise(self.all_amplitudes)):

@@ -273,7 +273,7 @@ class JointedBodies(SolvedBodies):
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
-        return joint_settings.SLABS if case.cycles else joint_settings.FEW_SLABS
+        return case.cycles.slabs if case.cycles else joint_settings.FEW_SLABS
 
     def beds(self, case: "Case") -> dict[str, Any]:
         """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""

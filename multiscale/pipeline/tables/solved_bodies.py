@@ -184,7 +184,7 @@ class SolvedBodies(StructureKind):
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the beds of sliders."""
-        return SLABS
+        return case.cycles.slabs if case.cycles else SLABS
 
     def beds(self, case: "Case") -> dict[str, Any]:
         """Options of :class:`Sliders` of every interface: the bed is fine over the data."""
