@@ -410,8 +410,9 @@ class Planner:
 
     def _refuse_floor(self, state: State) -> None:
         """Refuse a target below the terms that no knob reduces."""
-        every = self.fixed(state, 0.0)
-        floor = float(np.linalg.norm([*every.values()]))
+        if not (every := self.fixed(state, 0.0)):
+            return
+        floor = float(np.max(np.linalg.norm([state.half_width[term] for term in every], axis=0)))
         if floor > self.target:
             fixed = {term: error for term, error in every.items() if error > NEGLIGIBLE * floor}
             named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())

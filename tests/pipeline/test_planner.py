@@ -454,7 +454,7 @@ def test_keys_are_scaled_where_they_are_whole():
 def test_bodies_name_their_knobs():
     case = load_case("bolted_lap")
     named = {knob.name: knob for knob in body_knobs(case) if knob.applies(case)}
-    assert {*named} == {"elements", "layers of the elements", "load steps"}
+    assert {*named} == {"elements", "layers of the elements", "load steps", "slabs"}
     assert named["elements"].change(case, 1).structure.element == 0.5 * case.structure.element
     assert named["load steps"].change(case, -1).cycles.steps == 4
     assert [name for name, knob in named.items() if knob.terms == (MACRO,)] == ["elements"]
