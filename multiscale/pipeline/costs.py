@@ -48,15 +48,12 @@ def source_costs(
 ) -> list[SourceCost]:
     """Return the terms of the first answer of a result, with the time that halves them, s."""
     budget = result.isel(quantity=0)
-    biases = budget["error_bias"].values
-    half = total_error(biases, budget["error_half_width"].values)
+    half = total_error(budget["error_bias"].values, budget["error_half_width"].values)
     costs = list[SourceCost]()
     terms = map(str, budget["error_term"].values)
-    for term, values, bias in zip(terms, half, biases, strict=True):
+    for term, values in zip(terms, half, strict=True):
         error = float(np.nanmax(values, initial=0.0))
-        biased = np.any(np.nan_to_num(bias))  # which further cells do not lower
-        fit = (knob for knob in knobs if term in knob.terms and not (knob.adds and biased))
-        knob, time = next(fit, None), np.nan
+        knob, time = next((knob for knob in knobs if term in knob.terms), None), np.nan
         if knob is not None:
             order = float(np.mean(knob.orders))
             time = halving_seconds(seconds, knob.costs, order, knob.adds)

@@ -193,7 +193,7 @@ def test_needs_and_quick_list_the_sheared_cells(tmp_path):
     needs = requirements(case)
     text = needs.built["sheared cells"]
     assert "3 of two bodies with friction, 20 x 20 points and 9600 unknowns" in text
-    assert "each in 33 steps" in text
+    assert "each in 37 steps" in text
     assert seconds_of(needs, "shear_response") < 60.0
     more = case.micro.shear.model_copy(update={"pressures": (8e6, 20e6, 60e6), "points": None})
     quick = case.model_copy(update={"micro": case.micro.model_copy(update={"shear": more})}).quick()
