@@ -200,6 +200,7 @@ def _with_budget(
     else:  # without laws every converged step is known
         slip, rest = np.zeros((solved.size, 0)), rest.assign(known=rest["converged"])
     read = {name: body_budget.answer_at(name, solved) for name in BUDGETED}
+    damping = result["damping"].values[solved]
     cycles = body_budget.CycleAnswers(
         read,
         "",
@@ -208,7 +209,7 @@ def _with_budget(
         np.full(solved.size, np.nan),
         np.maximum(slip, 0.0),
         COARSENING,
-        1.0 - case.vibration.material_damping / result["damping"].values[solved],
+        1.0 - jointed.case.vibration.material_damping / np.where(damping > 0.0, damping, 1.0),
     )
     asked = body_budget.JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
