@@ -99,9 +99,10 @@ class State:
     @property
     def value(self) -> np.ndarray:
         """The corrected answer."""
-        biases = (bias for term, bias in self.outcome.bias.items() if term not in self.replaced)
-        corrections = (left.correction for left in self.left.values())
-        return self.outcome.value * (1.0 - sum(biases)) * (1.0 + sum(corrections))
+        biases = self.outcome.bias.items()  # NaN where none is known
+        known = sum(np.nan_to_num(bias) for term, bias in biases if term not in self.replaced)
+        corrections = sum(left.correction for left in self.left.values())
+        return self.outcome.value * (1.0 - known) * (1.0 + corrections)
 
     @property
     def half_width(self) -> dict[str, np.ndarray]:

@@ -70,7 +70,7 @@ class Synthetic:
         half = np.full(2, 1.96 * SCATTER / np.sqrt(n))
         terms = {"sampling": half, "small slopes": np.full(2, self.slopes)}
         value = TRUTH * (1.0 + self.error(v)) * (1.0 + SCATTER * drawn.mean()) / (1.0 - self.bias)
-        bias = {"small slopes": np.full(2, self.bias)}
+        bias = {"small slopes": np.full(2, self.bias), "sampling": np.full(2, np.nan)}
         return Outcome(value, terms if whole else {}, self.seconds(v), bias)
 
     def knobs(self):
