@@ -102,7 +102,7 @@ class State:
         biases = self.outcome.bias.items()  # NaN where none is known
         known = sum(np.nan_to_num(bias) for term, bias in biases if term not in self.replaced)
         corrections = sum(left.correction for left in self.left.values())
-        return self.outcome.value * (1.0 - known) * (1.0 + corrections)
+        return np.asarray(self.outcome.value * (1.0 - known) * (1.0 + corrections))
 
     @property
     def half_width(self) -> dict[str, np.ndarray]:
