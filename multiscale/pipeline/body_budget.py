@@ -351,10 +351,10 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
     """Return the laws of all joints, with the changed parameters and slabs of a change."""
 
     def changed(law: InterfaceLaw) -> InterfaceLaw:
-        values = {name: factor * getattr(law, name) for name, factor in change.factors.items()}
-        if change.coarse_bed:
-            values["slabs"] = cast(Sliders, law).slabs // 2
-        return cast(InterfaceLaw, replace(cast(Any, law), **values))  # laws are dataclasses
+        bed = cast(Any, law)  # laws are dataclasses
+        values = {name: factor * getattr(bed, name) for name, factor in change.factors.items()}
+        values |= {"slabs": bed.slabs // 2} if change.coarse_bed else {}
+        return cast(InterfaceLaw, replace(bed, **values))
 
     return [changed(law) if joint in change.joints else law for joint, law in enumerate(laws)]
 
