@@ -245,31 +245,25 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
     return replace(still, modes=modes)
 
 
-@dataclass(frozen=True, eq=False)
-class _ModesOfLaw:
-    """Solve of a mode of bodies of which all interfaces have a law, that workers can import."""
-
-    jointed: body_budget.BodiesWithLaws
-    near: _Vibrating
-
-    def __call__(
-        self, table: MeasuredJoint, interface: BedCurve, nuisances: Mapping[str, float]
-    ) -> np.ndarray:
-        """Return frequencies, s-1, and damping ratios at the amplitudes of a table."""
-        laws, asked = self.jointed.laws, self.jointed.case.vibration
-        normal = normal_law(cast(Dataset, laws[0]), interface.curve)
-        change = body_budget.Change(tuple(range(len(laws))), normal)
-        beds = [
-            replace(
-                cast(Sliders, bed), friction=interface.friction, stiffness_ratio=interface.ratio
-            )
-            for bed in _laws(self.jointed, change)
-        ]
-        still = _in_order_of(_press(self.jointed, beds, self.near.rest)[0], self.near)
-        result = still.vibrate(asked.reach(self.near.largest), asked.material_damping)
-        if not result["converged"].values.all():
-            raise ConvergenceError(str(result.attrs["failure"]))
-        return np.append(result["frequency"].values, result["damping"].values)
+def _solve_law(
+    jointed: body_budget.BodiesWithLaws,
+    near: _Vibrating,
+    table: MeasuredJoint,
+    interface: BedCurve,
+    nuisances: Mapping[str, float],
+) -> np.ndarray:
+    """Return frequencies, s-1, and damping ratios with a law of all interfaces."""
+    laws, asked = jointed.laws, jointed.case.vibration
+    normal = normal_law(cast(Dataset, laws[0]), interface.curve)
+    change = body_budget.Change(tuple(range(len(laws))), normal)
+    made = [cast(Sliders, bed) for bed in _laws(jointed, change)]
+    mu, kappa = interface.friction, interface.ratio
+    beds = [replace(bed, friction=mu, stiffness_ratio=kappa) for bed in made]
+    still = _in_order_of(_press(jointed, beds, near.rest)[0], near)
+    result = still.vibrate(asked.reach(near.largest), asked.material_damping)
+    if not result["converged"].values.all():
+        raise ConvergenceError(str(result.attrs["failure"]))
+    return np.append(result["frequency"].values, result["damping"].values)
 
 
 def modes_of_law(
@@ -290,13 +284,13 @@ def modes_of_law(
     near, _ = _press(jointed, _laws(jointed, body_budget.Change()))
     pressure, area = near.rest.state.pressure, near.rest.path["point_area"].values
     mean = float(pressure @ area / area[pressure > 0.0].sum())
-    solve = _ModesOfLaw(jointed, near if executor is None else near.portable())
-    differences = by_differences(solve, executor=executor)
+    near = near if executor is None else near.portable()
+    differences = by_differences(partial(_solve_law, jointed, near), executor=executor)
 
-    def answer(*given: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Order the values and the gradient as the rows of the table."""
-        value, gradient = differences(*given)
-        places = np.append(rows, rising.size + rows)
+    places = np.append(rows, rising.size + rows)  # of the rows of the table
+
+    def answer(*at: Any) -> tuple[np.ndarray, np.ndarray]:
+        value, gradient = differences(*at)
         return value[places], gradient[places]
 
     return mean, answer
