@@ -40,6 +40,7 @@ from multiscale.upscaling import (
 from multiscale.upscaling.fit import branch_origins
 from multiscale.upscaling.measured.joints import Answer, BedCurve
 from multiscale.upscaling.posterior_law import normal_law
+from multiscale.upscaling.propagation import STRETCH
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -285,7 +286,8 @@ def modes_of_law(
     pressure, area = near.rest.state.pressure, near.rest.path["point_area"].values
     mean = float(pressure @ area / area[pressure > 0.0].sum())
     near = near if executor is None else near.portable()
-    differences = by_differences(partial(_solve_law, jointed, near), executor=executor)
+    solve = partial(_solve_law, jointed, near)
+    differences = by_differences(solve, STRETCH, executor)  # slabs that slip or not are noise
 
     places = np.append(rows, rising.size + rows)  # of the rows of the table
 
