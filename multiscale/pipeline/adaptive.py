@@ -114,7 +114,11 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
             f'{case.title}: way = "{case.way}" in [interface] presses cells between solves of the '
             f"structure, in one process, got {job.team.size}"
         )
-    still = case.model_copy(update={"vibration": None, "fatigue": None, "growth": None})
+    assert case.interface is not None  # it has the way
+    # answers stand far outside the data, where they ask for pressures
+    interface = case.interface.model_copy(update={"extrapolate": True})
+    others = dict.fromkeys(("vibration", "fatigue", "growth"))
+    still = case.model_copy(update={**others, "interface": interface})
     (stage,) = (s for s in stages_of(still.tables) if s.tables == ("structure", s.tables[-1]))
     assert case.structure is not None  # no other table has interfaces
     named = list(case.structure.named_laws(case))
