@@ -118,6 +118,23 @@ def test_a_table_of_vibrations_recovers_friction_and_ratio(law, write):
     assert friction.learned > 0.9
 
 
+def test_modes_of_a_structure_calibrate_like_a_mass(law, write):
+    """The structure is the mass, without a gradient; its table has no preload."""
+
+    def structure(amplitudes):
+        return P, by_differences(lambda _, bed, none: vibration(amplitudes).answer(bed, none)[0])
+
+    true = vibration().answer(interface(0.2, 0.75), {})[0].reshape(2, -1)
+    rows = [f"{1e6 * a}, {f}, {d}" for a, f, d in zip(AMPLITUDE, *true, strict=True)]
+    file = write(rows, "amplitude (um), frequency (Hz), damping")
+    calibration = calibrate(law, [read_vibration(file, structure=structure, error=0.02)])
+    friction = {row.name: row for row in calibration.parameters}["friction coefficient"]
+    assert abs(friction.value - 0.2) < friction.half_width < 0.2 * friction.prior_half_width
+    assert {row.unit for row in calibration.rows} == {"Hz", "1"}
+    with pytest.raises(CaseError, match="either a mass or a structure"):
+        read_vibration(file, structure=structure, mass=MASS, error=0.02)
+
+
 @pytest.mark.parametrize(
     ("rows", "head", "options", "message"),
     [
