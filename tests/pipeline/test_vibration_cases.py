@@ -219,9 +219,9 @@ def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(meshes):
     structure = partial(modes_of_law, case, law, None)
     table = read_vibration(meshes / "modes.csv", structure=structure, error=0.02)
     np.testing.assert_allclose(table.pressure, 10e6, rtol=0.05)  # of the press
-    bodies, changed = case.structure, Change((0,), normal_law(law, given.curve))
-    still, _ = _press(bodies, case, _laws(bodies, case, [law], changed))
-    answer = by_differences(partial(_solve_law, bodies, case, law, still))
+    jointed = BodiesWithLaws(case.structure, case, [law])
+    still, _ = _press(jointed, _laws(jointed, Change((0,), normal_law(law, given.curve))))
+    answer = by_differences(partial(_solve_law, jointed, still))
     (frequency, _), gradient = answer(table, given, {})
     values, rates = table.answer(given, {})
     np.testing.assert_allclose(values[:2], frequency, rtol=1e-6)
