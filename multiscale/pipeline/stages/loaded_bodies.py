@@ -107,7 +107,7 @@ LOADED_BODIES = structure_stage.structure_stage(
     knobs=body_knobs,
     question=lambda result: answers_of(result).question,
     prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),
-    check=partial(structure_stage.require_known, answer="displacement"),
+    check=partial(structure_stage.require_known, answer="equivalent_stress"),
     more=lambda result: answers_of(result).sections(result),
     answer=lambda result: answers_of(result).sentences(result),
     answers=(
