@@ -29,6 +29,10 @@ class SchemaError(MultiscaleError):
     """A dataset does not follow its schema."""
 
 
+class NewerSchemaError(SchemaError):
+    """A dataset has a newer version of its schema than this package reads."""
+
+
 class ConvergenceError(MultiscaleError):
     """A solver stopped without a solution."""
 

@@ -11,12 +11,13 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
 from io import BytesIO
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from multiscale import __version__
-from multiscale.errors import SchemaError
+from multiscale.errors import NewerSchemaError, SchemaError
 from multiscale.io.files import write_bytes
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SCHEMAS, Schema
 
@@ -107,11 +108,11 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     if expected is None or name != expected.name:
         raise SchemaError(f"{path}: schema {name!r}, expected {wanted}; pass the matching file")
     if version != expected.version:
+        both = f"{name} of schema version {version}, this package reads version {expected.version}"
+        if isinstance(version, Integral) and version > expected.version:
+            raise NewerSchemaError(f"{path}: {both}; use a newer multiscale")
         news = f", which has {expected.news}" if expected.news else ""
-        raise SchemaError(
-            f"{path}: {name} of schema version {version}, this package reads version "
-            f"{expected.version}{news}; make it again or use the matching package"
-        )
+        raise SchemaError(f"{path}: {both}{news}; make it again or use the matching package")
     try:
         expected.check(dataset)
     except SchemaError as error:

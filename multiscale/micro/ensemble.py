@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, SchemaError
+from multiscale.errors import CaseError, NewerSchemaError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.micro.averages import SPOTS, Keep, pad_spots
@@ -172,7 +172,9 @@ def _finished(file: FilePath | None, identity: str, schema: Schema) -> PlainData
         return None
     try:
         response = open_dataset(file, schema)
-    except SchemaError:  # damaged or of another version: computed again
+    except NewerSchemaError:
+        raise
+    except SchemaError:  # damaged or of an earlier version: computed again
         return None
     if response.attrs.get("identity") != identity:
         raise CaseError(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from shutil import rmtree
 
-from multiscale.errors import CaseError, MultiscaleError, SchemaError
+from multiscale.errors import CaseError, MultiscaleError, NewerSchemaError, SchemaError
 from multiscale.io import open_dataset, read_text, remove, write_bytes
 from multiscale.pipeline.case import load_case
 from multiscale.pipeline.stage import Shown, Stage
@@ -29,8 +29,10 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
                 f"{out} holds {difference}; choose another folder, or delete this folder"
             )
     if results:
-        for stage in stages_of(case.tables):
-            if force or read_up_to_date(stage, case, out) is None:
+        stages = stages_of(case.tables)
+        stale = [force or read_up_to_date(stage, case, out) is None for stage in stages]
+        for stage, is_stale in zip(stages, stale, strict=True):
+            if is_stale:
                 remove(out / stage.file)
             for name in stage.folders if force else ():
                 rmtree(out / name, ignore_errors=True)
@@ -81,10 +83,20 @@ def _keys(case: Case) -> dict[str, object]:
 
 
 def read_up_to_date(stage: Stage, case: Case, out: Path) -> Dataset | None:
-    """Return the dataset of a stage if it is valid and computed from the same inputs."""
+    """Return the dataset of a stage if it is valid and computed from the same inputs.
+
+    Raises
+    ------
+    SchemaError
+        If the dataset has a newer schema version: a run must not replace it.
+    """
     try:
         stored = open_dataset(out / stage.file, stage.schema)
-    except SchemaError:  # missing, damaged or of another version
+    except NewerSchemaError as error:
+        raise SchemaError(
+            f"{error}, another folder with -o, or --force, which overwrites the dataset"
+        ) from error
+    except SchemaError:  # missing, damaged or of an earlier version
         return None
     return stored if stored.attrs.get("identity") == stage.identity(case) else None
 

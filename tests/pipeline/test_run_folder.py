@@ -224,3 +224,11 @@ def test_a_dataset_of_a_newer_version_is_answered_in_a_sentence(folder):
     write_dataset(open_dataset(file, schema).load(), file, newer)
     with pytest.raises(SchemaError, match="version"):
         write_report(folder)
+    before = file.read_bytes()
+    case = load_case(folder / "case.toml")
+    sentence = rf"macro_result.nc: macro_result of schema version {newer.version}, .* version "
+    with pytest.raises(SchemaError, match=rf"{sentence}{schema.version}; use a newer .* with -o"):
+        run(case, folder)
+    assert file.read_bytes() == before
+    claim_folder(folder, case, force=True)
+    assert not file.exists()
