@@ -99,8 +99,12 @@ class Latin:
         self.joints = list(zip(count(first_joint), problem.joints, problem.points, strict=False))
         self.law, self.weight = problem.law, problem.weight
         self.state = JointState.at_rest(problem)
-        # search directions
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
+        self.begin()
+
+    def begin(self) -> None:
+        """Set the first search directions, and z and r at rest."""
+        links = self.stack.links
         self.joint_k = self.directions(np.full((3, self.weight.size), np.inf))
         self.perfect_k: dict[int, np.ndarray] = {}
         self.update_interfaces(np.ones(links.stiffness.size))

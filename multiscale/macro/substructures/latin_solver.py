@@ -154,7 +154,11 @@ class LatinSolver:
     def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
         """Iterate under a load until the error is small enough."""
         latin = self.iteration
-        if state.unknowns is not self.reached and (self.report or np.any(state.unknowns)):
+        failed = not self.report.get("converged", 1)
+        if failed:  # the directions of that step mislead the next
+            latin.begin()
+        elsewhere = state.unknowns is not self.reached
+        if failed or (elsewhere and (self.report or np.any(state.unknowns))):
             latin.resume(state)
         latin.state = state
         load = latin.stack.load @ factor
@@ -164,8 +168,8 @@ class LatinSolver:
             if not self.report:
                 raise
             failure = str(latin.slide(load, state.pressure) or error)
-            report = self.report | {"converged": 0, "failure": failure}
-            return StepAnswer(state.unknowns, state.jump, state.traction, report)
+            self.report = self.report | {"converged": 0, "failure": failure}
+            return StepAnswer(state.unknowns, state.jump, state.traction, self.report)
         self.reached, self.report = answer.unknowns, answer.report
         return answer
 

@@ -10,7 +10,13 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface, LatinMethod
 from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
 from multiscale.macro.bodies.builders import lap_meshes
-from multiscale.macro.substructures import cut_assembly, joint_path, load_joint
+from multiscale.macro.substructures import (
+    PreparedStructure,
+    cut_assembly,
+    follow,
+    joint_path,
+    load_joint,
+)
 from tests.closed_forms.joint import joint_stiffness, series
 from tests.support import keep_ignoring_broken_pipes
 
@@ -231,3 +237,15 @@ def test_joint_and_bodies_in_series_are_the_whole(lap):
     whole = series(lap.interface_stiffness[:2].values, lap.solid_stiffness[:2].values)
     np.testing.assert_allclose(whole, lap.joint_stiffness[:2], rtol=1e-9)
     assert lap.interface_stiffness[1] > lap.interface_stiffness[0]
+
+
+def test_a_load_that_slides_away_leaves_no_trace_in_the_next_path():
+    blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [STEEL] * 2, [LAW])
+    problem, method = cut_assembly(blocks), LatinMethod(tolerance=1e-6)
+    pressed = follow(PreparedStructure(problem, method), [[20e6, 0.0]]).end
+    fresh, used = (PreparedStructure(problem, method) for _ in range(2))
+    slid = follow(used, [[20e6, 6e6]], after=pressed)  # friction carries 4 MPa
+    assert "slide" in slid.result.attrs["failure"]
+    answers = [follow(each, [[20e6, 3e6]], after=pressed).result for each in (fresh, used)]
+    assert answers[0].iterations[0] == answers[1].iterations[0]
+    np.testing.assert_array_equal(*(answer.displacement for answer in answers))
