@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
 from io import BytesIO
-from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -109,7 +108,7 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
         raise SchemaError(f"{path}: schema {name!r}, expected {wanted}; pass the matching file")
     if version != expected.version:
         both = f"{name} of schema version {version}, this package reads version {expected.version}"
-        if isinstance(version, Integral) and version > expected.version:
+        if str(version).isdigit() and int(str(version)) > expected.version:
             raise NewerSchemaError(f"{path}: {both}; use a newer multiscale")
         news = f", which has {expected.news}" if expected.news else ""
         raise SchemaError(f"{path}: {both}{news}; make it again or use the matching package")
