@@ -53,9 +53,9 @@ def solve(folder, *pairs):
     return run(load_case(write_scene(folder, TEXT, *pairs)), folder / "out")[FATIGUE_LIFE.name]
 
 
-def closed_life(amplitude, limit):
-    plastic = plastic_strain_per_cycle(amplitude, 200e9, 0.3, limit)
-    damage = damage_per_cycle(amplitude, 200e9, 0.3, limit, 0.5e6)
+def closed_life(amplitude, limit, modulus=200e9):
+    plastic = plastic_strain_per_cycle(amplitude, modulus, 0.3, limit)
+    damage = damage_per_cycle(amplitude, modulus, 0.3, limit, 0.5e6)
     return reversed_life(plastic, damage, 0.05, 0.3)
 
 
@@ -99,6 +99,18 @@ def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     # the limit 1.96 standard errors away has a closed form, too
     low = 200e6 * np.exp(-0.01 * 1.959964)
     assert inner[0] == pytest.approx(closed_life(210e6, low), rel=2e-3)
+
+
+def test_a_stated_modulus_widens_the_intervals_of_the_life(cube):
+    pairs = [
+        ('"200 GPa"', '"200 GPa +- 5 %"'),
+        ("limit_error = 0.01", "limit_error = 0.0"),
+    ]
+    result = solve(cube, *pairs)
+    stiffer, life = closed_life(210e6, 200e6, 204e9), closed_life(210e6, 200e6)
+    half = 0.05 * (stiffer / life - 1.0) / 0.02
+    low, high = result["cycles_to_crack_mean_law"].to_numpy()
+    assert 0.5 * np.log(high / low) == pytest.approx(half, rel=5e-3)
 
 
 def test_a_plate_cracks_at_its_hole(tmp_path):

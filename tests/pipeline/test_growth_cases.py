@@ -66,6 +66,24 @@ def test_a_bar_has_the_strength_and_the_energy_of_the_mean_law_on_every_mesh(cra
     )
 
 
+def test_a_stated_modulus_widens_the_interval_of_the_energy_of_a_bent_bar(tmp_path):
+    write_body(tmp_path / "bar.msh", box_mesh(SIZE, (3, 1, 4)), scale=1.0)
+    bent = (
+        ('coarser = "coarse.msh"\n', ""),
+        ('left = "x", front = "y", bottom = "z"', 'left = "clamped"'),
+        ('["1 MPa", 0, 0]', '[0, 0, "0.1 MPa"]'),
+    )
+    works, halves = [], []
+    for modulus in ("29 GPa", "29.58 GPa", "29 GPa +- 40 %"):
+        file = write_scene(tmp_path, VOLUME + BAR, *bent, ("29 GPa", modulus))
+        body = run(load_case(file), tmp_path / modulus)["cracked_body"]
+        works.append(float(body["work"]))
+        halves.append(0.5 * np.ptp(np.log(body["work_mean_law"].to_numpy())))
+    stated = 0.4 * (works[1] / works[0] - 1.0) / 0.02
+    assert abs(stated) > 0.01
+    assert halves[2] ** 2 - halves[0] ** 2 == pytest.approx(stated**2, rel=1e-6)
+
+
 def test_the_shipped_beam_is_of_hexahedra_of_its_size_with_a_notch():
     pytest.importorskip("gmsh", exc_type=Exception)
     for case in (load_case("notched_concrete"), load_case("notched_concrete").quick()):

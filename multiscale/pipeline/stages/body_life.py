@@ -22,7 +22,7 @@ from multiscale.micro.damage.element_fatigue import (
 )
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import BodiesWithLaws, Change, ErrorSources, JointsOfLaw
+from multiscale.pipeline.body_budget import BodiesWithLaws, Change, ErrorSources
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
@@ -38,11 +38,11 @@ from multiscale.upscaling.budget import (
     MACRO,
     NORMAL,
     Term,
-    has_budget,
     interval_errors,
     known_terms,
     unknown_terms,
 )
+from multiscale.upscaling.propagation import STRETCH
 
 SOLVES = 40  # number of solves while the inclusions crack one after the other, about
 
@@ -66,16 +66,6 @@ NO_PART_SCATTER = (
     "the life of one part has no interval: give part_deviation of the fatigue limit in [fatigue]"
 )
 
-NO_VOLUME_ERRORS = (
-    "the intervals of the life do not count the errors of the representative volumes of other "
-    "bodies"
-)
-
-NO_LAW_BUDGET = (
-    "the intervals of the life do not count the error of the law of interface {number}, which is "
-    "not known: take the law of a run"
-)
-
 LACKS = (
     "the intervals of the life are lower bounds, without terms of the error of the law of joints "
     "{joints} that are not known: {terms}"
@@ -89,6 +79,12 @@ class _Cycled:
     jointed: BodiesWithLaws
     method: "substructures.Method"
     number: int  # of the body that is followed
+
+    @property
+    def material(self) -> FatigueMaterial:
+        """Material of the body that is followed."""
+        moduli = self.jointed.bodies.bodies[self.number].moduli
+        return self.jointed.case.fatigue.material(*moduli)
 
     def solve(self, laws: Sequence[InterfaceLaw], cracked: np.ndarray | None = None) -> np.ndarray:
         """Solve the path anew; return the stress of the last cycle as :meth:`stress`."""
@@ -130,7 +126,7 @@ def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     names = [body.name for body in bodies.bodies]
     number = names.index(table.body or names[0])
     cycled, built = _Cycled(jointed, method, number), jointed.build(sliders)
-    body, settings = built.assembly.bodies[number], bodies.bodies[number]
+    body, material = built.assembly.bodies[number], cycled.material
     stress = cycled.stress(result, built.path, built.assembly.bodies)
     if (most := float(von_mises(stress).max())) > table.strength:
         raise CaseError(
@@ -138,7 +134,6 @@ def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
             f"strength of {1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure, "
             f"not fatigue; lower the loads, or correct the strength"
         )
-    material = table.material(*settings.moduli)
 
     def stress_of(cracked: np.ndarray) -> np.ndarray:
         return cycled.solve(sliders, cracked) if cracked.any() else stress
@@ -186,17 +181,23 @@ def _with_intervals(
     places = list[int]()
 
     def shortest(change: Change) -> np.ndarray:
-        """Life of the element that cracks first with a changed law."""
-        lives = first(cycled.solve(cycled.jointed.sliders(change)), material)
+        """Life of the element that cracks first with a changed law or structure."""
+        other = replace(cycled, jointed=cycled.jointed.changed(change))
+        lives = first(other.solve(other.jointed.sliders(change)), other.material)
         places.append(int(np.argmin(lives)))
         return np.array([[float(lives.min())]])
 
-    # errors by the laws of the joints and by the mesh, of logarithms of the life
-    laws = ErrorSources.of(cycled.jointed).laws
+    # errors by laws of joints, stated values, volumes and mesh, of logarithms of the life
+    sources = ErrorSources.of(cycled.jointed)
     budget = propagate(
         "life",
         [
-            *(source for law in laws for source in law.sources(_pressure_on(result, law.joints))),
+            *(
+                source
+                for law in sources.laws
+                for source in law.sources(_pressure_on(result, law.joints))
+            ),
+            *sources.stated,
             Bound(name="mesh", bounds={MACRO: on_mesh}),
         ],
         shortest,
@@ -223,7 +224,7 @@ def _with_intervals(
     start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
     values["crack_distance"] = np.linalg.norm(centre[places] - start, axis=1).max()
     life = schema.FATIGUE_LIFE.assign(life, values)
-    return schema.with_cautions(life, *_left_out(cycled, budget, laws))
+    return schema.with_cautions(life, *_left_out(cycled, budget, sources))
 
 
 def _pressure_on(result: schema.Dataset, joints: tuple[int, ...]) -> np.ndarray | None:
@@ -234,13 +235,10 @@ def _pressure_on(result: schema.Dataset, joints: tuple[int, ...]) -> np.ndarray 
     return np.array([closed.mean()]) if closed.size else None
 
 
-def _left_out(
-    cycled: _Cycled, budget: schema.Dataset, laws: Sequence[JointsOfLaw]
-) -> Iterator[str]:
+def _left_out(cycled: _Cycled, budget: schema.Dataset, sources: ErrorSources) -> Iterator[str]:
     """Caution on errors that the intervals of the life do not count."""
-    for number, law in enumerate(cycled.jointed.laws):
-        if not has_budget(law):
-            yield NO_LAW_BUDGET.format(number=number)
+    yield from sources.unknown
+    laws = sources.laws
     missing = dict[tuple[int, ...], list[str]]()  # by the joints of the laws that lack them
     for term in unknown_terms(budget) if laws else ():
         lacking = [law for law in laws if term not in known_terms(law.law)] or laws
@@ -250,8 +248,6 @@ def _left_out(
             yield LACKS.format(joints=", ".join(map(str, joints)), terms=listed)
     if cycled.jointed.case.fatigue.part_deviation is None:
         yield NO_PART_SCATTER
-    if any(body.porous for body in cycled.jointed.bodies.bodies):
-        yield NO_VOLUME_ERRORS
 
 
 def _caution_open_cycle(stress: np.ndarray) -> Iterator[str]:
@@ -270,9 +266,10 @@ def _coarser_life(cycled: _Cycled) -> float | None:
     table = cycled.jointed.case.fatigue
     for bodies in cycled.jointed.bodies.coarser().values():
         coarse = replace(cycled, jointed=replace(cycled.jointed, bodies=bodies))
-        material = table.material(*bodies.bodies[cycled.number].moduli)
         stress = coarse.solve(coarse.jointed.sliders())
-        first = first_cracks(stress, material, scatter=table.scatter, max_cycles=table.max_cycles)
+        first = first_cracks(
+            stress, coarse.material, scatter=table.scatter, max_cycles=table.max_cycles
+        )
         return float(first.min()) if np.isfinite(first).any() else None
     return None
 
@@ -395,6 +392,11 @@ def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     for k, law in enumerate((mean, *laws), start=1):
         cracked.append(macro.continuum.follow_crack_band(body, law, load=load))
         job.progress(k, 1 + len(laws), "softening laws")
+    halves = list[float]()
+    for _, half, stretched in bodies.uncertain(1.0 + STRETCH):
+        halves.append(half)
+        other, other_load = _loaded(stretched, case)
+        cracked.append(macro.continuum.follow_crack_band(other, mean, load=other_load))
     for coarser in bodies.coarser().values():
         coarse, coarse_load = _loaded(coarser, case)
         cracked.append(macro.continuum.follow_crack_band(coarse, mean, load=coarse_load))
@@ -403,11 +405,14 @@ def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     }
     for name, variable in (("peak_load", "factor"), ("work", "dissipation")):
         value, *each = (float(path[variable].max()) for path in cracked)
-        samples, coarse_value = np.array(each[: len(laws)]), each[len(laws) :]
+        samples, rest = np.array(each[: len(laws)]), each[len(laws) :]
+        stated, coarse_value = np.array(rest[: len(halves)]), rest[len(halves) :]
         values[name], values[f"{name}_sample"] = value, samples
-        error = 0.0
+        # errors by stated values and by the mesh
+        error = float(np.linalg.norm(np.array(halves) * (stated / value - 1.0) / STRETCH))
         if coarse_value:
-            values[f"{name}_mesh"] = error = abs(coarse_value[0] / value - 1.0)
+            values[f"{name}_mesh"] = mesh = abs(coarse_value[0] / value - 1.0)
+            error = float(np.hypot(error, mesh))
         for kind, half in zip(("mean_law", "one_part"), half_widths(samples), strict=True):
             both = np.hypot(half, error)
             values[f"{name}_{kind}"] = value * np.exp([-both, both])
