@@ -125,8 +125,8 @@ def check_whole(out):
 
 
 def cells(out):
-    """Finished cells, and when they were written."""
-    return {file: file.stat().st_mtime_ns for file in out.rglob("realisation-*.nc")}
+    """Finished cells of the response, and when they were written."""
+    return {file: file.stat().st_mtime_ns for file in out.rglob("micro/realisation-*.nc")}
 
 
 def contents(out):
