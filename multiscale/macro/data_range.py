@@ -15,6 +15,7 @@ FAR_FACTOR = 2.0  # factor outside the data beyond which a law is no longer vali
 FAR_SHARE = 0.05  # largest allowed share of the load of an interface beyond this factor
 NEGLIGIBLE_LOAD = 0.01  # share of the load outside the data below which no caution is given
 RUNG = 1.2  # factor between the pressures of cells that serve the points of a structure
+ROUNDS = 6  # solves of a structure, at most, between which the data of its laws are extended
 ROUND_OFF = 1e-6  # relative distance up to which a pressure outside the data counts as their end
 
 LOAD_SHARES = ("load_below", "load_above", "load_far")
@@ -82,9 +83,11 @@ def pressures_of_points(
 
 
 def pressures_between(
-    data: np.ndarray, unsure: np.ndarray, pressure: np.ndarray, area: np.ndarray
+    data: np.ndarray, unsure: np.ndarray, pressure: np.ndarray, area: np.ndarray, most: int
 ) -> tuple[float, ...]:
     """Return the middles of intervals of data with an unsure end and more than a little load, Pa.
+
+    Where there are more than ``most`` of them, those with the largest shares of the load.
 
     Parameters
     ----------
@@ -96,9 +99,11 @@ def pressures_between(
     total = load.sum(axis=1)
     place = np.searchsorted(data, np.nan_to_num(pressure), side="right")
     middles = np.sqrt(data[1:] * data[:-1])
-    shares = [(load * (place == k + 1)).sum(axis=1) for k in range(middles.size)]
-    loaded = np.any(shares > NEGLIGIBLE_LOAD * total, axis=1)
-    return tuple(map(float, middles[loaded & (unsure[1:] | unsure[:-1])]))
+    borne = np.array([(load * (place == k + 1)).sum(axis=1) for k in range(middles.size)])
+    share = np.max(borne / np.where(total > 0.0, total, 1.0), axis=1)
+    asked = np.flatnonzero((share > NEGLIGIBLE_LOAD) & (unsure[1:] | unsure[:-1]))
+    largest = np.argsort(-share[asked], kind="stable")[:most]
+    return tuple(map(float, middles[np.sort(asked[largest])]))
 
 
 def load_shares(

@@ -10,6 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.io import make_folder, write_dataset
 from multiscale.macro.data_range import (
     LOAD_SHARES,
+    ROUNDS,
     data_ends,
     further_pressures,
     pressures_between,
@@ -29,9 +30,6 @@ from multiscale.upscaling.response_observations import join_pressures
 
 NEAR = 0.03
 """Relative distance of pressures of the concurrent way that share a cell."""
-
-ROUNDS = 6
-"""Largest number of solves of a structure, between which the data of its laws are extended."""
 
 FOLDER = "adaptive"
 """Folder of further cells and of the laws with them in a run folder."""
@@ -64,7 +62,8 @@ class PressedCells:
         else:
             data = self.law["fit_pressure"].to_numpy()
             asked = further_pressures(ends, shares)
-            asked += pressures_between(data, _unsure(self.law), *points)
+            given = len(known) - len(self.added)
+            asked += pressures_between(data, _unsure(self.law), *points, given)
             near = 1e-5
         return tuple(p for p in asked if not np.isclose(p, known, rtol=near).any())
 
@@ -107,7 +106,8 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
 
     The adaptive way presses cells beyond an end of the data that more than 1 % of the load of an
     interface leaves, and between data of which the law has a larger error by its form than by all
-    else; the concurrent way presses them near the pressure of every point.
+    else, of these in a round at most as many as the case gives pressures; the concurrent way
+    presses them near the pressure of every point.
     """
     if job.team is not None and job.team.size > 1:
         raise CaseError(

@@ -11,10 +11,11 @@ difference shows the error that it leaves, as no cross term is missing there:
 The ratio :math:`r_k` of the spacings is 2, or less where a mesh hardly differs. The order
 :math:`p_k` is taken where two differences show it, or where its range is narrow; then
 :math:`\epsilon_k` is added to the answer, and half of its range is a bias. Otherwise
-:math:`|\Delta_k| / (r_k^{p_{\min}} - 1)` is. The seconds of a stage grow with every knob by a power
-of two, measured by the same differences. The next setting is the cheapest of all steps of few rungs
-with an expected error below the target; the distance of its answer from the prediction is a bias,
-too.
+:math:`|\Delta_k| / (r_k^{p_{\min}} - 1)` is. Between cells with other surfaces its
+half-width by chance is added, however small the difference is. The seconds of a stage grow with
+every knob by a power of two, measured by the same differences. The next setting is the cheapest of
+all steps of few rungs with an expected error below the target; the distance of its answer from the
+prediction is a bias, too.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -42,7 +43,6 @@ NARROW = 0.5  # width of a range of orders that is taken without two differences
 BELOW, ABOVE = 0.5, 0.7  # distance of an observed order from its range, at most
 NEAR = 0.5  # distance of an order from the observed order, at most
 CLEAR_RATIO = 1.8  # of spacings, below which two differences show no order
-HIDDEN = 0.67  # bias that stays hidden in scatter, over its 95 % half-width
 NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting, and of
 a term over a whole error below which it is not named."""
@@ -73,7 +73,7 @@ class KnobError:
 
     correction: np.ndarray  # to be added to the answer
     bias: np.ndarray  # largest error after it
-    noise: np.ndarray  # 95 % half-width by chance
+    noise: np.ndarray  # its 95 % half-width by chance, in which an effect may stay hidden
     order: float  # observed, NaN if none is
     difference: np.ndarray  # (1), from which it follows
     rung: int  # at which it was measured
@@ -81,7 +81,7 @@ class KnobError:
     @property
     def size(self) -> float:
         """Largest error over the places."""
-        return float(np.max(total_error(self.bias, self.noise)))
+        return float(np.max(self.bias + self.noise))
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,20 +282,29 @@ class Planner:
     def error(self, state: State, up: Setting | None = None) -> np.ndarray:
         """Return the error of the answer, or the error expected so many rungs higher."""
         up, rung = up or {}, {knob.name: knob for knob in self.knobs}
-        draws = sum(knob.draws * up.get(knob.name, 0) for knob in self.knobs)
         square = np.zeros(state.outcome.value.shape)
         for term, half in state.half_width.items():
-            fall = draws if term == SAMPLING else 0.0
-            for knob in self.knobs:
-                if term in (*knob.terms, *knob.lowers):
-                    fall += state.falls.get(term, knob.orders[0]) * up.get(knob.name, 0)
-            square = square + (2.0**-fall * half) ** 2
-        bias = np.full(square.shape, state.prediction_error)
+            square = square + (2.0 ** -self._fall(state, up, term) * half) ** 2
+        bias, chance = (
+            np.full(square.shape, state.prediction_error),
+            self._fall(state, up, SAMPLING),
+        )
         for name, left in state.left.items():
             fall = _expected_order(rung[name], left) * up.get(name, 0)
-            bias = bias + 2.0**-fall * left.bias
-            square = square + (2.0**-draws * left.noise) ** 2
+            # a difference within its chance is expected to fall as the chance does
+            falls = np.where(left.bias <= left.noise, np.maximum(fall, chance), fall)
+            bias = bias + 2.0**-falls * left.bias + 2.0**-chance * left.noise
         return total_error(bias, np.sqrt(square))
+
+    def _fall(self, state: State, up: Setting, term: str) -> float:
+        """Return the power of two by which a term is expected to fall so many rungs higher."""
+        fall = 0.0
+        for knob in self.knobs:
+            power = knob.draws if term == SAMPLING else 0.0
+            if term in (*knob.terms, *knob.lowers):
+                power += state.falls.get(term, knob.orders[0])
+            fall += power * up.get(knob.name, 0)
+        return fall
 
     def choose(self, state: State, time: float) -> Round | None:
         """Return the next setting, None if no step fits into the time or helps."""
@@ -463,9 +472,8 @@ def _left(
     low, high = knob.orders
     nothing, first = np.zeros(difference.shape), 1.0 / (ratio**low - 1.0)
     if knob.scatters:  # the rung below has as many cells, with a larger scatter
-        noise = sampling * np.sqrt(1.0 + 4.0**knob.draws)
-        clear = np.where(np.abs(difference) > noise, first * np.abs(difference), 0.0)
-        return KnobError(nothing, clear, HIDDEN * first * noise, low, difference, rung)
+        noise = first * sampling * np.sqrt(1.0 + 4.0**knob.draws)
+        return KnobError(nothing, first * np.abs(difference), noise, low, difference, rung)
     size = np.maximum(np.abs(difference), np.sqrt(np.mean(difference**2)))
     order = _order(knob, difference, rung, old, ratio)
     if not low - BELOW <= order <= high + ABOVE:

@@ -12,6 +12,7 @@ import numpy as np
 from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
+from multiscale.macro.data_range import ROUNDS
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import BodiesWithLaws, Change
 from multiscale.pipeline.showing import Rows, Table, list_cycles, list_facts
@@ -81,9 +82,15 @@ def solver_needs(structure: SolvedBodies, case: Case) -> Needs:
         coarse=taken.method.coarse,
         slabs=structure.slabs(case) if size.joint_points else 0,
     )
-    choice = Choice("method", chosen.explain())
+    choices = [Choice("method", chosen.explain())]
+    if case.way == "adaptive":
+        asks = (
+            f"up to {ROUNDS} more solves at rest, between which cells are pressed at up to two "
+            f"pressures beyond each end of the data, and between them at as many as the case gives"
+        )
+        choices.append(Choice("way", asks))
     seconds = (1 + SOLVES) * taken.seconds
-    return replace(needs, memory=taken.memory, seconds=seconds, choices=(choice, *needs.choices))
+    return replace(needs, memory=taken.memory, seconds=seconds, choices=(*choices, *needs.choices))
 
 
 def structure_of(case: Case) -> Any:

@@ -231,18 +231,22 @@ def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
 def _limits_in_series(budget: Dataset, name: str, spring: str) -> dict[str, np.ndarray]:
     r"""Return both ends of both intervals of a stiffness k in series with an uncertain spring K.
 
-    Terms of which K has at least half, :math:`e_t \leq 2 s\, e_{K, t}` with its share
-    :math:`s = k / K` of the compliance, are errors of K, and the ends are of the series; the
-    others, such as of the mesh of the bodies, are errors of k. Both add as squares.
+    The error of the mesh is of the bodies, an error of k. Other terms may be of the bodies too, by
+    their volumes and stated values: those of which K has at least half,
+    :math:`e_t \leq 2 s\, e_{K, t}` with its share :math:`s = k / K` of the compliance, are errors
+    of K, and the ends are of the series. Both add as squares.
     """
     row, value = budget.sel(quantity=[name]), budget[name].to_numpy()
     share, half = value / budget[spring].to_numpy(), row["error_half_width"]
     of_spring = half <= 2.0 * share * budget["error_half_width"].sel(quantity=spring)
+    of_spring &= row["error_term"] != MACRO
     parts = [row.assign(error_half_width=half.where(of_spring, 0.0))]
     parts += [row.assign(error_half_width=half.where(~of_spring, 0.0), error_bias=0.0 * half)]
     ends = {}
     for kind, (error,) in interval_errors(parts[0]).items():
-        rest = np.nan_to_num(interval_errors(parts[1])[kind][0])
+        rest = interval_errors(parts[1])[kind][0]
+        unknown = np.isnan(error) & np.isnan(rest)
+        error, rest = np.nan_to_num(error), np.where(unknown, np.nan, np.nan_to_num(rest))
         factor = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)  # of the spring
         moved = factor / (share + (1.0 - share) * factor) - 1.0
         widths = np.hypot(moved, rest) * [[-1.0], [1.0]]

@@ -58,7 +58,17 @@ def test_points_lie_between_rungs_of_a_ladder_that_near_points_share(limit, most
 )
 def test_unsure_data_have_pressures_between_where_load_lies(unsure, pressure, asked):
     given = np.array(DATA), np.array(unsure, dtype=bool), np.array(pressure), np.ones(2)
-    assert pressures_between(*given) == pytest.approx(asked)
+    assert pressures_between(*given, most=3) == pytest.approx(asked)
+
+
+def test_of_many_unsure_intervals_those_with_the_most_load_have_pressures():
+    data = 1e6 * 2.0 ** np.arange(8.0)
+    middles = np.sqrt(data[1:] * data[:-1])
+    load = np.array([3.0, 1.0, 7.0, 2.0, 6.0, 5.0, 4.0])
+    given = data, np.ones(8, dtype=bool), middles[None], load / middles
+    for most in (3, 7):
+        largest = np.sort(middles[np.argsort(-load)[:most]])
+        assert pressures_between(*given, most=most) == pytest.approx(largest)
 
 
 def test_joined_branches_keep_the_cautions_and_ends_of_both():

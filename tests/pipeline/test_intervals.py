@@ -202,7 +202,7 @@ def test_the_headline_gives_a_share_its_interval_and_no_per_cent_of_per_cent(joi
     assert list_cycles(joint)[-1].removeprefix("At the amplitude, ") in cycle
     stuck = joint.drop_vars([f"slipping_load_{kind}" for kind in ("mean_law", "one_part")])
     stuck["slipping_load"] = 0.0 * stuck["slipping_load"] + 1e-17
-    assert " 0 % of the contact force is at sliding, more than" in list_cycles(stuck)[-1]
+    assert " 0 % of the contact force is at sliding, and more than" in list_cycles(stuck)[-1]
 
 
 @pytest.mark.parametrize(

@@ -48,9 +48,9 @@ def test_interface_and_bodies_stand_next_to_the_joint_each_with_its_error(result
     assert np.all(total.sel(quantity="interface_stiffness") > total.sel(quantity="joint_stiffness"))
 
 
-@pytest.mark.parametrize("mesh", [0.0, 0.2])
+@pytest.mark.parametrize(("mesh", "moved"), [(0.0, 0.3), (0.2, 0.3), (0.2, 5.0)])
 @pytest.mark.parametrize("error", [0.01, 0.6, 1.3])
-def test_ends_of_an_interval_are_springs_in_series_too(result, error, mesh):
+def test_ends_of_an_interval_are_springs_in_series_too(result, error, mesh, moved):
     """No joint is stiffer than its bodies by its interface; the mesh is an error of the bodies."""
     known = result.isel(step=slice(2))
     joint, K, solid = (known[f"{name}_stiffness"] for name in ("joint", "interface", "solid"))
@@ -58,13 +58,22 @@ def test_ends_of_an_interval_are_springs_in_series_too(result, error, mesh):
     half.loc[{"quantity": "interface_stiffness", "error_term": "fit"}] = error
     half.loc[{"quantity": "joint_stiffness", "error_term": "fit"}] = error * joint / K
     half.loc[{"quantity": "joint_stiffness", "error_term": MACRO}] = mesh
-    half.loc[{"quantity": "interface_stiffness", "error_term": MACRO}] = 0.3 * mesh
+    half.loc[{"quantity": "interface_stiffness", "error_term": MACRO}] = moved * mesh
     known = with_intervals(known.assign(error_half_width=half))
     ends = K.values * np.maximum([[1.0 - error], [1.0 + error]], 0.0)
     series = ends * solid.values / (ends + solid.values) / joint.values - 1.0
     expected = 1.0 + np.sign(series) * np.hypot(series, mesh)
     ratios = known["joint_stiffness_one_part"] / joint.values
     np.testing.assert_allclose(ratios, np.maximum(expected, 0.0), atol=1e-12)
+
+
+def test_a_joint_of_an_interface_without_known_errors_has_the_interval_of_its_mesh(result):
+    known = result.isel(step=slice(2))
+    half, total = (np.nan * known[f"error_{name}"] for name in ("half_width", "total"))
+    half.loc[{"error_term": MACRO}] = 0.1
+    known = with_intervals(known.assign(error_half_width=half, error_total=total))
+    ends = known["joint_stiffness_one_part"] / known["joint_stiffness"]
+    np.testing.assert_allclose(ends.transpose("limit", "step"), [[0.9, 0.9], [1.1, 1.1]])
 
 
 def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):

@@ -100,15 +100,17 @@ def best_fixed(target):
 
 @dataclass
 class Sizes:
-    """Eight cells of every size, with no error but their scatter, and of four times the time."""
+    """Eight cells or more of every size, with scatter and an error of order 1."""
 
     seed: int
+    effect: float = 0.0
 
     def __call__(self, v, whole):
-        edge = 2.0 ** v["size"]
-        drawn = np.random.default_rng((self.seed, v["size"] + 2)).standard_normal(8).mean()
-        half = {"sampling": np.full(1, 1.96 * SCATTER / np.sqrt(8) / edge)}
-        return Outcome(np.array([1.0 + SCATTER * drawn / edge]), half, {"cells": edge**2})
+        edge, n = 2.0 ** v["size"], 8 * 2 ** v.get("cells", 0)
+        drawn = np.random.default_rng((self.seed, v["size"] + 2)).standard_normal(n).mean()
+        half = {"sampling": np.full(1, 1.96 * SCATTER / np.sqrt(n) / edge)}
+        value = np.array([1.0 + self.effect / edge + SCATTER * drawn / edge])
+        return Outcome(value, half, {"cells": edge**2 * n / 8.0})
 
 
 @pytest.mark.parametrize("target", [0.1, 0.05, 0.02])
@@ -205,13 +207,28 @@ def test_seen_orders_are_extrapolated():
     np.testing.assert_allclose(reached.state.value / TRUTH, exact, rtol=0.01)
 
 
+@pytest.mark.parametrize("target", [0.15, 0.05])
+@pytest.mark.parametrize("effect", [0.0, -0.05, 0.08, 0.12, 0.2])
+def test_stated_errors_hold_effects_of_the_size_of_cells_within_their_scatter(effect, target):
+    cells, *_ = Synthetic(0).knobs()
+    size = Knob("size", NO_CASE, ("cell size",), costs={"cells": 2.5}, scatters=True, draws=1.0)
+    held = []
+    for seed in range(120):
+        planner = Planner([cells, size], Sizes(seed, effect), {"cells": 0, "size": -2}, target)
+        reached = planner.run()
+        assert reached.error.max() <= target
+        held.append(abs(reached.state.value[0] - 1.0) <= reached.error[0])
+    assert np.mean(held) >= 0.9
+
+
 def test_the_chance_of_cells_of_two_sizes_is_not_an_error_of_their_size():
     """A 95 % half-width holds 95 % of the differences, and seconds grow by their power."""
     knob = Knob("size", NO_CASE, ("cell size",), costs={"cells": 3.0}, scatters=True, draws=1.0)
     states = [
         Planner([knob], Sizes(k), {"size": -1}).measure({"size": 0}, None) for k in range(500)
     ]
-    beyond = np.mean([state.left["size"].bias[0] > 0.0 for state in states])
+    left = [state.left["size"] for state in states]
+    beyond = np.mean([each.bias[0] > each.noise[0] for each in left])
     assert 0.02 < beyond < 0.08
     assert states[0].growth["cells", "size"] == pytest.approx(2.0)
 

@@ -9,7 +9,12 @@ from multiscale.macro import granulate
 from multiscale.pipeline import run, run_macro
 from multiscale.pipeline.case_knobs import grain_knobs
 from multiscale.pipeline.stage import Job
-from multiscale.pipeline.stages.third_body import THIRD_BODY_CELLS, THIRD_BODY_LAW, WIDER_CELLS
+from multiscale.pipeline.stages.third_body import (
+    THIRD_BODY_CELLS,
+    THIRD_BODY_LAW,
+    WIDER_CELLS,
+    size_errors,
+)
 from multiscale.pipeline.verification import verify_run
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import at_speed, law_from_dataset
@@ -113,6 +118,24 @@ def test_wider_cells_give_the_error_of_the_size_to_height_and_friction(tmp_path)
     grown = wide["sliding_friction_error"] ** 2 - narrow["sliding_friction_error"] ** 2
     np.testing.assert_allclose(np.sqrt(grown), 0.08, rtol=0.05)
     assert "size of its cells" not in [*THIRD_BODY_LAW.answer(wide)][-1]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("difference", [np.full(8, 0.08), 0.08 * (-1.0) ** np.arange(8)])
+def test_errors_by_the_size_of_cells_do_not_cancel_over_the_pressures(tmp_path, difference, noise):
+    """Of means over many draws, as the scatter counts once; nothing else differs by the size."""
+    p, case, sizes = np.geomspace(5e2, 3e4, 8), case_of(tmp_path, GRAINS), []
+    law = THIRD_BODY_LAW.run(case, {"micro_response": synthetic(p, 1e-3)}, None)
+    for seed in range(40 if noise else 1):
+        cells, wider = (synthetic(p, 0.0, seed) for _ in range(2))
+        rng = np.random.default_rng(seed)
+        for each, change in ((cells, 0.0), (wider, difference)):
+            scatter = 1.0 + noise * rng.standard_normal((6, 8))
+            each["traction"].values[..., 1] *= (1.0 + change) * scatter
+        sizes.append(size_errors(cells, wider, law))
+    gap, area, stiffness, friction = np.sqrt(np.mean(np.square(sizes), axis=0))
+    assert max(gap, area, stiffness) < 1e-9
+    assert friction == pytest.approx(0.16, rel=0.1)
 
 
 def test_a_target_takes_more_or_wider_cells_of_grains_and_never_too_narrow_cells(tmp_path):

@@ -121,11 +121,12 @@ def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
 def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
     r"""Return the errors of gap, area, stiffness and friction by the size of cells, relative.
 
-    An error that falls at least linearly with the periods is at most twice the difference d from
-    cells of twice the periods. With d the mean over all pressures, and its half-width w from the
-    scatter of these means over the cells, the half-width is
+    An error that falls at least linearly with the periods is at most twice the difference from
+    cells of twice the periods. With the differences :math:`d_j` at all pressures, their variance
+    :math:`s_j^2` by the scatter of the cells, and the half-width w of the mean :math:`\bar d` by
+    the scatter of the means of the cells, the half-width is
 
-    .. math:: 2 \sqrt{d^2 + w^2}.    \tag{2}
+    .. math:: 2 \sqrt{\max(\overline{d_j^2 - s_j^2}, \bar d^2) + w^2}.    \tag{2}
     """
     of_both, rows = (response, wider), []
     first, second = (friction_observations(cells).pressure for cells in of_both)
@@ -137,15 +138,24 @@ def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
         rows.append([gap.values, area.values, stiffness_of_each(gap, law), friction.values])
     errors = []
     for these, others in zip(*rows, strict=True):
-        size = np.nanmean(these, axis=0)
-        means = [np.nanmean(values / size, axis=1) for values in (these, others)]
-        counts = np.array([np.isfinite(mean).sum() for mean in means])
-        free = counts.sum() - 2
-        squares = sum(np.nansum((mean - np.nanmean(mean)) ** 2) for mean in means)
-        spread = np.sqrt(squares / free * np.sum(1.0 / counts)) if free > 0 else np.nan
-        distance = np.nanmean(means[1]) - np.nanmean(means[0])
-        errors.append(2.0 * float(np.hypot(distance, student(free) * spread)))  # (2)
+        ratios = [values / np.nanmean(these, axis=0) for values in (these, others)]
+        each, variance, _ = _differences(*ratios)
+        mean, of_mean, free = _differences(*(np.nanmean(r, axis=1)[:, None] for r in ratios))
+        square = np.fmax(np.nanmean(each**2 - np.nan_to_num(variance)), mean[0] ** 2)
+        errors.append(2.0 * float(np.sqrt(square + student(free[0]) ** 2 * of_mean[0])))  # (2)
     return errors
+
+
+def _differences(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return the differences of means over the rows, their variances and degrees of freedom."""
+    both = (first, second)
+    counts = np.array([np.isfinite(values).sum(axis=0) for values in both])
+    means = [np.nanmean(values, axis=0) for values in both]
+    away = [values - mean for values, mean in zip(both, means, strict=True)]
+    free = counts.sum(axis=0) - 2
+    squares = np.nansum(np.concatenate(away) ** 2, axis=0)
+    pooled = np.where(free > 0, squares / np.maximum(free, 1), np.nan)
+    return means[1] - means[0], pooled * np.sum(1.0 / counts, axis=0), free
 
 
 def _lack_of_fit(response: Dataset, law: Dataset) -> Term:
