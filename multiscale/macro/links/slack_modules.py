@@ -8,7 +8,9 @@ The law assumes that neighbouring modules strain alike. What it lacks, along edg
 between zones of slack links, is measured by a specimen: a structure with the same elements, load
 factors, supports and ratio of load to prestress, but fewer modules each way, which is solved by its
 links too. The error of a plate decreases with the size of a module over the structure, so that the
-errors of the specimen, by kind of link and distance from the edge, are a band for the structure.
+errors of the specimen, by kind of link and distance from the edge, are a band for the structure. It
+covers if a specimen shows the errors of the elements too: as measured, with at least 4 elements
+each way and at most 8 modules of the structure each way of an element.
 """
 
 import numpy as np
@@ -29,8 +31,11 @@ LARGEST_ERROR = 0.2
 RESIDUAL = 1e-6
 """Residual of plates over their load, which is far below the error of the law."""
 
+IMAGES = 4
+"""Links of a specimen that are alike by the symmetry of a rectangle: the fewest that are wrong."""
+
 OF_ANSWERS = ("largest_displacement_error", "largest_tension_error", "slack_links_error")
-"""Relative half-widths of the bands of answers."""
+"""Half-widths of the bands of answers: two relative, and a number of links."""
 
 
 def with_specimen_error(
@@ -50,14 +55,15 @@ def with_specimen_error(
     -------
     Dataset
         ``result`` with ``tension_error`` (N), half-width of the interval that contains 95 % of the
-        links, and ``largest_displacement_error``, ``largest_tension_error`` and
-        ``slack_links_error``, relative. A step fails where the specimen does, or where it is off by
-        more than :data:`LARGEST_ERROR`.
+        links, ``largest_displacement_error`` and ``largest_tension_error``, relative, and
+        ``slack_links_error``, a number of links. A step fails where the specimen does, or where it
+        is off by more than :data:`LARGEST_ERROR`.
 
     Raises
     ------
     CaseError
-        If the specimen has no fewer modules, or groups of links are not cells of the plates.
+        If the specimen has no fewer modules, or too few to have links at each distance from the
+        edge, or groups of links are not cells of the plates.
 
     Examples
     --------
@@ -78,6 +84,12 @@ def with_specimen_error(
             f"{len(structure.members)}, and its links take as long; solve the links, or cut the "
             f"structure into fewer substructures"
         )
+    known, classes = (_classes(each) for each in (specimen, structure))
+    if not np.isin(classes, known).all():
+        raise CaseError(
+            f"the specimen of {len(specimen.members)} modules has no links as far from the edge as "
+            f"the structure; take at least {2 * INSIDE + 1} modules each way"
+        )
     factors = result["load_factor"].to_numpy().tolist()
     plate = solve_plate(specimen, factors, links=True, tolerance=RESIDUAL)
     links = solve_static(specimen.system, factors)
@@ -85,7 +97,6 @@ def with_specimen_error(
     error = np.abs(tension - exact) / np.abs(exact).max(axis=1, keepdims=True)
 
     # error of links of the same kind, at the same distance from the edge
-    known, classes = (_classes(each) for each in (specimen, structure))
     band = np.zeros((len(error), classes.size))
     for alike in np.unique(classes):
         share = np.quantile(error[:, known == alike], COVER, axis=1)
@@ -95,8 +106,8 @@ def with_specimen_error(
 
     # of answers: the largest tension may be that of another link
     moved, pulled, slack = _errors(plate, links)
-    at = np.arange(len(pull)), pull.argmax(axis=1)
-    pulled = np.maximum(pulled, band[at] / pull[at])
+    pulled = np.maximum(pulled, (pull + band).max(axis=1) / pull.max(axis=1) - 1.0)
+    slack *= structure.system.n_links
     values = dict(zip(OF_ANSWERS, (moved, pulled, slack), strict=True))
     return _refuse_far(MACRO_RESULT.assign(result, {"tension_error": band, **values}))
 
@@ -110,14 +121,14 @@ def _classes(structure: EquivalentPlate) -> np.ndarray:
 
 
 def _errors(plate: Dataset, links: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Errors of the displacements, the largest tension and the slack links of a specimen."""
+    """Relative errors of displacements and the largest tension, and the share of wrong links."""
     u, exact = (data["displacement"].to_numpy() for data in (plate, links))
     size = np.linalg.norm(exact, axis=2).max(axis=1)
     moved = np.linalg.norm(u - exact, axis=2).max(axis=1) / np.where(size > 0.0, size, 1.0)
     pull, pulled = (data["tension"].to_numpy().max(axis=1) for data in (plate, links))
     status, slack = (data["slack"].to_numpy() > 0.0 for data in (plate, links))
-    wrong = np.count_nonzero(status != slack, axis=1)
-    return moved, np.abs(pull / pulled - 1.0), wrong / np.maximum(slack.sum(axis=1), 1)
+    wrong = np.maximum(np.count_nonzero(status != slack, axis=1), IMAGES) / slack.shape[1]
+    return moved, np.abs(pull / pulled - 1.0), wrong
 
 
 def _refuse_far(result: Dataset) -> Dataset:
@@ -139,7 +150,7 @@ def _refuse_far(result: Dataset) -> Dataset:
     result = result.assign(answers.where(result["converged"] == 1))
     failure = (
         f"load factor {float(result['load_factor'][step]):g}: modules with slack links leave their "
-        f"law, whose specimen {why}; take more substructures, or the model adaptive"
+        f"law, and their specimen {why}; take more substructures, or the model adaptive"
     )
     return result.assign_attrs(
         failure="\n".join(filter(None, [result.attrs.get("failure"), failure]))

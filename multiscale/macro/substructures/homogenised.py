@@ -157,7 +157,7 @@ def _refuse_slack(result: Dataset, solved: np.ndarray, beyond: np.ndarray) -> Da
     return result.assign_attrs(
         failure=f"in step {solved[wrong][0]} {np.count_nonzero(beyond[wrong][0])} links of "
         f"homogenised substructures would leave the range of their laws, where their stiffness "
-        f'does not hold; set model = "adaptive", or adaptive = True, to resolve them'
+        f"does not hold; take the model adaptive, which resolves them"
     )
 
 

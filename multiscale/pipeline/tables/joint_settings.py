@@ -126,7 +126,8 @@ class Substructures(toml.Settings):
     against motions of corners and edges, as long as no link slackens, or `"adaptive"`, which
     resolves the substructures with links that slacken. Where links of a homogenised
     `tensegrity_grid` slacken, at rest, every substructure follows the law of its modules, with
-    intervals by a specimen of two modules each way of every substructure, if the grid has four."""
+    intervals by a specimen of fewer modules, if at least 4 substructures each way have 4 to 8
+    modules each way; see the manual `homogenised.md`."""
     tolerance: toml.Tolerance = Field(1e-8, description="Relative residual of a solved step.")
     max_iterations: toml.Positive = Field(
         400, description="Largest number of iterations of a step."

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
 QUICK = 4  # modules or meshes each way
-LEAST, MOST = 8, 0.5  # modules of a specimen each way, and their largest share of those of a grid
+
+ELEMENTS = 4
+"""Fewest elements each way of a plate of modules, which has intervals that cover."""
+
+COARSE, FINE, FEWER = 2, 8, 0.5
+"""Fewest modules of a specimen, and most of a grid, each way of an element, and the largest share
+that a specimen has of the modules of a grid each way."""
 
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
@@ -113,7 +119,7 @@ class LinkStructure(StructureKind):
         return macro.cut_links(system, owner, prestressed=self.prestressed)
 
     def modules(self, parts: tuple[int, int]) -> tuple["macro.links.EquivalentPlate", ...]:
-        """Return the plate of the modules of substructures and its specimen; else nothing."""
+        """Return the plate of the modules of substructures, and its specimen; else nothing."""
         return ()
 
     def faults_with(self, case: "Case") -> Iterator[str]:
@@ -159,14 +165,18 @@ class TensegrityGrid(LinkStructure):
         return macro.links.EquivalentPlate(self.build(), cell, elements)
 
     def modules(self, parts: tuple[int, int]) -> tuple["macro.links.EquivalentPlate", ...]:
-        """Return the plate of all modules, and of a specimen with two each way of every element."""
-        across, along = max(2 * parts[0], LEAST), self.m or self.n
-        ratio = across / self.n
-        if ratio > MOST or inf in (self.cable_rigidity, self.bar_rigidity):
+        """Return the plate of all modules, and of the least specimen that serves; else nothing."""
+        n, m = self.n, self.m or self.n
+        most = max(n / parts[0], m / parts[1])
+        if inf in (self.cable_rigidity, self.bar_rigidity) or min(parts) < ELEMENTS or most > FINE:
             return ()
-        fewer = {"n": across, "m": max(round(ratio * along), 1)}
-        specimen = self.model_copy(update={**fewer, "prestress": self.prestress * ratio**2})
-        return self.plate(parts), specimen.plate(parts)
+        for across in range(COARSE * parts[0], int(FEWER * n) + 1, parts[0]):
+            # whole modules in every element, in the shape of the grid
+            along, rest = divmod(across * m, n)
+            if not rest and along % parts[1] == 0 and along >= COARSE * parts[1]:
+                fewer = {"n": across, "m": along, "prestress": self.prestress * (across / n) ** 2}
+                return self.plate(parts), self.model_copy(update=fewer).plate(parts)
+        return ()
 
 
 class EquivalentPlate(StructureKind):
