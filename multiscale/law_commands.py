@@ -41,6 +41,7 @@ def fit_command(
     """Fit the interface law to a response, or to a table of measurements."""
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
+    from multiscale.pipeline.runner import job_in
     from multiscale.pipeline.specimen_law import fit_specimens
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
@@ -74,7 +75,7 @@ def fit_command(
         **options,
     )
     if case is not None:
-        law = calibrate_case(case, law).law
+        law = calibrate_case(case, law, job_in(out.parent)).law
     save_law(law, out)
     warn_of(law.attrs["cautions"].splitlines())
     for table in calibration_tables(law):

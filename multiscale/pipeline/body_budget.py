@@ -216,8 +216,8 @@ class BodiesWithLaws:
 
     def sliders(
         self,
-        change: Change = Change(),
-        slabs: int | None = None,  # frozen
+        change: Change = Change(),  # frozen
+        slabs: int | None = None,
     ) -> list[InterfaceLaw]:
         """Return the laws of all interfaces, as :meth:`SolvedBodies.sliders`, with a change."""
         normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)

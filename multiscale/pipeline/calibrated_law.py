@@ -1,24 +1,28 @@
 """The law of a case, calibrated by its measured joints, and its tables."""
 
-from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from multiscale.errors import CaseError
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.stage import Job
 from multiscale.pipeline.tables.case_tables import MeasuredTable
 from multiscale.pipeline.tables.settings import Case
-from multiscale.schema import Dataset
+from multiscale.schema import RVE, Dataset
 from multiscale.units import readable
 from multiscale.upscaling import (
     Calibration,
     MeasuredJoint,
     assume_shear,
     calibrate,
-    read_vibration,
     require_law,
     tangential_values,
 )
-from multiscale.upscaling.calibration import ROUGHNESS
+from multiscale.upscaling.calibration import ROUGHNESS, require_shear
 from multiscale.upscaling.law_budget import DISCREPANCY, EXPONENT
+from multiscale.upscaling.measured.joints import Answer
 
 PARAMETERS = ("parameter", "cells", "±", "calibrated", "±", "learned", "pull")
 ROWS = ("table", "row", "pressure", "measured", "calibrated law", "±", "deviations", "weight")
@@ -26,10 +30,54 @@ ROWS = ("table", "row", "pressure", "measured", "calibrated law", "±", "deviati
 
 SHOWN_UNITS = {"Pa/m": (1e-12, "MPa/µm"), "m/Pa": (1e12, "µm/MPa")}
 
+SOLVES = 100  # of a structure with measured modes: about 13 in each of 8 steps
+
 TEXT = "\t"  # between the columns of a table in an attribute
 
 
-def calibrate_case(case: Case, law: Dataset, executor: Executor | None = None) -> Calibration:
+def measured_structure(table: MeasuredTable) -> Case | None:
+    """Return the case of the structure of a table, if it has any; refuse other structures."""
+    if table.case is None:
+        return None
+    from multiscale.pipeline.case import load_case  # which imports this module
+    from multiscale.pipeline.stages.vibrating_bodies import require_modes
+
+    case = load_case(table.case)
+    require_modes(case)
+    return case
+
+
+def prepare_calibration(case: Case) -> None:
+    """Refuse tables, structures without modes, and a law without the friction that they need."""
+    from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
+
+    for table in case.measured or ():
+        structure = measured_structure(table)
+        if structure is not None:
+            VIBRATING_BODIES.prepare(structure)
+        if table.read(_unsolved if structure else None).sheared:
+            require_shear(case.known_shear)
+
+
+def _unsolved(amplitudes: np.ndarray) -> tuple[float, np.ndarray, Answer]:
+    """Return no pressure, half-widths and answer of a structure, with which a table is checked."""
+    return np.nan, np.zeros(2 * amplitudes.size), MeasuredJoint.answer
+
+
+def calibration_needs(case: Case) -> list[Needs]:
+    """Return the needs of the structures that are solved for the calibration."""
+    from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
+
+    listed = []
+    for table in case.measured or ():
+        if structure := measured_structure(table):
+            needs = VIBRATING_BODIES.needs(structure)
+            choice = Choice("measured modes", f"about {SOLVES} solves of {structure.title}")
+            listed.append(replace(needs, seconds=SOLVES * needs.seconds, choices=(choice,)))
+    return listed
+
+
+def calibrate_case(case: Case, law: Dataset, job: Job) -> Calibration:
     """Calibrate a law by the tables [[measured]] of a case."""
     known = tangential_values(law)
     stated = {
@@ -45,7 +93,7 @@ def calibrate_case(case: Case, law: Dataset, executor: Executor | None = None) -
     cautions = law.attrs["cautions"]
     if stated:
         law = assume_shear(law, **stated)
-    tables = [_read(table, law, executor) for table in case.measured]
+    tables = [_read(table, law, job) for table in case.measured]
     if any(table.sheared for table in tables):  # the values are calibrated, not assumed
         law = law.assign_attrs(cautions=cautions)
     areas = [table.area for table in case.measured if table.area is not None]
@@ -72,20 +120,17 @@ def calibrate_case(case: Case, law: Dataset, executor: Executor | None = None) -
     return calibration
 
 
-def _read(table: MeasuredTable, law: Dataset, executor: Executor | None) -> MeasuredJoint:
+def _read(table: MeasuredTable, law: Dataset, job: Job) -> MeasuredJoint:
     """Read a table of joints, or of a structure that is solved with the law."""
-    if table.case is None:
+    structure = measured_structure(table)
+    if structure is None or table.case is None:
         return table.read()
-    from multiscale.pipeline.case import load_case  # which imports this module
-    from multiscale.pipeline.stages.vibrating_bodies import modes_of_law
+    from multiscale.pipeline.stages.vibrating_bodies import modes_of_law  # imports this module
 
-    if len(tangential_values(law)) < 2:
-        raise CaseError(
-            f"{table.file}: vibrations need friction and stiffness ratio, which the law of the "
-            f"cells does not have; shear the cells, or state both in [law]"
-        )
-    structure = partial(modes_of_law, load_case(table.case), law, executor)
-    return read_vibration(table.file, structure=structure, error=table.error)
+    require_shear(tangential_values(law))
+    volumes = {} if structure.rve is None else {RVE.name: job.read_rve(table.case, False)}
+    solve = partial(modes_of_law, structure, law, volumes, job)
+    return table.read(solve)
 
 
 def calibration_tables(law: Dataset) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:

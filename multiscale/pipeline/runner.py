@@ -110,7 +110,7 @@ def run(
     MultiscaleError
         If an input is refused, a file cannot be written, or nothing converged.
     """
-    job = replace(_job(Path(out), executor, progress), sparing=sparing)
+    job = replace(job_in(Path(out), executor, progress), sparing=sparing)
     return Results(_run(case, job, force=force))
 
 
@@ -211,7 +211,7 @@ def run_macro(
     """
     file, case = Path(file), case.from_structure(None if law is None else Path(law))
     prepare(case)
-    job = _job(file.parent, team=team)
+    job = job_in(file.parent, team=team)
     first, *rest = stages_of(case.tables)
     datasets = {first.name: _compute(first, case, {}, job, file)}
     for stage in rest if _writes(job) else ():
@@ -219,7 +219,7 @@ def run_macro(
     return datasets[first.name]
 
 
-def _job(
+def job_in(
     out: Path,
     executor: Executor | None = None,
     progress: ShowProgress = unseen,

@@ -10,7 +10,7 @@ factor of all heights, as :math:`p(g) = s\, p_0(g/s)`. Further parameters are th
 stiffness ratio and friction, and the nuisances of every table.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -452,11 +452,8 @@ def _refuse_tables(measured: Sequence[MeasuredJoint], law: Dataset, extrapolate:
     """Refuse no tables, tables of branches without a law, and preloads outside its pressures."""
     if not measured:
         raise CaseError("there are no measured values; give a table [[measured]] or more")
-    if any(table.sheared for table in measured) and len(tangential_values(law)) < 2:
-        raise CaseError(
-            "the tables need friction and stiffness ratio, which the law of the cells does not "
-            "have; shear the cells, or state both in [law]"
-        )
+    if any(table.sheared for table in measured):
+        require_shear(tangential_values(law))
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
     for table in measured:
         p = table.pressure
@@ -467,6 +464,15 @@ def _refuse_tables(measured: Sequence[MeasuredJoint], law: Dataset, extrapolate:
                 f"{list_pressures(np.array([high]))}, and was not computed at the measured "
                 f"{list_pressures(p[outside])}; press the cells there, or leave these rows out"
             )
+
+
+def require_shear(known: Collection[str]) -> None:
+    """Refuse a law without friction or stiffness ratio, by the names that it has."""
+    if not {"friction", "stiffness_ratio"} <= set(known):
+        raise CaseError(
+            "the tables need friction and stiffness ratio, which the law of the cells does not "
+            "have; shear the cells, or state both in [law]"
+        )
 
 
 def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None:
@@ -510,6 +516,7 @@ def _sentences(
     mode: Mode, prior: _Prior, rows: Sequence[MeasuredRow], draws: Draws
 ) -> Iterator[str]:
     """Report disagreement, outliers, what was not learned, and unreliable weights."""
+    yield from mode.cautions
     pull = np.where(mode.learned > LEARNS, np.abs(mode.pull), 0.0)
     worst = int(np.argmax(pull))
     if pull[worst] > DISAGREES:

@@ -21,8 +21,8 @@ PROPOSAL = 7.0  # degrees of freedom of the draws
 MOST_STEPS = 60
 
 NEAR, SETTLED = 0.1, 1e-3
-"""Distances from the mode in posterior standard deviations: of the squares, and at kinks of the
-answers, as where a curve of stiffness is bent to rise; elsewhere."""
+"""Distances from the mode in posterior standard deviations of each parameter: of the squares, and
+at kinks of the answers, as where a curve of stiffness is bent to rise; elsewhere."""
 
 Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps parameters to residuals (data,) and their derivatives (data, parameters)."""
@@ -37,7 +37,23 @@ class Mode(NamedTuple):
     derivative: np.ndarray  # (data, parameters), of the residual
     weight: np.ndarray  # (data,), of the squares of the residuals, at most 1
     solves: int
-    settled: bool  # whether the distance from the mode is small
+    apart: float  # distance from the mode in posterior standard deviations, over sqrt(n)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the distance from the mode is small."""
+        return self.apart <= NEAR
+
+    @property
+    def cautions(self) -> list[str]:
+        """Caution against a larger distance, of data with kinks."""
+        if self.apart <= SETTLED:
+            return []
+        return [
+            f"the parameters of the law settled to {self.apart:.1g} of their posterior standard "
+            f"deviations in {self.solves} solves, in place of {SETTLED:g}, as answers with kinks "
+            f"do; their intervals may be off by as much"
+        ]
 
     @property
     def learned(self) -> np.ndarray:
@@ -53,18 +69,13 @@ class Mode(NamedTuple):
 
 def find_mode(residual: Residual, n: int) -> Mode:
     """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student."""
-    theta, solves, settled = np.zeros(n), 1, False
+    theta, solves = np.zeros(n), 1
     r, J = residual(theta)
     for robust in (False, True):
         value, damping = _objective(theta, r, robust), 0.0
         for _ in range(MOST_STEPS):
-            weight = _weights(r) if robust else np.ones(r.size)
-            H = np.eye(n) + J.T @ (weight[:, None] * J)
-            gradient = theta + J.T @ (weight * r)
-            # the length of the step without damping, which is small near a mode only
-            apart = np.sqrt(gradient @ np.linalg.solve(H, gradient))
-            settled = bool(apart <= (SETTLED if robust else NEAR) * np.sqrt(n))
-            if settled:
+            H, gradient, apart = _newton(theta, r, J, robust)
+            if apart <= (SETTLED if robust else NEAR):
                 break
             step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
             r_new, J_new = residual(theta + step)
@@ -75,10 +86,19 @@ def find_mode(residual: Residual, n: int) -> Mode:
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
             else:
                 damping = max(10.0 * damping, 1e-2)
-    settled = settled or bool(apart <= NEAR * np.sqrt(n))
-    weight = _weights(r)
-    covariance = np.linalg.inv(np.eye(n) + J.T @ (weight[:, None] * J))
-    return Mode(theta, covariance, r, J, weight, solves, settled)
+    H, _, apart = _newton(theta, r, J, robust=True)
+    return Mode(theta, np.linalg.inv(H), r, J, _weights(r), solves, apart)
+
+
+def _newton(
+    theta: np.ndarray, r: np.ndarray, J: np.ndarray, robust: bool
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return Hessian and gradient of (1), or of the squares, and the length of a step by them."""
+    weight = _weights(r) if robust else np.ones(r.size)
+    H = np.eye(theta.size) + J.T @ (weight[:, None] * J)
+    gradient = theta + J.T @ (weight * r)
+    # without damping, the length is small near a mode only
+    return H, gradient, float(np.sqrt(gradient @ np.linalg.solve(H, gradient) / theta.size))
 
 
 def _weights(r: np.ndarray) -> np.ndarray:

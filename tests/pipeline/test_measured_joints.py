@@ -6,12 +6,15 @@ import pytest
 from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_law, open_response
-from multiscale.pipeline import run
-from multiscale.pipeline.calibrated_law import calibrate_case
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.calibrated_law import SOLVES, calibrate_case, prepare_calibration
 from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.case_needs import prepare, requirements
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 from multiscale.upscaling import assume_shear, fit_branches, tangential_values
 from tests.pipeline.test_conducting_cases import TEXT
-from tests.support import case_of
+from tests.support import case_of, case_text
 
 BODY = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0.3\n'
 MEASURED = """
@@ -78,10 +81,11 @@ def test_a_run_calibrates_its_law_and_fit_does_alike(tmp_path, capsys):
     # without loops assumed values stay assumed, and values of sheared cells are not stated twice
     assert "assumed" not in law.attrs["cautions"]
     cells, plain = fit_branches(open_response(response)), measured_case(tmp_path, (LOOPS, ""))
-    assert "assumed" in calibrate_case(plain, cells).law.attrs["cautions"]
+    job = Job(tmp_path)
+    assert "assumed" in calibrate_case(plain, cells, job).law.attrs["cautions"]
     sheared = assume_shear(cells, friction=0.2, stiffness_ratio=0.8)
     with pytest.raises(CaseError, match="and the sheared cells have measured"):
-        calibrate_case(plain, sheared)
+        calibrate_case(plain, sheared, job)
 
 
 @pytest.mark.slow
@@ -126,4 +130,29 @@ def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(table, t
 )
 def test_measured_tables_are_refused_with_a_sentence(tmp_path, change, message):
     with pytest.raises(CaseError, match=message):
-        run(measured_case(tmp_path, change), tmp_path / "out")
+        prepare(measured_case(tmp_path, change))  # before any cell
+
+
+MODES = ('"loop.csv"\nkind = "loop"', '"modes.csv"\nkind = "vibration"\ncase = "lap.toml"')
+FLOATING = '\n[vibration]\nmodes = [1]\namplitudes = ["0.1 um"]\n'
+
+
+def test_a_case_with_measured_modes_is_read_again_as_it_was_written(tmp_path):
+    case = measured_case(tmp_path, MODES)
+    (tmp_path / "again.toml").write_text(case.to_toml())
+    assert load_case(tmp_path / "again.toml") == case
+
+
+def test_modes_of_a_lap_joint_are_measured(tmp_path):
+    """Of a structure that its stage makes of bodies; its solves are counted."""
+    lap = case_text("lap_of_law").replace("= 0.3", '= 0.3\ndensity = "7850 kg/m^3"', 1) + FLOATING
+    (tmp_path / "lap.toml").write_text(lap)
+    (tmp_path / "modes.csv").write_text("amplitude (um), frequency (Hz), damping\n0.1, 900, 0.01\n")
+    case = measured_case(tmp_path, MODES)
+    prepare_calibration(case)
+    solved = f"about {SOLVES} solves of lap"
+    needs = requirements(case)
+    assert needs.built["measured modes"] == solved
+    of_one = VIBRATING_BODIES.needs(load_case(tmp_path / "lap.toml")).seconds
+    cost = next(cost for cost in needs.costs if cost.stage == "interface_law")
+    assert cost.seconds > SOLVES * of_one

@@ -12,6 +12,9 @@ from multiscale.io import open_law
 from multiscale.macro.substructures.whole import assemble
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.body_budget import BodiesWithLaws, Change
+from multiscale.pipeline.calibrated_law import _read, calibrate_case
+from multiscale.pipeline.runner import job_in
+from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.vibrating_bodies import (
     VIBRATING_BODIES,
     _laws,
@@ -26,11 +29,12 @@ from multiscale.upscaling import (
     law_from_dataset,
     read_vibration,
 )
+from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.measured.joints import BedCurve, Curve
 from multiscale.upscaling.posterior_law import normal_law
 from multiscale.upscaling.propagation import FEWEST_SAMPLES
 from tests.pipeline.test_body_cases import HIGH, LONG, STATED, TEXT, WIDE, write_scattered_law
-from tests.support import PORES, refused_rows, write_body, write_scene
+from tests.support import PORES, case_text, refused_rows, write_body, write_scene
 
 DENSE = TEXT.replace("poissons_ratio = 0.3", 'poissons_ratio = 0.3\ndensity = "7850 kg/m^3"')
 ONLY_PRESS = DENSE.replace(", { pull = 1 }", "")
@@ -202,6 +206,13 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
         assert np.all((half / scatter > 0.85) & (half / scatter < 1.15)), (half, scatter)
 
 
+def bed_of(law, ratio, friction):
+    """An interface of the stiffness of a law of cells, with a rate of its level."""
+    x, normal = np.linspace(np.log(1e4), np.log(400e6), 300), law_from_dataset(law)
+    stiffness = np.log(normal.stiffness(normal.gap_at(np.exp(x))))
+    return BedCurve(Curve(x, stiffness, np.array([np.ones(x.size)])), ratio, friction)
+
+
 def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(meshes):
     """Of the frequency by the logarithm of the stiffness ratio, which the rest does not see."""
     write_scattered_law(meshes / "law.nc", samples=FEWEST_SAMPLES)
@@ -210,13 +221,11 @@ def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(meshes):
         write_scene(meshes, ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + vibration)
     )
     law = assume_shear(open_law(meshes / "law.nc"), friction=0.2, stiffness_ratio=0.8)
-    x, normal = np.linspace(np.log(1e4), np.log(400e6), 300), law_from_dataset(law)
-    stiffness = np.log(normal.stiffness(normal.gap_at(np.exp(x))))
-    given = BedCurve(Curve(x, stiffness, np.array([np.ones(x.size)])), 0.8, 0.2)
+    given = bed_of(law, 0.8, 0.2)
     # a table of two small amplitudes, and differences of .1 % at such an amplitude
     rows = ["amplitude (um), frequency (Hz), damping", "2e-6, 1000, 1e-3", "1e-6, 1000, 1e-3"]
     (meshes / "modes.csv").write_text("\n".join(rows))
-    structure = partial(modes_of_law, case, law, None)
+    structure = partial(modes_of_law, case, law, {}, Job(meshes))
     table = read_vibration(meshes / "modes.csv", structure=structure, error=0.02)
     np.testing.assert_allclose(table.pressure, 10e6, rtol=0.05)  # of the press
     jointed = BodiesWithLaws(case.structure, case, [law])
@@ -232,6 +241,69 @@ def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(meshes):
     moved = (whole.jump @ shape).reshape(3, -1)[1:]
     rate = np.einsum("p,ip,ijp,jp->", whole.weight, moved, tangent[1:, 1:], moved)
     assert gradient[0, 1] == pytest.approx(rate / (8.0 * np.pi**2 * frequency), rel=1e-6)
+
+
+MEASURED = """
+[law]
+roughness = 0
+discrepancy = 0
+friction = 0.2
+stiffness_ratio = 0.8
+[[measured]]
+file = "modes.csv"
+kind = "vibration"
+case = "structure.toml"
+error = "2 %"
+"""
+
+
+@pytest.mark.slow
+def test_measured_modes_of_a_structure_recover_the_friction_of_its_joint(meshes):
+    """With damping of few slabs by the same structure of other friction and stiffness ratio."""
+    write_scattered_law(meshes / "law.nc", samples=FEWEST_SAMPLES)
+    cells = open_law(meshes / "law.nc")
+    vibration = (
+        LARGER.replace("0.001", "0")
+        .replace("192", "48")
+        .replace('"0.1 um", "0.3 um"', '"0.3 um", "0.6 um"')
+    )
+    text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + vibration
+    structure = load_case(write_scene(meshes, text).rename(meshes / "structure.toml"))
+    jointed = BodiesWithLaws(
+        structure.structure, structure, [assume_shear(cells, friction=0.2, stiffness_ratio=0.8)]
+    )
+    near, _ = _press(jointed, _laws(jointed, Change()))
+    true = _solve_law(jointed, near, None, bed_of(cells, 0.75, 0.25), {}).reshape(2, 2)
+    rows = [f"{u}, {f}, {d}" for u, f, d in zip((0.3, 0.6), *true, strict=True)][::-1]
+    (meshes / "modes.csv").write_text("\n".join(["amplitude (um), frequency (Hz), damping", *rows]))
+    case = load_case(write_scene(meshes, case_text("conducting") + MEASURED))
+    calibration = calibrate_case(case, cells, Job(meshes))
+    friction = {row.name: row for row in calibration.parameters}["friction coefficient"]
+    assert abs(friction.value - 0.25) < friction.half_width < 0.5 * friction.prior_half_width
+    assert [row.unit for row in calibration.rows] == ["Hz", "Hz", "1", "1"]
+    small = calibration.rows[-1]  # damping, of which few slabs are the largest error
+    deviation = (small.predicted - small.measured) / small.residual
+    assert deviation > 5.0 * 0.02 / NORMAL * small.measured
+
+
+@pytest.mark.slow
+def test_porous_bodies_with_measured_modes_have_their_volumes(meshes):
+    """The volume of the case of the structure, and of a case that a body names."""
+    write_scattered_law(meshes / "law.nc")
+    volume = PORES.replace("[rve.recipe]", "voxels = 6\n[rve.recipe]\nrealisations = 2")
+    (meshes / "volume.toml").write_text(volume)
+    moduli = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0.3\n'
+    text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER.replace("192", "12")
+    text += volume.replace('title = "Pores"', "")
+    pairs = [(moduli, ""), (moduli, 'rve = "volume.toml"\n')]
+    write_scene(meshes, text, *pairs).rename(meshes / "structure.toml")
+    (meshes / "modes.csv").write_text("amplitude (um), frequency (Hz), damping\n0.1, 1e4, 0.01\n")
+    case = load_case(write_scene(meshes, case_text("conducting") + MEASURED))
+    law = assume_shear(open_law(meshes / "law.nc"), friction=0.2, stiffness_ratio=0.8)
+    table = _read(case.measured[0], law, job_in(meshes / "measured"))
+    np.testing.assert_allclose(table.pressure, 10e6, rtol=0.05)  # of the press
+    places = (meshes / "measured" / "volumes").iterdir()
+    assert {place.name.split("-")[0] for place in places} == {"structure", "volume"}
 
 
 def test_another_volume_of_a_body_asks_for_another_backbone(meshes):

@@ -166,6 +166,20 @@ def test_exact_data_have_the_stated_weight_in_mode_and_draws():
     assert draws.theta.std() > 0.98 / np.sqrt(21.0)
 
 
+def test_a_mode_at_a_kink_settles_with_a_caution():
+    """The slopes of a residual of -2, half of it by Student, balance the prior within 5 %."""
+
+    def residual(theta):
+        slope = np.where(theta < 1.0, 1.05, 0.95)
+        return slope * (theta - 1.0) - 2.0, slope[:, None]
+
+    mode = find_mode(residual, 1)
+    assert mode.theta[0] == pytest.approx(1.0, abs=1e-3)
+    assert mode.settled
+    assert "settled to 0.04 of their posterior standard deviations" in mode.cautions[0]
+    assert not find_mode(lambda theta: (theta - 3.0, np.eye(1)), 1).cautions
+
+
 def test_a_wrong_gradient_does_not_settle():
     def residual(theta):
         return theta - 3.0, -np.eye(1)

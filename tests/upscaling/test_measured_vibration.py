@@ -1,6 +1,7 @@
 """Measured vibrations of a mass on a joint: frequency, damping, and calibrated friction."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from multiscale.upscaling import (
     read_vibration,
     tangential_values,
 )
+from multiscale.upscaling.budget import NORMAL
 from multiscale.upscaling.measured.joints import BedCurve, Curve, MeasuredLoop
 from multiscale.upscaling.measured.vibrations import MeasuredVibration
 from tests.upscaling.responses import exponential_gaps, response_of
@@ -121,13 +123,17 @@ def test_a_table_of_vibrations_recovers_friction_and_ratio(law, write):
 def test_modes_of_a_structure_calibrate_like_a_mass(law, write):
     """The structure is the mass, without a gradient; its table has no preload."""
 
-    def structure(amplitudes):
-        return P, by_differences(lambda _, bed, none: vibration(amplitudes).answer(bed, none)[0])
+    def structure(amplitudes, half=0.0):
+        answer = by_differences(lambda _, bed, none: vibration(amplitudes).answer(bed, none)[0])
+        return P, np.full(2 * amplitudes.size, half), answer
 
     true = vibration().answer(interface(0.2, 0.75), {})[0].reshape(2, -1)
     rows = [f"{1e6 * a}, {f}, {d}" for a, f, d in zip(AMPLITUDE, *true, strict=True)]
     file = write(rows, "amplitude (um), frequency (Hz), damping")
-    calibration = calibrate(law, [read_vibration(file, structure=structure, error=0.02)])
+    table = read_vibration(file, structure=structure, error=0.02)
+    rough = read_vibration(file, structure=partial(structure, half=0.1), error=0.02)
+    assert rough.deviation[-1] == pytest.approx(np.hypot(table.deviation[-1], 0.1 / NORMAL))
+    calibration = calibrate(law, [table])
     friction = {row.name: row for row in calibration.parameters}["friction coefficient"]
     assert abs(friction.value - 0.2) < friction.half_width < 0.2 * friction.prior_half_width
     assert {row.unit for row in calibration.rows} == {"Hz", "1"}

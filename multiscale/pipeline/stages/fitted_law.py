@@ -1,6 +1,7 @@
 """Stage: the interface law fitted to the cells of two rough bodies."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,13 @@ import numpy as np
 
 from multiscale import upscaling
 from multiscale.io import open_dataset
-from multiscale.needs import Needs
-from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
+from multiscale.needs import Needs, join_needs
+from multiscale.pipeline.calibrated_law import (
+    calibrate_case,
+    calibration_needs,
+    calibration_tables,
+    prepare_calibration,
+)
 from multiscale.pipeline.case_cells import case_budget
 from multiscale.pipeline.real_contact import behaviour, negative_gap
 from multiscale.pipeline.showing import ROUNDING, View, list_missing
@@ -73,7 +79,7 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
         law = with_leakage(law, response, datasets.get(COARSER_CELLS.name))
     budget = case_budget(case, upscaling.loading_branch(response), law, pressed, sheared, control)
     law = upscaling.with_budget(law, budget)
-    return law if case.measured is None else calibrate_case(case, law, job.executor).law
+    return law if case.measured is None else calibrate_case(case, law, job).law
 
 
 def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
@@ -252,6 +258,12 @@ def _compared(law: Dataset) -> Dataset:
     return law.assign(values)
 
 
+def _needs(case: Case) -> Needs:
+    fit = Needs(seconds=FIT_TIME + SAMPLE_TIME * case.law.samples)
+    parts = [fit, *calibration_needs(case)]
+    return replace(join_needs(parts), seconds=sum(part.seconds for part in parts))
+
+
 FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
@@ -264,7 +276,8 @@ FITTED_LAW = Stage(
     },
     takes=(CELLS, SHEARED_CELLS, COARSER_CELLS, COARSER_SHEAR, CONTROL_CELLS, SLIDING),
     run=_run,
-    needs=lambda case: Needs(seconds=FIT_TIME + SAMPLE_TIME * case.law.samples),
+    needs=_needs,
+    prepare=prepare_calibration,
     sections=_sections,
     question="How do gap, stiffness and contact of the interface depend on its pressure?",
     answer=_answer,

@@ -1,7 +1,6 @@
 """Stage: frequency and damping of elastic bodies with joints against the amplitude."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -10,7 +9,6 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import open_dataset
 from multiscale.io.fields import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
@@ -23,17 +21,18 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
-from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
+from multiscale.pipeline.structure_stage import structure_of, structure_stage, with_cautions_of
 from multiscale.pipeline.tables.cycled_settings import COARSENING
 from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.solved_bodies import SolvedBodies
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
-from multiscale.schema import RVE, VIBRATION, Dataset, with_cautions
+from multiscale.schema import VIBRATION, Dataset, with_cautions
 from multiscale.upscaling import (
     MeasuredJoint,
     by_differences,
     over_steps,
+    tangential_values,
     with_budget,
     with_intervals,
 )
@@ -246,6 +245,18 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
     return replace(still, modes=modes)
 
 
+def _vibrate_measured(
+    jointed: body_budget.BodiesWithLaws, beds: Sequence[InterfaceLaw], near: _Vibrating
+) -> np.ndarray:
+    """Return frequencies, s-1, and damping ratios with laws of the interfaces."""
+    asked = jointed.case.vibration
+    still = _in_order_of(_press(jointed, beds, near.rest)[0], near)
+    result = still.vibrate(asked.reach(near.largest), asked.material_damping)
+    if not result["converged"].values.all():
+        raise ConvergenceError(str(result.attrs["failure"]))
+    return np.append(result["frequency"].values, result["damping"].values)
+
+
 def _solve_law(
     jointed: body_budget.BodiesWithLaws,
     near: _Vibrating,
@@ -254,40 +265,53 @@ def _solve_law(
     nuisances: Mapping[str, float],
 ) -> np.ndarray:
     """Return frequencies, s-1, and damping ratios with a law of all interfaces."""
-    laws, asked = jointed.laws, jointed.case.vibration
+    laws = jointed.laws
     normal = normal_law(cast(Dataset, laws[0]), interface.curve)
     change = body_budget.Change(tuple(range(len(laws))), normal)
     made = [cast(Sliders, bed) for bed in _laws(jointed, change)]
     mu, kappa = interface.friction, interface.ratio
     beds = [replace(bed, friction=mu, stiffness_ratio=kappa) for bed in made]
-    still = _in_order_of(_press(jointed, beds, near.rest)[0], near)
-    result = still.vibrate(asked.reach(near.largest), asked.material_damping)
-    if not result["converged"].values.all():
-        raise ConvergenceError(str(result.attrs["failure"]))
-    return np.append(result["frequency"].values, result["damping"].values)
+    return _vibrate_measured(jointed, beds, near)
 
 
-def modes_of_law(
-    case: Case, law: Dataset, executor: Executor | None, amplitudes: np.ndarray
-) -> tuple[float, Answer]:
-    """Return the mean pressure of the interfaces of a case, and the answer of its first mode."""
-    asked, bodies = case.vibration, case.structure
-    if asked is None or not isinstance(bodies, SolvedBodies) or not bodies.interfaces:
+def require_modes(case: Case) -> SolvedBodies:
+    """Return the bodies of a case with measured vibrations; refuse others."""
+    bodies = structure_of(case) if VIBRATING_BODIES.asked_for(case.tables) else None
+    if bodies is None or not bodies.interfaces:
         raise CaseError(
             f"{case.title}: a structure with measured vibrations needs bodies with interfaces and "
             f"[vibration]; give the case both, or mass in [[measured]]"
         )
+    return cast(SolvedBodies, bodies)
+
+
+def modes_of_law(
+    case: Case, law: Dataset, datasets: Datasets, job: Job, amplitudes: np.ndarray
+) -> tuple[float, np.ndarray, Answer]:
+    """Return mean pressure, half-widths and answer of the first mode of a case with a law.
+
+    Half-widths are the differences by half of the slabs.
+    """
+    asked, bodies = case.vibration, require_modes(case)
     rising, rows = np.unique(amplitudes, return_inverse=True)
     given = {"modes": asked.modes[:1], "amplitudes": tuple(rising), "modal_amplitudes": ()}
     case = case.model_copy(update={"vibration": asked.model_copy(update=given)})
-    bodies = bodies.with_volumes(case, {}, lambda volume, _: open_dataset(volume, RVE))
+    bodies = bodies.with_volumes(case, datasets, job.read_rve)
     jointed = body_budget.BodiesWithLaws(bodies, case, [law] * len(bodies.interfaces))
     near, _ = _press(jointed, _laws(jointed, body_budget.Change()))
     pressure, area = near.rest.state.pressure, near.rest.path["point_area"].values
     mean = float(pressure @ area / area[pressure > 0.0].sum())
-    near = near if executor is None else near.portable()
+    # difference by half of the slabs, with the friction of the law in all interfaces
+    known = tangential_values(law)
+    beds = [replace(cast(Any, bed), **known) for bed in _laws(jointed, body_budget.Change())]
+    halved = body_budget.Change(tuple(range(len(beds))), coarse_bed=True)
+    fine, coarse = (
+        _vibrate_measured(jointed, made, near)
+        for made in (beds, body_budget.change_friction(beds, halved))
+    )
+    near = near if job.executor is None else near.portable()
     solve = partial(_solve_law, jointed, near)
-    differences = by_differences(solve, STRETCH, executor)  # slabs that slip or not are noise
+    differences = by_differences(solve, STRETCH, job.executor)  # slabs that slip or not are noise
 
     places = np.append(rows, rising.size + rows)  # of the rows of the table
 
@@ -295,7 +319,7 @@ def modes_of_law(
         value, gradient = differences(*at)
         return value[places], gradient[places]
 
-    return mean, answer
+    return mean, np.abs(coarse - fine)[places], answer
 
 
 def _needs(bodies: SolvedBodies, case: Case) -> Needs:

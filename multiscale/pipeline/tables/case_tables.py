@@ -15,6 +15,7 @@ from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.toml_model import quantity, with_unit
 from multiscale.units import readable
 from multiscale.upscaling import MeasuredJoint, read_measured, read_vibration
+from multiscale.upscaling.measured.vibrations import Structure
 from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
@@ -489,14 +490,13 @@ class MeasuredTable(toml.Settings):
                 "or neither"
             )
         if self.case is not None:
-            others = self.model_fields_set & {"bodies", "frame", "offset", "area"}
-            for name in sorted(others):
-                yield f"{name} is no value of a structure, which case has; leave it out"
+            for name in ("area", "bodies", "frame", "offset"):
+                if getattr(self, name) != type(self).model_fields[name].default:
+                    yield f"{name} is no value of a structure, which case has; leave it out"
 
-    def read(self) -> MeasuredJoint:
-        """Read the table."""
+    def read(self, structure: Structure | None = None) -> MeasuredJoint:
+        """Read the table; of the vibrations of a case with its structure."""
         given = self.model_dump(include={"error", "bodies", "frame", "offset"})
         if self.kind == "vibration":
-            assert self.mass is not None  # as checked
-            return read_vibration(self.file, mass=self.mass, **given)
+            return read_vibration(self.file, mass=self.mass, structure=structure, **given)
         return read_measured(self.file, self.kind, **given)

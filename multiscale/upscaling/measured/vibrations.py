@@ -27,9 +27,9 @@ SHARES = {"damping": 1.0, ERRORS[0]: 0.5, ERRORS[1]: 1.0}
 """Limits of columns of shares; nothing vibrates with a damping ratio of 1."""
 
 
-Structure = Callable[[np.ndarray], tuple[float, Answer]]
-"""Maps amplitudes, m, to the mean pressure of the joints, Pa, and to the answer of a table: first
-the frequencies, s⁻¹, then the damping ratios."""
+Structure = Callable[[np.ndarray], tuple[float, np.ndarray, Answer]]
+"""Maps amplitudes, m, to the mean pressure of the joints, Pa, to half-widths of the answers by the
+structure, and to the answer of a table: first the frequencies, s⁻¹, then the damping ratios."""
 
 
 class _Vibration(MeasuredJoint):
@@ -130,9 +130,11 @@ def read_vibration(
         intervals over the values.
     mass : float, optional, that vibrates, over the nominal area, kg/m²
     structure : callable, optional, in place of ``mass``
-        Maps amplitudes, m, to the mean pressure of the joints of a structure, Pa, and to a function
-        with the arguments and the result of :meth:`MeasuredJoint.answer`, of frequencies, s⁻¹, and
-        damping ratios. Its table has no ``preload``, and amplitudes as the structure has them.
+        Maps amplitudes, m, to the mean pressure of the joints of a structure, Pa, to half-widths
+        of the 95 % intervals of its frequencies, s⁻¹, then of its damping ratios, by its
+        discretisation, and to a function of both with the arguments and the result of
+        :meth:`MeasuredJoint.answer`. Its table has no ``preload``, and amplitudes as the structure
+        has them.
     error : float, optional, half-width of frequency and damping, without these columns
     bodies, frame, offset : float, optional; see :func:`~.tables.read_measured`
 
@@ -173,8 +175,8 @@ def read_vibration(
     value = np.concatenate([frequency, damping])
     half = value * np.concatenate([of_frequency, of_damping])
     if structure is not None:
-        mean, solve = structure(a)
-        loads = np.full(value.size, mean)
+        mean, of_structure, solve = structure(a)
+        loads, half = np.full(value.size, mean), np.hypot(half, of_structure)
         return MeasuredModes(path.name, loads, value, half / NORMAL, {}, solve=solve)
     assert mass is not None  # as checked
     pressure, stiffness = np.tile(columns["preload"], 2), mass * (2.0 * np.pi * frequency) ** 2
