@@ -83,6 +83,11 @@ class KnobError:
         """Largest error over the places."""
         return float(np.max(self.bias + self.noise))
 
+    def on(self, values: np.ndarray) -> "KnobError":
+        """Return the error at the places of values, which may be more."""
+        names = ("correction", "bias", "noise", "difference")
+        return replace(self, **{name: _on(getattr(self, name), values) for name in names})
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -234,7 +239,7 @@ class Planner:
             name, old = knob.name, before.left.get(knob.name) if before else None
             fixed = before is not None and setting[name] == before.setting[name]
             if old is not None and fixed and old.size < NEGLIGIBLE * bound:
-                left[name] = old
+                left[name] = old.on(outcome.value)
                 continue
             below = {**setting, name: setting[name] - 1}
             ratio = outcome.ratio.get(name, 2.0)

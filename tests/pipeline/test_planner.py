@@ -15,7 +15,7 @@ from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_knobs import body_knobs, cell_knobs
 from multiscale.pipeline.costs import cost_section
 from multiscale.pipeline.knobs import Knob, scaled
-from multiscale.pipeline.planner import Outcome, Planner, SourceCost, halving_seconds
+from multiscale.pipeline.planner import KnobError, Outcome, Planner, SourceCost, halving_seconds
 from multiscale.pipeline.verification import verify_run
 from multiscale.upscaling.budget import MACRO, total_error
 from tests.support import case_text
@@ -520,6 +520,13 @@ def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     band = xr.concat([0.9 * gap, 1.1 * gap], "limit")
     datasets[JOINT.name] = result.assign(mean_gap_mean_law=band)
     np.testing.assert_allclose(other.errors(datasets, [1])[0]["sampling"], 0.1)
+
+
+def test_an_error_that_is_not_measured_again_is_at_the_places_of_the_new_answer():
+    three = np.array([0.1, 0.2, 0.3])
+    error = KnobError(three, 2.0 * three, three, 1.0, three, 0).on(np.zeros(5))
+    np.testing.assert_allclose(error.bias, np.linspace(0.2, 0.6, 5))
+    assert error.size == pytest.approx(0.9)
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from multiscale import macro, plotting
-from multiscale.bench import bench
+from multiscale.bench import FAMILIES, bench
 from multiscale.bench.answers import WAVE_SCENES
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
 from multiscale.macro import links
@@ -115,11 +115,14 @@ IN_SPACE = {"porous_bracket"} | {
 
 STRUCTURES = ("tensegrity_grid", "rough_blocks", "deposit")
 
+BENCHED = tuple(f"bench_{family}" for family in FAMILIES if family not in ("micro", "chain"))
+"""Families of ``bench`` in their quick form, with the figure of the command."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Solve cases and scenes, and draw them."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("names", nargs="*", default=list(SHOWN), help="cases, scenes and scripts")
+    parser.add_argument("names", nargs="*", default=[*SHOWN, *BENCHED], help="of figures")
     parser.add_argument("-o", "--out", type=Path, default=Path("manual"))
     parser.add_argument("--quick", action="store_true", help="coarse cells, few modules and grains")
     arguments = parser.parse_args(argv)
@@ -127,6 +130,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     results, solved = arguments.out / "results", {}
     for name in arguments.names:
         start = sum(os.times()[:4])  # of this process and of its workers
+        if name in BENCHED:
+            runs = bench(name.removeprefix("bench_"), quick=True)
+            reduce_colours(plotting.draw_work_precision(runs, figures / f"{name}.png"), colours=16)
+            continue
         solved[name] = solve(name, results, quick=arguments.quick)
         sys.stdout.write(f"{name}: {sum(os.times()[:4]) - start:.0f} s\n")
         sys.stdout.flush()
@@ -170,7 +177,12 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
 
 def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
     """Write a figure as reports do, smaller and in few colours, with both ends of colour maps."""
-    drawn, reduced = Image.open(save_figure(figure, file)).convert("RGB"), BytesIO()
+    reduce_colours(save_figure(figure, file), colours=colours)
+
+
+def reduce_colours(file: Path, *, colours: int) -> None:
+    """Write a picture anew, with half of its points each way and few colours."""
+    drawn, reduced = Image.open(file).convert("RGB"), BytesIO()
     small = drawn.reduce(2).quantize(colours, Image.Quantize.MAXCOVERAGE)
     small.save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())

@@ -10,10 +10,10 @@ from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import body_budget, showing, structure_stage
-from multiscale.pipeline.body_answers import answers_of, list_forces, list_interfaces
 from multiscale.pipeline.case_knobs import body_knobs
 from multiscale.pipeline.real_contact import with_contact, with_interface_contact
 from multiscale.pipeline.stage import Datasets, Job
+from multiscale.pipeline.stages.body_answers import answers_of, list_forces, list_interfaces
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
