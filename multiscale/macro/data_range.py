@@ -123,6 +123,13 @@ def load_shares(
     )
 
 
+def without_steps(result: Dataset, wrong: np.ndarray, names: Sequence[str]) -> Dataset:
+    """Return a result in which wrong steps, (steps,), did not converge and lack some variables."""
+    converged = result["converged"].copy(data=np.where(wrong, 0, result["converged"]))
+    fields = result[[name for name in names if name in result]]
+    return result.assign(fields.where(converged == 1)).assign(converged=converged)
+
+
 def with_load_shares(
     result: Dataset,
     shares: np.ndarray,

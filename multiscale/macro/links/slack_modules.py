@@ -1,10 +1,10 @@
 r"""Homogenised substructures with slack links: a plate of their modules, with a band.
 
-Every substructure is an element of a plate. Its resultants over its strains are those of a
-periodic cell of a single module, eq. (1) of :class:`~.PlateCell`, in which links slacken: a law
-with a convex energy. The tension of a link is that of the cell in the strain of its module.
+Every substructure is an element of a plate. A periodic cell of a single module, eq. (1) of
+:class:`~.PlateCell`, gives the resultants over the strains, with links that slacken: a law with a
+convex energy. A link has the tension of its cell in the strain of its module.
 
-The law assumes that neighbouring modules strain alike. What it lacks, along edges and supports and
+The law assumes that neighbouring modules strain alike. Its error along edges and supports, and
 between zones of slack links, is measured by a specimen: a structure with the same elements, load
 factors, supports and ratio of load to prestress, but fewer modules each way, which is solved by its
 links too. The error of a plate decreases with the size of a module over the structure, so that the
@@ -16,6 +16,7 @@ each way and at most 8 modules of the structure each way of an element.
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.macro.data_range import without_steps
 from multiscale.macro.links.equivalent_plate import EquivalentPlate, solve_plate
 from multiscale.macro.links.statics import solve_static
 from multiscale.schema import MACRO_RESULT, Dataset
@@ -104,7 +105,7 @@ def with_specimen_error(
     pull = result["tension"].to_numpy()
     band *= np.abs(pull).max(axis=1, keepdims=True)
 
-    # of answers: the largest tension may be that of another link
+    # errors of answers: another link may have the largest tension
     moved, pulled, slack = _errors(plate, links)
     pulled = np.maximum(pulled, (pull + band).max(axis=1) / pull.max(axis=1) - 1.0)
     slack *= structure.system.n_links
@@ -145,9 +146,8 @@ def _refuse_far(result: Dataset) -> Dataset:
         if np.isfinite(error[step])
         else "has no equilibrium"
     )
-    result = result.assign(converged=result["converged"].copy(data=solved & ~far))
-    answers = result[["displacement", "tension", "slack", "tension_error", *OF_ANSWERS]]
-    result = result.assign(answers.where(result["converged"] == 1))
+    fields = ("displacement", "tension", "slack", "tension_error", *OF_ANSWERS)
+    result = without_steps(result, far, fields)
     failure = (
         f"load factor {float(result['load_factor'][step]):g}: modules with slack links leave their "
         f"law, and their specimen {why}; take more substructures, or the model adaptive"

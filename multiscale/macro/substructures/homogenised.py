@@ -25,6 +25,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array, eye_array, hstack, vstack
 
 from multiscale.errors import CaseError, MultiscaleError
+from multiscale.macro.data_range import without_steps
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
 from multiscale.macro.substructures.stepping import FIELDS
 from multiscale.numerics.factorisation import factorise
@@ -149,12 +150,8 @@ def _refuse_slack(result: Dataset, solved: np.ndarray, beyond: np.ndarray) -> Da
     wrong = beyond.any(axis=1)
     if not wrong.any():
         return result
-    converged = result["converged"].to_numpy().copy()
-    converged[solved[wrong]] = 0
-    result = result.assign(converged=result["converged"].copy(data=converged))
-    fields = result[[name for name in (*FIELDS, "velocity") if name in result]]
-    result = result.assign(fields.where(result["converged"] == 1))
-    return result.assign_attrs(
+    steps = np.isin(np.arange(result.sizes["step"]), solved[wrong])
+    return without_steps(result, steps, (*FIELDS, "velocity")).assign_attrs(
         failure=f"in step {solved[wrong][0]} {np.count_nonzero(beyond[wrong][0])} links of "
         f"homogenised substructures would leave the range of their laws, where their stiffness "
         f"does not hold; take the model adaptive, which resolves them"

@@ -93,7 +93,7 @@ class LoadPath:
 
     @property
     def count(self) -> int:
-        """Number of load steps, with those of the cycles of all amplitudes."""
+        """Number of load steps, including the cycles of all amplitudes."""
         beside = len(self.steps) * len(self.amplitudes) * (1 + 4 * self.amplitude_steps)
         return len(self.ends()) + beside
 
