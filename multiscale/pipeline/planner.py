@@ -85,8 +85,13 @@ class KnobError:
 
     def on(self, values: np.ndarray) -> "KnobError":
         """Return the error at the places of values, which may be more."""
-        names = ("correction", "bias", "noise", "difference")
-        return replace(self, **{name: _on(getattr(self, name), values) for name in names})
+        return replace(
+            self,
+            correction=_on(self.correction, values),
+            bias=_on(self.bias, values),
+            noise=_on(self.noise, values),
+            difference=_on(self.difference, values),
+        )
 
 
 @dataclass(frozen=True, eq=False)
