@@ -34,14 +34,7 @@ def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellB
 def assemble_elasticity(
     basis: "CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
 ) -> csr_array:
-    r"""Assemble isotropic elasticity from Lamé's parameters.
-
-    The block of components i and j is assembled from scalar forms, much faster than a vector form:
-
-    .. math::
-        K_{ij} = \int \lambda\, \partial_i v\, \partial_j u + \mu\, \partial_j v\, \partial_i u
-        + \delta_{ij}\, \mu\, \partial_k v\, \partial_k u .    \tag{1}
-    """
+    """Assemble isotropic elasticity from scalar forms, much faster than a vector form."""
     d = basis.mesh.dim()
     if np.ndim(lame) == 0 and np.ndim(shear) == 0:
         unit = _products(basis, np.ones(1))
@@ -53,6 +46,8 @@ def assemble_elasticity(
     laplace = sum(by_shear[k][k] for k in range(d))
 
     def block(i: int, j: int) -> csr_array:
+        # K_ij = ∫ lame v,i u,j + shear v,j u,i + δ_ij shear v,k u,k
+        # (1)
         return by_lame[i][j] + by_shear[j][i] + (laplace if i == j else 0.0 * laplace)  # (1)
 
     return _interleave([[block(i, j) for j in range(d)] for i in range(d)])
@@ -88,23 +83,12 @@ def elastic_matrix(
 def mode_stiffness(
     basis: "CellBasis", law: Elastic | AnisotropicElastic, share: np.ndarray | None = None
 ) -> csr_array:
-    r"""Stiffness by which hexahedra of first order are too stiff without incompatible modes.
-
-    In reference coordinates from -1 to 1, the modes :math:`1 - \xi_m^2` of every element [1]_, with
-    gradients scaled to a mean of zero, so that even strain is exact on any hexahedron [2]_,
-
-    .. math:: P_m = \frac{j_0}{j}\, J_0^{-T} \nabla_\xi (1 - \xi_m^2), \qquad
-        K_{ua} K_{aa}^{-1} K_{au}, \quad K_{aa} = \int P\, C\, P, \quad
-        K_{ua} = \int \nabla N\, C\, P    \tag{3}
-
-    is taken off the stiffness, with the Jacobian :math:`J`, its determinant j, and both at the
-    middle.
-
-    .. [1] E. L. Wilson, R. L. Taylor, W. P. Doherty, J. Ghaboussi, Incompatible displacement
-       models, in Numerical and Computer Methods in Structural Mechanics (1973) 43-57.
-    .. [2] R. L. Taylor, P. J. Beresford, E. L. Wilson, Int. J. Numer. Methods Eng. 10 (1976)
-       1211-1219, doi:10.1002/nme.1620100602.
-    """
+    """Stiffness by which hexahedra of first order are too stiff without incompatible modes."""
+    # Modes 1 - xi_m² (E. L. Wilson, R. L. Taylor, W. P. Doherty, J. Ghaboussi, 1973) with gradients
+    # of zero mean (R. L. Taylor, P. J. Beresford, E. L. Wilson, IJNME 10 (1976) 1211-1219), J_0 the
+    # middle:
+    #     P_m = j_0/j J_0^-T grad(1 - xi_m²),   K_ua K_aa^-1 K_au,
+    #     K_aa = ∫ P C P,   K_ua = ∫ grad N C P  (3)
     elements = elements_of_basis(basis, mean_volume=False)
     middle = np.full((3, 1), 0.5)
     J = np.asarray(basis.mapping.DF(middle))[..., 0].transpose(2, 0, 1)
@@ -220,20 +204,7 @@ def element_response(
     *,
     shape_only: bool = False,
 ) -> "tuple[np.ndarray, csr_array, np.ndarray, float]":
-    r"""Compute internal force, tangent, new state and smallest volume ratio of a body.
-
-    With ``shape_only`` the response of the law to a change of volume is left out. In an element
-    with a mean volume, the volume ratio of the law is its mean over the undeformed element [1]_,
-
-    .. math:: \bar J = \frac{1}{V}\int J \, \mathrm{d}V, \qquad
-        \Pi = \int \psi_s(F)\, \mathrm{d}V + V\, U(\bar J),    \tag{1}
-
-    so that neither plastic flow nor :math:`\nu \to 1/2` locks quadrilaterals and hexahedra of
-    first order; on triangles and tetrahedra of first order the mean is the value itself.
-
-    .. [1] J. C. Simo, R. L. Taylor and K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985)
-       177-208, doi:10.1016/0045-7825(85)90033-7.
-    """
+    """Compute internal force, tangent, new state and smallest volume ratio of a body."""
     from scipy.sparse import csr_array
 
     from multiscale.fe.integration import integrate
@@ -256,6 +227,8 @@ def element_response(
         pressure, curvature = np.zeros((1, 1)), np.zeros_like(volume)
         tangent = response.tangent
     elif elements.mean_volume:
+        # mean volume ratio, J. C. Simo, R. L. Taylor, K. S. Pister, CMAME 51 (1985) 177-208:
+        #     J = 1/V ∫ det F dV,   energy = ∫ psi(F) dV + V U(J)  (1)
         first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
         pressure, tangent = first[:, None], response.tangent
     else:
@@ -402,15 +375,7 @@ def condense(
 def condense_body(
     stiffness: csr_array, retained: np.ndarray, *, name: str = "the stiffness of the body"
 ) -> CondensedStiffness:
-    """Condense the symmetric stiffness of a body onto the retained unknowns.
-
-    Examples
-    --------
-    >>> springs = csr_array([[2.0, -1.0, -1.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0]])
-    >>> condense_body(springs, np.array([1, 2])).blocks[0]
-    array([[ 0.5, -0.5],
-           [-0.5,  0.5]])
-    """
+    """Condense the symmetric stiffness of a body onto the retained unknowns."""
     inside = np.setdiff1d(np.arange(stiffness.shape[0]), retained)
     unknowns = Split(inside, retained, np.array([0, retained.size]))
     condensed = condense(csr_array(stiffness), unknowns, partial(factorise, name=name))

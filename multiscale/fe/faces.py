@@ -1,24 +1,14 @@
 r"""Named faces of meshes with normals and frames, and the mortar rows between two faces.
 
-Where the nodes of two faces do not match, the facets of side 2 are projected onto the plane of
-every facet of side 1 and clipped against it, and the shape functions :math:`N` of both sides are
-integrated over the intersections of facets [1]_,
+With the shape functions :math:`N` of both sides and the functions :math:`\psi` of the corners of
+the facets of side 1, which are positive for every order of :math:`N` [2]_, integrated over the
+intersections of the facets [1]_, :math:`M u_2 - D u_1` is the weighted jump:
 
 .. math:: D_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
-    M_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma,    \tag{1}
+    M_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma.    \tag{1}
 
-so that :math:`M u_2 - D u_1` is the jump weighted by the functions :math:`\psi` of side 1: the
-shape functions of the corners of its facets, which are positive whatever the order of :math:`N` is
-[2]_. The rows of both matrices have the same sums, which passes the patch test: an even traction
-gives each side the nodal forces that it is in balance with. The sum of a row of D is the area of
-its corner.
-
-References
-----------
-.. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629,
-   doi:10.1016/j.cma.2003.10.010: projection and clipping in three dimensions.
-.. [2] M. A. Puso, T. A. Laursen, J. Solberg, Comput. Methods Appl. Mech. Eng. 197 (2008) 555-566,
-   doi:10.1016/j.cma.2007.08.009: linear multipliers between quadratic displacements.
+.. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629.
+.. [2] M. A. Puso, T. A. Laursen, J. Solberg, Comput. Methods Appl. Mech. Eng. 197 (2008) 555-566.
 """
 
 from dataclasses import dataclass

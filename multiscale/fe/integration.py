@@ -1,8 +1,4 @@
-"""Kernels: integrals over elements, and over the common area of the facets of two faces.
-
-The mortar integrals, (1) of :mod:`multiscale.fe.faces`, are exact for segments, triangles and
-parallelograms; where parallelograms are of second order, the sums of rows and columns are.
-"""
+"""Kernels: integrals over elements, and over the common area of the facets of two faces."""
 
 import numpy as np
 

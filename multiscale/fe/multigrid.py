@@ -1,17 +1,12 @@
 r"""Smoothed aggregation of elastic bodies on nodal blocks, and minimal residuals with its cycle.
 
-A joint of the tangent D and the jump B u may be far stiffer than the bodies. Its stiffness is split
-into a share :math:`D_c` of at most the stiffness :math:`k` of the bodies at a point, and the rest
-:math:`D'`, of which the forces :math:`s = D' B u` are unknowns,
+The tangent D of a joint is split into a share :math:`D_c` of at most the stiffness :math:`k` of the
+bodies at a point, and the rest :math:`D'` with the unknown forces :math:`s = D' B u`; for
+:math:`\gamma` from 1 to 2 the Schur complement of the second row is near the identity for any D:
 
 .. math::
     (K + B^T D_c B)\, u + B^T s = f, \qquad
     (I + D'/\gamma k)^{-1} (s - D' B u) = 0.    \tag{1}
-
-The cycle of multigrid is an inverse of the first row. With it, the stiffness of the bodies under a
-traction of short to long wavelength is between k and 2 k, so that the second row, with
-:math:`\gamma` between, has a Schur complement near the identity for any D. Aggregates of the whole
-tangent need as few iterations where the nodes of a joint match, and hundreds where they do not.
 """
 
 from dataclasses import dataclass

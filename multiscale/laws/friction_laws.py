@@ -312,17 +312,11 @@ class RigidContact(InterfaceLaw):
 
 
 def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    r"""Return the tangential traction on a search direction, no larger than a limit.
-
-    With the least :math:`\sigma \ge 0` that satisfies the limit,
-
-    .. math:: t_i = \frac{d_i}{\sigma + a_i}, \qquad |t| \le \ell.    \tag{1}
-
-    Newton's method for :math:`1/|t| = 1/\ell` increases monotonically: J. J. Moré, D. C. Sorensen,
-    SIAM J. Sci. Stat. Comput. 4 (1983) 553-572, doi:10.1137/0904038.
-    """
+    """Return the tangential traction on a search direction, no larger than a limit."""
     sigma = np.zeros(limit.shape)
     for _ in range(MAX_ITERATIONS):
+        # t_i = d_i / (sigma + a_i), |t| <= limit (1), by Newton's method for 1/|t| = 1/limit, which
+        # is monotone: J. J. Moré, D. C. Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983) 553-572
         traction = drive / np.maximum(sigma + softness, LEAST_DIVISOR)  # (1)
         size = np.sqrt(np.sum(traction**2, axis=0))
         slides = (size > limit) & (limit > NEGLIGIBLE_LIMIT * size)

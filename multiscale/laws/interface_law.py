@@ -1,7 +1,4 @@
-"""Base classes of interface laws, which map a jump to a traction, and laws side by side.
-
-Constructors refuse parameters outside their range with a :class:`CaseError`.
-"""
+"""Base classes of interface laws, which map a jump to a traction, and laws side by side."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence

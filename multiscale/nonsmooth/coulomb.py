@@ -1,7 +1,4 @@
-r"""Coulomb's law as equations, and the verifier of friction problems.
-
-Arrays of contact vectors have the component axis first: shape (d, contacts), normal in row 0.
-"""
+"""Coulomb's law as equations of contact vectors (d, contacts), normal in row 0; its verifier."""
 
 from dataclasses import dataclass
 
@@ -40,11 +37,8 @@ def shifted_velocity(velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
 def natural_map(
     velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    r"""Residual :math:`r - P_{K_\mu}(r - \rho\,(u + \mu \|u_T\| n))` of Coulomb's law.
-
-    V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175,
-    doi:10.1002/zamm.201000073.
-    """
+    r"""Residual (1) :math:`r - P_{K_\mu}(r - \rho\,(u + \mu \|u_T\| n))` of Coulomb's law."""
+    # V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175
     ahead = reaction - step * shifted_velocity(velocity, friction)
     return np.asarray(reaction - project_friction_cone(ahead, friction))  # (1)
 

@@ -1,8 +1,4 @@
-r"""Primal-dual interior point for Coulomb friction, with a separate normal direction.
-
-The cone is :math:`\{x : \|x_T\| \le x_0\}` at every contact; arrays have the shape (contacts, 3)
-with its axis in column 0.
-"""
+"""Primal-dual interior point for Coulomb friction, on cones with their axis in column 0."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,22 +24,9 @@ Linearised = tuple[Point, np.ndarray, Callable[[np.ndarray, np.ndarray], Point]]
 def friction_interior_point(
     problem: ScaledFriction, progress: Progress, max_iterations: int = 60, centre: float = 1.0
 ) -> None:
-    r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
-
-    With the sliding speed s as an unknown, :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
-    :math:`y = (s, u_T)`,
-
-    .. math::
-        W z + q - (g, y_T) = 0, \qquad z_0\, g = \sigma m, \quad z \circ y = \sigma m\, e. \tag{1}
-
-    With F of Nesterov and Todd, the defect d, and right-hand sides h of the numbers and k of the
-    cones,
-
-    .. math::
-        \Bigl(W + \begin{bmatrix} g / z_0 & 0 \\ (F^2)_{T0} & (F^2)_{TT} \end{bmatrix}\Bigr)
-        \Delta z = \begin{bmatrix} h / z_0 \\ (F k)_T \end{bmatrix} - d, \quad
-        \Delta y = F k - F^2 \Delta z, \quad \Delta g = \frac{h - g \Delta z_0}{z_0}.    \tag{2}
-    """
+    """Follow the central path (1) of a friction problem, with the sliding speed s as an unknown."""
+    # With z = (mu r_N, r_T), g = u_N / mu, y = (s, u_T) and the cone product z∘y,
+    #     W z + q - (g, y_T) = 0,   z_0 g = sigma m,   z∘y = sigma m e.  (1)
     lorentz, unit = lorentz_problem(problem)
     e = axis(len(unit))
     point, means = (centre * e, e, np.ones(len(unit))), list[float]()
@@ -89,6 +72,9 @@ def linearise_cones(lorentz: ScaledFriction, point: Point) -> Linearised | None:
     within = np.all(spin(z) > 0.0) and np.all(spin(y) > 0.0)
     if not (within and mean_product(point) > SMALLEST_MEAN):
         return None
+    # With F of Nesterov and Todd and the defect d,
+    #     (W + [g/z_0, 0; (F²)_T0, (F²)_TT]) dz = (h/z_0, (F k)_T) - d,
+    #     dy = F k - F² dz,   dg = (h - g dz_0) / z_0.  (2)
     F, inverse, F2 = nesterov_todd(z, y)
     added = F2.copy()
     added[:, 0] = 0.0

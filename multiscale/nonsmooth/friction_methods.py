@@ -1,8 +1,4 @@
-r"""Sweeps and Newton's method for friction problems, with the kernels of a single contact.
-
-Gauss-Seidel solves each contact exactly in turn, with the impulses of the others; the semismooth
-Newton method solves the equations of Alart and Curnier, regularised for singular W.
-"""
+"""Sweeps and Newton's method for friction problems, with the kernels of a single contact."""
 
 import numpy as np
 
@@ -17,10 +13,7 @@ PATIENCE = 10  # steps without progress after which the iteration ends
 def gauss_seidel(
     problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 20000
 ) -> np.ndarray:
-    """Solve a friction problem by sweeps over its contacts.
-
-    M. Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257, doi:10.1016/S0045-7825(98)00383-1.
-    """
+    """Solve a friction problem by sweeps over its contacts (M. Jean, CMAME 177 (1999) 235-257)."""
     r = reaction.copy()
     for done in range(0, max_iterations, BURST):
         sweep(
@@ -58,18 +51,7 @@ def sweep(blocks, columns, starts, diagonal, velocity, friction, reaction, sweep
 
 @compiled
 def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
-    r"""Solve the friction problem of a single contact: open, stuck at -W^-1 q, or sliding.
-
-    Where it slides, :math:`u_T = -\alpha r_T` and :math:`u_N = 0` leave
-
-    .. math::
-        r_T(\alpha) = -(S + \alpha I)^{-1} b, \qquad
-        r_N(\alpha) = -\frac{q_N + W_{NT} r_T}{W_{NN}}, \qquad
-        g(\alpha) = \frac{\mu r_N}{\|r_T\|} - 1 = 0    \tag{1}
-
-    with :math:`S = W_{TT} - W_{TN} W_{NT} / W_{NN}` and :math:`b = q_T - W_{TN} q_N / W_{NN}`; g is
-    negative at 0 and positive beyond :math:`\|b\| (W_{NN} + \mu \|W_{NT}\|) / (-\mu q_N)` (2).
-    """
+    """Solve the friction problem of a single contact: open, stuck at -W^-1 q, or sliding."""
     if q0 >= 0.0:
         return 0.0, 0.0, 0.0
     w = block[0, 0]
@@ -83,6 +65,11 @@ def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     if mu == 0.0 or size <= 1e-15 * noise:
         return -q0 / w, 0.0, 0.0
 
+    # sliding, u_T = -alpha r_T and u_N = 0: with S = W_TT - W_TN W_NT / W_NN and
+    #     b = q_T - W_TN q_N / W_NN,
+    #     r_T = -(S + alpha I)^-1 b,  r_N = -(q_N + W_NT r_T) / W_NN,
+    #     g = mu r_N / |r_T| - 1 = 0;  (1)
+    # g is negative at 0 and positive beyond |b| (W_NN + mu |W_NT|) / (-mu q_N)                  (2)
     low, high = 0.0, size * (w + mu * np.sqrt(n1 * n1 + n2 * n2)) / (-mu * q0)  # (2)
     mobility = block[1, 1] + block[2, 2]
     floor = 1e-14 * (mobility if mobility > 0.0 else w)
@@ -135,12 +122,7 @@ def semismooth_newton(
     max_iterations: int = 100,
     regularisation: float = 1e-8,
 ) -> None:
-    r"""Solve a friction problem by damped Newton steps on the residual F of Alart and Curnier.
-
-    A proximal step leaves the solutions where they are, and the matrix regular: with F' = A W + B
-
-    .. math:: \bigl(A (W + \alpha I) + B\bigr)\, \Delta r = -F.    \tag{1}
-    """
+    """Solve a friction problem by damped Newton steps on the residual F of Alart and Curnier."""
     r = reaction.copy()
     u = problem.respond(r)
     residual, A, B = linearise(u, r, problem.friction)
@@ -148,6 +130,7 @@ def semismooth_newton(
     smallest = merit
     for _ in range(max_iterations):
         # direction, and the largest of 1, 1/2, 1/4 ... that lowers the merit enough
+        # F' = A W + B; a proximal term makes it regular: (A (W + alpha I) + B) dr = -F       (1)
         solve = factorise_blocks(problem, B + alpha * A + SMALLEST * np.eye(3), A)  # (1)
         step = np.full_like(r, np.nan) if solve is None else -solve(residual)
         length = 0.0

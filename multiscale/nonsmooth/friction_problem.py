@@ -1,9 +1,4 @@
-r"""Friction problems in dimensionless 3x3 blocks: scaling, products, factors, record of a run.
-
-A friction method takes a dimensionless problem, impulses to start from, shape (contacts, 3), a
-:class:`Progress` that measures the error every few iterations, returns whether to stop and has the
-best impulses, and the limit of its iterations.
-"""
+"""Friction problems in dimensionless 3x3 blocks: scaling, products, factors, record of a run."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -61,16 +56,7 @@ def scale_friction(
     *,
     step: float = 1.0,
 ) -> ScaledFriction:
-    r"""Bring a friction problem into dimensionless form.
-
-    With :math:`D = \mathrm{diag}(D_N, D_T, D_T)` and a number s,
-
-    .. math::
-        \hat W = D W D, \quad \hat q = D q / s, \quad \hat r = D^{-1} r / s, \quad
-        \hat\mu = \mu D_N / D_T.    \tag{1}
-
-    Components that cannot carry a force are decoupled and stay zero.
-    """
+    """Scale a friction problem to D W D, D q / s, D^-1 r / s and mu D_N / D_T (1)."""
     contacts = friction.size
     dim = velocity.size // contacts
     full = np.zeros((contacts, 3))

@@ -1,7 +1,4 @@
-"""Methods for linear complementarity problems: active sets, interior point, pivoting.
-
-Each takes a :class:`ScaledLCP` and a start and yields its iterates x, shape (n,).
-"""
+"""Iterations for linear complementarity problems: active sets, interior point, pivoting."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -40,13 +37,7 @@ FAR = 1e12  # distance along a ray at which its last point lies
 def iterate_newton_min(
     problem: ScaledLCP, start: np.ndarray, active: np.ndarray | None = None
 ) -> Iterator[np.ndarray]:
-    r"""Yield an x per active set: Newton's method on :math:`\min(x, A x + b)`.
-
-    All violated signs change the set at once (M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim.
-    13 (2002) 865-888); when their number does not fall for eight steps, or a set comes back, only
-    the last one (J. J. Júdice, F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596), which ends for
-    P-matrices.
-    """
+    r"""Yield an x per active set: Newton's method on :math:`\min(x, A x + b)`."""
     x = start
     if active is None:
         active = x > problem.slack(x)
@@ -64,6 +55,8 @@ def iterate_newton_min(
         slack = problem.slack(x)
         yield np.maximum(x, 0.0)
 
+        # M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; the single change
+        # ends for P-matrices: J. J. Júdice, F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596
         # next set: all violations change sides, or only the last after too many steps
         wrong = np.where(active, x, slack) < -ROUNDING
         violations = int(np.count_nonzero(wrong))
@@ -81,17 +74,7 @@ def iterate_newton_min(
 
 
 def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
-    r"""Yield the x of Mehrotra's interior iterates, and of the active sets that they suggest.
-
-    With :math:`T = \mathrm{diag}(w_i / x_i)` and the complementarity :math:`c` that a step leaves,
-
-    .. math::
-        (A + T)\, \Delta x = c / x - w - (A x + b - w), \qquad
-        \Delta w = c / x - w - T \Delta x.    \tag{1}
-
-    S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601; corrections of the centrality after J. Gondzio,
-    Comput. Optim. Appl. 6 (1996) 137-156. The start is not used.
-    """
+    """Yield the x of Mehrotra's interior iterates, and of the active sets that they suggest."""
     n, everywhere = start.size, np.ones(start.size, dtype=bool)
     x, w = np.ones(n), np.ones(n)
     active, gap, next_trial = x > w, 1.0, np.inf
@@ -104,6 +87,8 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
             next_trial = NEXT_TRIAL * gap
             yield from islice(iterate_newton_min(problem, x, active), POLISH_STEPS)
 
+        # S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601; J. Gondzio, Comput. Optim. Appl. 6 (1996)
+        # 137-156
         # Newton step that stops short of the boundary
         try:
             solve = problem.factorise(everywhere, w / x)
@@ -164,17 +149,14 @@ def longest_positive(x: np.ndarray, direction: np.ndarray) -> float:
 
 
 def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
-    r"""Yield x along Lemke's path with the lexicographic rule.
-
-    The path of :math:`0 \le A x + b + x_0 \perp x \ge 0` ends at x_0 = 0 for P-matrices, and
-    for positive semidefinite or copositive matrices whenever there is an admissible x, or far out
-    on a second ray (R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem,
-    SIAM 2009, doi:10.1137/1.9780898719000, sections 4.4 and 4.9). The start is not used.
-    """
+    """Yield x along Lemke's path with the lexicographic rule."""
     n = start.size
     yield np.zeros(n)
     if np.all(problem.vector >= 0.0):
         return
+    # the path of 0 <= A x + b + x_0 perp x >= 0 ends at x_0 = 0 for P-matrices, and for positive
+    # semidefinite or copositive matrices if there is an admissible x: Cottle, Pang, Stone, The
+    # Linear Complementarity Problem, SIAM 2009, 4.4, 4.9
     # columns: w, x, the artificial variable, the right-hand side
     matrix = problem.matrix
     tableau = np.empty((n, 2 * n + 2))

@@ -92,12 +92,7 @@ def lanczos(
 def infeasibility_detail(
     matrix: csr_array | np.ndarray, vector: np.ndarray, directions: Iterable[np.ndarray]
 ) -> str:
-    r"""Return a sentence on a Farkas certificate y of a scaled problem; empty if there is none.
-
-    .. math:: y \ge 0, \qquad A^T y \le 0, \qquad b^T y < 0:    \tag{1}
-
-    every admissible x has a sum of at least :math:`-b^T y / \max(A^T y)`, which is out of reach.
-    """
+    """Return a sentence on a Farkas certificate y of a scaled problem; empty if there is none."""
     from scipy.optimize import linprog
 
     transposed = matrix.T
@@ -108,6 +103,8 @@ def infeasibility_detail(
             return ""
         y = np.maximum(y / largest, 0.0)
         power, reach = float(vector @ y), float(np.max(transposed @ y))
+        # y >= 0, A^T y <= 0, b^T y < 0 (1): every admissible x has a sum of at least -b^T y /
+        # max(A^T y)
         if power >= 0.0 or -power <= FARTHEST * reach:
             return ""
         return (
@@ -133,14 +130,7 @@ def infeasibility_detail(
 
 
 def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
-    r"""Return why a problem has, or may have, no solution; None without a certificate.
-
-    Impulses :math:`y \in K_\mu` move nothing although their contacts close: :math:`W y = 0` (1),
-    :math:`q^T y < 0`. Since :math:`0 \le y^T \tilde u = q^T y + \sum_i \mu_i \|u_{T,i}\|\,
-    y_{N,i}`, there is no solution if y is normal (Farkas); with friction the sliding is bounded
-    from below, and the condition of Acary and others (2011) for existence fails. y counts if the
-    impulses that could undo (1) are out of reach.
-    """
+    """Return why a problem has, or may have, no solution; None without a certificate."""
     if problem.columns.size > LARGEST_CONIC:
         return None
     response = replace(problem, velocity=np.zeros_like(problem.velocity))
@@ -153,6 +143,8 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
             "make a body deformable, or lower the friction",
         ),
     ):
+        # W y = 0 (1) and q^T y < 0, with 0 <= q^T y + sum mu |u_T| y_N: no solution if y is normal
+        # (Farkas); with friction the condition of Acary and others (2011) for existence fails
         y = _least_work(problem, rubs)
         g = response.respond(y)
         undone = float(np.max(g[:, 0] + problem.friction * np.hypot(g[:, 1], g[:, 2])))

@@ -13,11 +13,7 @@ _compiling = RLock()
 
 
 def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
-    """Return a kernel that runs in parallel with other threads; options as of ``numba.njit``.
-
-    The kernel is stored in the cache of numba, if its folder can be written to. A lock on this
-    cache, which numba lacks, makes a single process compile a kernel, while the others wait.
-    """
+    """Return a kernel that runs in parallel with other threads; options as of ``numba.njit``."""
     if function is None:
         return partial(compiled, **options)
     options = options | {"nogil": True, "error_model": "numpy"}
@@ -25,6 +21,7 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
         kernel = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # there is no such folder
         return numba.njit(**options)(function)
+    # numba has no lock on its cache: a single process compiles, the others wait
     name = f"{function.__module__}.{function.__qualname__}.lock"
     lock, compile_kernel = FileLock(Path(kernel.stats.cache_path, name)), kernel.compile
 

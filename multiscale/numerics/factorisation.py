@@ -51,20 +51,7 @@ NOT_DEFINITE = "the tangent stiffness is not positive definite"
 
 
 def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> Solve:
-    r"""Factorise a square matrix and return the function that solves with it.
-
-    Sparse matrices are factorised by PARDISO if pypardiso is installed and by SuperLU otherwise,
-    dense matrices by LAPACK. With :math:`D = \mathrm{diag}(|K_{ii}|^{-1/2})` and a random vector
-    :math:`r` of signs, the condition number is estimated by
-
-    .. math:: \|D K D\|_\infty \, \|(D K D)^{-1} r\|_\infty,    \tag{1}
-
-    which neither units nor a contrast between two bodies change.
-
-    >>> solve = factorise(np.array([[2.0, -1.0], [-1.0, 2.0]]))
-    >>> solve(np.array([1.0, 1.0]))
-    array([1., 1.])
-    """
+    """Factorise a square matrix and return the function that solves with it."""
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"{name} must be square, got shape {matrix.shape}")
     entries = matrix.data if issparse(matrix) else matrix
@@ -180,6 +167,8 @@ def _random_signs(n: int) -> np.ndarray:
 
 def _softest_motion(matrix: csr_array | np.ndarray, solve: Solve) -> tuple[float, np.ndarray]:
     """Estimated condition number (1) and the motion of the scaled unknowns behind it."""
+    # |D K D| |(D K D)^-1 r| in the maximum norm, D = diag |K_ii|^(-1/2), r random signs (1):
+    # neither units nor a contrast between two bodies change it
     scale = _diagonal_scale(matrix)
     signs = _random_signs(scale.size)
     with np.errstate(all="ignore"):

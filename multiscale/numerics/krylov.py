@@ -50,18 +50,7 @@ def conjugate_gradients(
 
 
 def ritz_values(steps: Sequence[tuple[float, float]]) -> np.ndarray:
-    """Eigenvalues of the tridiagonal matrix of conjugate gradients, rising.
-
-    The first and the last approximate the extreme eigenvalues of the preconditioned matrix.
-
-    >>> matrix, steps = np.diag([1.0, 2.0, 4.0]), []
-    >>> _ = conjugate_gradients(
-    ...     lambda v: matrix @ v, np.ones(3), np.copy, goal=1e-12, limit=9,
-    ...     note=lambda *step: steps.append(step),
-    ... )
-    >>> ritz_values(steps).round(6)
-    array([1., 2., 4.])
-    """
+    """Return the eigenvalues, rising, of the tridiagonal matrix of conjugate gradients."""
     if not steps:
         return np.zeros(0)
     length, share = np.array(steps).T
@@ -75,15 +64,7 @@ def ritz_values(steps: Sequence[tuple[float, float]]) -> np.ndarray:
 def minimal_residual(
     apply: Operator, right_hand_side: np.ndarray, precondition: Operator, *, goal: float, room: int
 ) -> tuple[np.ndarray, int]:
-    """Solve :math:`A x = b` approximately by flexible GMRES without restart.
-
-    Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469, doi:10.1137/0914028.
-
-    >>> matrix = np.diag([1.0, 2.0, 4.0])
-    >>> x, _ = minimal_residual(lambda v: matrix @ v, np.ones(3), np.copy, goal=1e-12, room=60)
-    >>> x.round(6)
-    array([1.  , 0.5 , 0.25])
-    """
+    """Solve A x = b by flexible GMRES (Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469)."""
     from scipy.sparse.linalg import LinearOperator, gcrotmk
 
     iterations = 0
@@ -103,13 +84,7 @@ def minimal_residual(
 
 
 class Anderson:
-    """Combine the last iterates to the least residual, with a restart.
-
-    ``memory`` iterates are combined with the last iterate, ``relaxation`` is the share of an image
-    in the next iterate, and ``products`` returns inner products of the columns of two arrays (n, k)
-    and (n, m). H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735,
-    doi:10.1137/10078356X.
-    """
+    """Combine the last ``memory`` iterates to the least residual, with a restart."""
 
     def __init__(
         self,
@@ -144,6 +119,7 @@ class Anderson:
             self.forget()
             self.best = size
             return DAMPED * image + (1.0 - DAMPED) * x
+        # H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735
         plain = self.relaxation * image + (1.0 - self.relaxation) * x
         self.points = [*self.points, plain][-self.memory - 1 :]
         self.residuals = [*self.residuals, residual][-self.memory - 1 :]

@@ -1,9 +1,4 @@
-"""Components of Newton's methods: stopping and record, line search, and steps along a path.
-
-Other algorithms have loops of another form: active sets, conjugate gradients, LATIN, friction
-(:class:`multiscale.nonsmooth.friction_problem.Progress` keeps the best iterate), and many small
-problems at once with separate damping.
-"""
+"""Components of Newton's methods: stopping and record, line search, and steps along a path."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -38,15 +33,7 @@ class Limits:
 
 @dataclass
 class NewtonRun:
-    """Record of a Newton iteration that decides when to stop; the iterates stay in the loop.
-
-    >>> x, run = 2.0, NewtonRun(Limits(tolerance=1e-12))
-    >>> while run.goes_on(abs(x * x - 2.0)):
-    ...     x -= (x * x - 2.0) / (2.0 * x)
-    >>> solution = run.solution(np.array(x))
-    >>> solution.status.name, len(solution.residuals)
-    ('CONVERGED', 6)
-    """
+    """Record of a Newton iteration that decides when to stop; the iterates stay in the loop."""
 
     limits: Limits
     patience: float = np.inf  # iterations without a smaller residual after which the run stops

@@ -1,7 +1,4 @@
-r"""Fourier modes of a surface: mean squares of height and slope, density, mean spectrum.
-
-The modes of a periodic surface are the terms of the series (1) of :mod:`multiscale.surfaces`.
-"""
+"""Fourier modes (1) of a surface: mean squares of height and slope, density, mean spectrum."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,22 +29,7 @@ def rms_slope(surface: Surface) -> float:
 
 
 def nayak_parameter(surface: Surface) -> float:
-    r"""Nayak's breadth of the spectrum of a periodic, isotropic surface, dimensionless.
-
-    It is at least 1.5 for a Gaussian surface, and a flat surface is refused:
-
-    .. math::
-        \alpha = \frac{m_0 m_4}{m_2^2}, \qquad
-        m_0 = \langle h^2 \rangle, \quad
-        m_2 = \tfrac12 \langle |\nabla h|^2 \rangle, \quad
-        m_4 = \tfrac38 \langle (\nabla^2 h)^2 \rangle,    \tag{3}
-
-    where the factors turn the means over the plane into the moments of a profile, if the surface
-    is isotropic. The means are sums over the modes (1). The shortest wavelengths dominate the
-    fourth moment: use :func:`low_pass` on a measured surface first.
-
-    .. [1] P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608.
-    """
+    """Nayak's breadth (3) of an isotropic surface: at least 1.5 if it is Gaussian."""
     return breadth(*wave_power(surface))
 
 
@@ -59,32 +41,24 @@ def breadth(q: np.ndarray, power: np.ndarray) -> float:
     if slope_square == 0.0:
         raise CaseError("a flat surface has no Nayak parameter; give a rough surface")
     m0, m2, m4 = height_square, slope_square / 2.0, 3.0 / 8.0 * curvature_square
+    # P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407: alpha = m_0 m_4 / m_2², m_0 = <h²>, m_2 =
+    # <|grad h|²> / 2, m_4 = 3/8 <(laplace h)²> (3)
     return float(m0 * m4 / m2**2)  # (3)
 
 
 def ring_density(
     surface: Surface, q: np.ndarray, power: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r"""Wavenumber, rad/m, density (4), m^4, and number of modes of each ring of :func:`wave_power`.
-
-    Two-dimensional density [1]_, averaged over rings of width :math:`2\pi / \min(L_x, L_y)`:
-
-    .. math::
-        C_q = L_x L_y\, |\hat h_q|^2, \qquad
-        \langle (h - \bar h)^2 \rangle = \frac{1}{L_x L_y} \sum_\text{rings} N\, C
-        \approx \frac{1}{2\pi} \int_0^\infty q\, C(q)\, dq.    \tag{4}
-
-    The sum is exact: modes in the corners count, in incomplete rings.
-
-    .. [1] T. D. B. Jacobs, T. Junge and L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017)
-       013001, doi:10.1088/2051-672X/aa51f8.
-    """
+    """Wavenumber, rad/m, density (4), m^4, and number of modes of the rings of wavenumbers."""
     rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
     weights = _weights(surface).ravel()
     number = np.bincount(rings, weights)
     used = number > 0.0
     number = number[used]
     wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
+    # T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001, with the
+    # sum over rings of width 2π / min(L), which is exact (incomplete rings in the corners count):
+    #     C_q = L_x L_y |h_q|²,   <(h - mean)²> = 1/(L_x L_y) sum N C ~ 1/2π ∫ q C dq  (4)
     area = surface.size[0] * surface.size[1]
     return wavenumber, area * np.bincount(rings, power.ravel())[used] / number, number  # (4)
 

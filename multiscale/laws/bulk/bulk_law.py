@@ -1,7 +1,4 @@
-r"""Base class of bulk laws, with separate parts for shape and volume, and elastic moduli.
-
-Tensors of the shape (6, 6), Pa, are ordered xx, yy, zz, yz, xz, xy with shear angles.
-"""
+"""Base class of bulk laws; tensors (6, 6) are ordered xx, yy, zz, yz, xz, xy, shear doubled."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
