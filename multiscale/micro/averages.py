@@ -1,18 +1,13 @@
 r"""Averages over the nominal area of forces on a contact surface, its spots, and its flow.
 
-A spot is a connected set of contact nodes. On a grid a point has four neighbours across its
-periodic edges; on a mesh the nodes of a facet are neighbours. With the normal and tangential
-tractions of spot i, projected on the mean plane :math:`n^0, a_a^0`,
+Spots are connected sets of contact nodes. The averages, eqs (2) and (3) of the source, are the sums
+over all spots i of their tractions, projected on the mean plane :math:`n^0, a_a^0`,
 
 .. math::
     \langle t_N \rangle_i = \frac{1}{\Gamma_c^0} \int_{\Gamma_c^i}
     (t_N^i n^i \cdot n^0 + t_T^i \cdot n^0)\, \mathrm{d}\Gamma, \qquad
     \langle t_T^a \rangle_i = \frac{1}{\Gamma_c^0} \int_{\Gamma_c^i}
-    (t_N^i n^i \cdot a_a^0 + t_T^i \cdot a_a^0)\, \mathrm{d}\Gamma,    \tag{1}
-
-the averages, eqs (2) and (3) of the source, are the sums over all spots. The integrals are sums of
-nodal forces, which balance the stresses of the deformed body and are the coefficients of its
-tractions in the dual basis.
+    (t_N^i n^i \cdot a_a^0 + t_T^i \cdot a_a^0)\, \mathrm{d}\Gamma.    \tag{1}
 """
 
 from collections.abc import Callable
@@ -206,18 +201,14 @@ def recovered_force(
     lame: float | np.ndarray,
     shear: float | np.ndarray,
 ) -> np.ndarray:
-    r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress, N.
-
-    The stress is the mean over the element behind a facet: without friction the normal derivative
-    of the traction vanishes on the surface, while the strain of a linear element, evaluated at the
-    facet, would mix values at the facet and at the centre of the element.
-    """
+    r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress, N."""
     from skfem import CellBasis, FacetBasis
 
     top = mesh.boundaries["top"]
     facets = top[np.any(active[mesh.facets[:, top]], axis=0)]
     if not len(facets):
         return np.zeros(3)
+    # means over elements: at a facet, a linear element mixes values of the facet and of its centre
     # mean stress of the elements behind the facets
     elements = mesh.f2t[0, facets]
     basis = CellBasis(mesh, element, elements=elements)
@@ -251,47 +242,28 @@ def contact_areas(
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE),
     flowing: np.ndarray | bool = False,
 ) -> np.ndarray:
-    r"""Real contact area of each node, m2, from the position of the contact edge [1]_.
+    r"""Real contact area of each node, m2, from the position of the contact edge.
 
-    Towards the edge of a smooth contact the pressure falls as the square root of the distance. A
-    straight edge along a row of nodes with the spacing :math:`h` is a problem of Wiener and Hopf.
-    With the compliance :math:`C(\theta)` of the nodes at a wavenumber :math:`q = \theta / h`, over
-    :math:`C_0` of the continuous surface,
+    A straight edge along a row of nodes with the spacing :math:`h`, within which the pressure grows
+    as the square root of the distance, is a problem of Wiener and Hopf (B. Noble, Methods Based on
+    the Wiener-Hopf Technique, Pergamon Press, 1958). With the compliance :math:`C(\theta)` of the
+    nodes at the wavenumber :math:`\theta / h` over :math:`C_0` of the continuous surface, and
+    :math:`f = \ln (2 C \sin(\theta / 2) / (C_0\, \theta)) = a_0 + 2 \sum a_n \cos n \theta`,
 
     .. math::
-        f(\theta) &= \ln \left( \frac{C}{C_0}\, \frac{2 \sin(\theta / 2)}{\theta} \right),
-        \qquad 0 \le \theta \le \pi, \\
-        B &= \frac14 + \frac{1}{4 \pi} \int_0^\pi \frac{f}{\sin^2(\theta / 2)}\, \mathrm{d}\theta,
+        B = \frac14 + \frac{1}{4 \pi} \int_0^\pi \frac{f}{\sin^2(\theta / 2)}\, \mathrm{d}\theta,
         \qquad b = \frac12 - \frac1\pi \int_0^\pi f \cos \theta\, \mathrm{d}\theta.    \tag{1}
 
-    The forces :math:`\lambda_0, \lambda_1, \ldots` of the nodes, from the outermost node inwards,
-    have the generating function :math:`(\alpha + \beta z) (1 - z)^{-3/2} e^{-f_+(z)}` with the part
-    :math:`f_+ = \sum_{n > 0} a_n z^n` of :math:`f = a_0 + 2 \sum a_n \cos n \theta`. Its first two
-    terms give :math:`\alpha / \beta`. At :math:`z = 1` it gives the square root far inside, which
+    Forces from the outermost node inwards have the generating function :math:`\sum \lambda_n z^n =
+    (\alpha + \beta z) (1 - z)^{-3/2} \exp(-\sum_{n > 0} a_n z^n)`: their square root far inside
     ends
 
-    .. math:: s = \frac{1}{\lambda_1 / \lambda_0 - b} - B    \tag{2}
+    .. math:: s = \frac{1}{\lambda_1 / \lambda_0 - b} - B, \qquad
+        \lambda_1 / \lambda_0 \ge 1 + b,    \tag{2}
 
-    spacings beyond the outermost node, where :math:`b = \tfrac12 - a_1` and :math:`B = \tfrac14 -
-    \sum n a_n`. As the edge moves by one spacing, :math:`\lambda_1 / \lambda_0` falls from infinity
-    to :math:`1 + b`; there the next node comes into contact.
-
-    Each contact node counts with its area, and each side on which the next node is free adds
-    :math:`s - \tfrac12` of it. In (2), :math:`\lambda_1^2 - \lambda_0^2` is the slope of
-    :math:`\lambda^2` at the outermost node, of second order in the spacing where :math:`\lambda^2`
-    is concave, as under a round asperity. :math:`\lambda_1 / \lambda_0` is taken as at least
-    :math:`1 + b`; where it is less in spots of one or two nodes, no place follows from the forces,
-    and :math:`s` is its mean :math:`\tfrac12 - B`. Sides along x and y share an oblique edge by the
-    squares of the slopes of :math:`\lambda^2`.
-
-    Under a flowing material the pressure is even and drops at once. If :math:`\lambda^2`, which
-    rises by equal steps inside a smooth edge, levels off at a flowing node :math:`k \le 2` (by less
-    than a tenth of the step before), that node is full, and the nodes outside it are full by the
-    shares of its force that they carry,
-
-    .. math:: s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k.    \tag{3}
-
-    .. [1] B. Noble, Methods Based on the Wiener-Hopf Technique, Pergamon Press, 1958: the method.
+    spacings beyond the outermost node, and each side adds :math:`s - \tfrac12` of the area of a
+    node. Where :math:`\lambda^2` levels off at a node :math:`k \le 2` of a flowing material, with
+    an even pressure, :math:`s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k` (3).
     """
     active = force > 0.0
     area = np.where(active, weight, 0.0)
@@ -308,6 +280,7 @@ def contact_areas(
                 inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
                 inwards = [square[nodes] for nodes in inner]
                 sides = [square[_shifted(outer, 1 - axis, k, force.shape)] for k in (-1, 1)]
+                # sides along x and y share an oblique edge by the squares of the slopes of lambda²
                 # share of this side in an oblique edge
                 along = np.maximum(inwards[1] - inwards[0], inwards[0]) ** 2  # free outside
                 across = _fall(sides[0], inwards[0], sides[1])
@@ -342,10 +315,13 @@ def _fall(low: np.ndarray, here: np.ndarray, high: np.ndarray) -> np.ndarray:
 def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:
     """Position (2) of an edge with a square root of the pressure, from squared forces."""
     first, second, third = inwards[:3]
+    # lambda_1² - lambda_0² is the slope of lambda² at the outermost node, of second order in the
+    # spacing where lambda² is concave, as under a round asperity
     bend = np.where(third > 0.0, np.minimum(first - 2.0 * second + third, 0.0), 0.0)
     ratio = np.sqrt((second - 0.5 * bend) / np.maximum(first, TINY))
     least = 1.0 + edge.ratio
     place = 1.0 / (np.maximum(ratio, least) - edge.ratio) - edge.reach  # (2)
+    # in spots of one or two nodes the forces may determine no place: the mean 1/2 - B
     return np.where((third > 0.0) | (ratio > least), place, 0.5 - edge.reach)
 
 
@@ -373,17 +349,7 @@ def open_gap(gap: np.ndarray, pressure: np.ndarray) -> np.ndarray:
 
 
 def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlow:
-    r"""Solve for the flow of a liquid through the gap of a cell.
-
-    Finite volumes about the points, with harmonic means of :math:`h^3` between neighbours, solve
-
-    .. math:: \nabla \cdot (h^3 \nabla p) = 0, \qquad
-        h_\mathrm{eff}^3 = \frac{L}{W\, \Delta p} \int_W -h^3\, \partial_n p \, \mathrm{d}s
-        \tag{1}
-
-    where paths lead from one end to the other, with an even pressure on both ends. This bounds the
-    permeability of the periodic cell from above.
-    """
+    """Solve for the flow through a gap by finite volumes; it bounds the permeability from above."""
     from scipy.sparse import coo_array, csc_array
 
     from multiscale.numerics.factorisation import symmetric_lu
@@ -416,6 +382,8 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
     row, column = np.concatenate([point, i, j]), np.concatenate([point, j, i])
     matrix = coo_array((np.concatenate([diagonal, -c, -c]), (row, column)), shape=(size, size))
 
+    # div(h³ grad p) = 0 with an even pressure on both ends:
+    #     h_eff³ = L / (W dp) ∫_W -h³ dp/dn ds  (1)
     # pressure 1 at either end and 0 at the other: neither flow is a difference of near numbers
     down, up = symmetric_lu(csc_array(matrix)).solve(ends.T).T
     flow, back = float(ends[1] @ down), float(ends[0] @ up)

@@ -1,8 +1,4 @@
-"""Volumes with cavities and flat cracks in closed form: bodies, sections, images, packings.
-
-Bodies are arrays with centres, shape (n, 3), m. Radii, m, are a number for all bodies or an array,
-shape (n,); directions, shape (3,) or (n, 3), may have any length but zero.
-"""
+"""Volumes with cavities and flat cracks in closed form: bodies, sections, images, packings."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

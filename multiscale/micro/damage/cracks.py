@@ -1,21 +1,15 @@
 r"""Microcracks that grow where K_I reaches K_Ic; strength and softening law of their volumes.
 
-A crack of the radius a and the normal n in a cube of the edge L, under the mean stress
-:math:`\sigma` with the traction :math:`t = \sigma n`, opens and slips if :math:`n \cdot t > 0` and
-is closed and rough, without any jump, otherwise. With :math:`d = \pi a^2 / L^2`, the share of a
-section that it covers by eq (1), cracks add up to the compliance
+Cracks of radius a and normal n in a cube of the edge L cover :math:`d = \pi a^2 / L^2` of a
+section. Under the mean stress :math:`\sigma` they open and slip if :math:`n \cdot \sigma n > 0`,
+and are closed and rough otherwise. Their compliance, Kachanov's sum for small :math:`d`, and the
+release of energy by their growth in mode I give
 
 .. math::
     S = S_0 + \sum_i \frac{16 (1-\nu^2)}{3 E L^3}\, \frac{a_i^3}{1 - d_i}\,
     N_i^T \Big[ n n^T + \frac{2}{2-\nu} (1 - n n^T) \Big] N_i, \qquad t = N \sigma,    \tag{1}
 
-which is Kachanov's sum for small :math:`d` and a crack cuts the cube at :math:`d = 1`. The
-energy that its growth releases in mode I gives
-
 .. math:: K_I = 2 (n \cdot t)\, \sqrt{a/\pi}\, \frac{\sqrt{1 - d/3}}{1 - d}.    \tag{2}
-
-Growth is followed event by event: the stress is scaled so that the most critical crack reaches its
-toughness, and this crack grows a little. Nothing is iterated.
 """
 
 from collections.abc import Sequence
@@ -244,13 +238,7 @@ def grow_volumes(
     axis: int = 2,
     through: bool = False,
 ) -> Dataset:
-    """Pull each volume along an axis until a crack has cut it: a dataset ``VOLUME_GROWTH``.
-
-    ``share`` is the edge over the edge of the representative volume. ``damage`` is the largest,
-    eq (1) of the source, on planes across the cracks with the largest projections. The mean
-    softening law has the mean strength; openings, averaged at equal shares of the strengths, are
-    scaled to the mean fracture energy. The law of a volume that no crack has cut is NaN.
-    """
+    """Pull volumes, of edges ``share``, until a crack has cut each: ``VOLUME_GROWTH``."""
     pull, n = np.eye(6)[axis], len(volumes)
     curves = np.full((4, n, RECORDS), np.nan)
     laws = np.full((2, n, LEVELS.size), np.nan)
@@ -273,6 +261,7 @@ def grow_volumes(
             levels = LEVELS * law.strength
             laws[:, k] = levels, np.interp(-levels, -law.stress, law.opening)
             peak_damage[k] = _section(cracks, radius[np.argmax(stress)], axis)
+    # the law has the mean strength and openings at equal shares of it, scaled to the mean energy
     # mean law of the representative volumes
     energy = np.trapezoid(laws[0], laws[1], axis=1)
     whole = (share == 1.0) & np.isfinite(energy)

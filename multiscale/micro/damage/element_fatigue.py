@@ -1,12 +1,7 @@
 r"""Fatigue of a structure, element by element, until the first element has cracked.
 
-Every element is a representative volume with weak inclusions of several fatigue limits. Each
-inclusion follows the two-scale model under the stress of the sound material at the strain of the
-element. Damage of an inclusion does not change the stiffness of the element until the inclusion
-cracks (:math:`D = D_c`); then its share of the stiffness is lost,
-
-.. math:: C_e = (1 - c_e)\, C, \qquad c_e = \frac{\text{inclusions cracked}}{\text{inclusions}}.
-    \tag{1}
+An element with the share :math:`c_e` of cracked inclusions has the stiffness
+:math:`C_e = (1 - c_e)\, C` (1); uncracked inclusions see the stress of the sound material.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,6 @@
-r"""Exact area of a union of ellipses within a convex polygon.
+r"""Exact area of a union of ellipses within a convex polygon, a sum over arcs of its boundary.
 
-By Green's theorem the area is a sum over the boundary of the union. Every ellipse and every edge of
-the polygon is split where it meets another boundary, and a segment counts if it lies on the
-boundary of the union. An arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)` contributes
+By Green's theorem an arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)` contributes
 
 .. math:: \tfrac12 \int x \times \mathrm{d}x = \tfrac12\, c \times M (w_1 - w_0)
     + \tfrac12 \det M\, (\theta_1 - \theta_0).    \tag{1}

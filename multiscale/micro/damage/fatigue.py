@@ -1,8 +1,4 @@
-r"""Two-scale fatigue: lives of weak micro-inclusions under repeated cycles of stress.
-
-For the model of an inclusion see :mod:`~multiscale.micro.damage.inclusion`. Cycles that change the
-state slowly are skipped by jumps, with an error control.
-"""
+"""Two-scale fatigue: lives of weak micro-inclusions under repeated cycles of stress."""
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass, fields, replace
@@ -131,18 +127,7 @@ def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -
 
 @dataclass(frozen=True, eq=False)
 class Inclusions:
-    r"""Inclusions of elements, in classes of fatigue limits: point ``e * classes + k`` is class k.
-
-    The length of the jumps differs between inclusions.
-
-    Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
-    \varepsilon^p` of the back stress. :math:`y` are their values after a pass that changed them by
-    :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
-    not extrapolated, to its cycle there; a second pass from the same :math:`y + J d_1` changes the
-    slow variables by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is
-    at most the tolerance times the larger of both changes, in damage and in accumulated strain;
-    then the slow variables are :math:`y + J (d_1 + d_2)/2`.
-    """
+    """Inclusions of elements, in classes of fatigue limits: point ``e classes + k`` is class k."""
 
     material: FatigueMaterial
     factors: np.ndarray  # (classes,), fatigue limits over the limit of the material
@@ -197,6 +182,11 @@ class Inclusions:
     ) -> None:
         """Compute ``count`` cycles, with jumps under an error control."""
         assert self.tolerance is not None
+        # Slow variables y are damage, accumulated strain and the drift X - 2/3 C (1-D) eps_p of the
+        # back stress. Of two trial passes from y + J d_1 the first brings the plastic strain, which
+        # is fast, to its cycle there; with the change d_2 of the second, y + J (d_1 + d_2)/2 is
+        # accepted if |d_2 - d_1|/2 is at most the tolerance times the larger change, in damage and
+        # in accumulated strain.
         jump, done = np.full(len(run.state), float(SHORTEST_JUMP)), np.zeros(len(run.state))
 
         def going() -> np.ndarray:

@@ -1,31 +1,15 @@
 r"""Cycles of a weak micro-inclusion in an elastic volume: the kernel of two-scale fatigue.
 
-With :math:`a = (1+\nu)/(3(1-\nu))` and :math:`b = 2(4-5\nu)/(15(1-\nu))`, Eshelby and Kröner's
-localisation of the strain of an elastic volume is
+With :math:`a = (1+\nu)/(3(1-\nu))` and :math:`b = 2(4-5\nu)/(15(1-\nu))` of Eshelby's tensor of a
+ball, and an eigenstrain :math:`D \varepsilon^\mu + (1-D) \varepsilon^{p\mu}` in place of damage and
+flow, Eshelby and Kröner's localisation of the strain of an elastic volume is
 
 .. math::
     \varepsilon^\mu = \frac{1}{1 - bD} \Big[ \varepsilon
     + \frac{(a-b) D}{3 (1 - aD)}\, \mathrm{tr}(\varepsilon)\, 1
-    + b (1-D)\, \varepsilon^{p\mu} \Big],
-
-so that the effective stress :math:`\tilde\sigma = E : (\varepsilon^\mu - \varepsilon^{p\mu})` has
-
-.. math::
+    + b (1-D)\, \varepsilon^{p\mu} \Big], \\
     \tilde s = \frac{s - 2G(1-b)\, \varepsilon^{p\mu}}{1 - bD}, \qquad
     \tilde\sigma_H = \frac{\sigma_H}{1 - aD}.    \tag{1}
-
-For its derivation, an eigenstrain :math:`e` in the sound material replaces damage and flow:
-
-.. math::
-    (1-D)\, E : (\varepsilon^\mu - \varepsilon^{p\mu}) = E : (\varepsilon^\mu - e), \qquad
-    \varepsilon^\mu = \varepsilon + S : e,
-
-where Eshelby's tensor S of a ball multiplies a dilatation by a and a deviator by b. Then
-:math:`e = D \varepsilon^\mu + (1-D) \varepsilon^{p\mu}`, the deviator of the strain is
-:math:`[\varepsilon' + b(1-D)\varepsilon^{p\mu}]/(1-bD)` and its trace
-:math:`\mathrm{tr}\,\varepsilon/(1-aD)`. For D = 1 this is the dilatation of a spherical void,
-:math:`3(1-\nu)/(2(1-2\nu))` times the dilatation of the volume (Lamé); with :math:`1 + aD` in
-place of :math:`1 - aD` it would not be.
 
 The inclusion yields at the fatigue limit with linear kinematic hardening and is damaged beyond a
 threshold:
@@ -36,17 +20,16 @@ threshold:
     \dot X = \tfrac23 C (1-D)\, \dot\varepsilon^{p\mu}, \quad
     \dot D = (Y/S)^s\, \dot p \;\; (p > p_D).    \tag{2}
 
-Along a straight stress path with D frozen, :math:`\xi = \tilde s - X` on the yield surface turns
-towards the direction d of the path. With the angle :math:`\theta` between them in the metric of
-Mises, a step of the size :math:`A = (\Delta s)_{eq} / (1 - bD)` has the exact solution
+With D frozen, the angle :math:`\theta` of :math:`\tilde s - X` on the yield surface to a straight
+path, in the metric of Mises, changes in a step :math:`A = (\Delta s)_{eq} / (1 - bD)` as in the
+perfectly plastic solid of [1]_:
 
 .. math::
     \tan\tfrac{\theta_1}{2} = e^{-A/\sigma_f} \tan\tfrac{\theta_0}{2}, \qquad
     K\, \Delta p = A + \sigma_f \ln \frac{1 + \cos\theta_0}{1 + \cos\theta_1}, \qquad
-    K = \frac{3G(1-b)}{1 - bD} + C (1-D),    \tag{3}
+    K = \frac{3G(1-b)}{1 - bD} + C (1-D).    \tag{3}
 
-as for the perfectly plastic solid of [1]_; the share of the step that does not change :math:`\xi`
-gives the flow. With the factor :math:`h` of crack closure
+With the factor :math:`h` of crack closure
 
 .. math::
     Y = \frac{1+\nu}{2E} \Big[ \langle\tilde\sigma\rangle_+^2
@@ -55,8 +38,6 @@ gives the flow. With the factor :math:`h` of crack closure
     + h k\, \langle -\mathrm{tr}\,\tilde\sigma \rangle_+^2 \Big], \quad
     k = \Big(\frac{1-D}{1-hD}\Big)^2 .    \tag{4}
 
-References
-----------
 .. [1] R. D. Krieg and D. B. Krieg, J. Pressure Vessel Technol. 99 (1977) 510-515,
    doi:10.1115/1.3454568.
 """

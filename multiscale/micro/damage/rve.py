@@ -1,36 +1,20 @@
-r"""Stiffness and damage of representative volumes, and of the material from many volumes.
+r"""Stiffness and damage of representative volumes, images of voxels, and of the material.
 
-A volume is an image of voxels with periodic, displacement or traction sides.
-
-For each of six mean strains :math:`\bar\varepsilon` the periodic displacement :math:`u` solves
+For each of six mean strains :math:`\bar\varepsilon`, conjugate gradients with the inverse stiffness
+of a uniform material in Fourier space as preconditioner [1]_, and voids without stiffness [2]_,
+solve for the periodic displacement u,
 
 .. math:: \mathrm{div}\,\sigma = 0, \qquad \sigma = C(x) : (\bar\varepsilon + \nabla_s u),
-    \qquad \bar C : \bar\varepsilon = \langle \sigma \rangle,    \tag{1}
+    \qquad \bar C : \bar\varepsilon = \langle \sigma \rangle;    \tag{1}
 
-with trilinear bricks, by conjugate gradients on the stiffness of all voxels. The preconditioner is
-the inverse stiffness of a uniform material in Fourier space, so that the number of iterations
-depends on the contrast and hardly on the resolution. Voids may have zero stiffness: the iterates
-then stay in the range of the stiffness, and the voids do not widen its spectrum.
-
-The energy is stationary at the solution. With the residual forces :math:`r_k` of the solve for the
-strain k, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate,
+with the residual forces :math:`r_k` of strain k the error is of the order of the tolerance squared:
 
 .. math:: V\, \bar C_{jk} = V\, \bar\varepsilon_j : \langle\sigma\rangle_k - u_j \cdot r_k
-    = \int (\bar\varepsilon_j + \nabla_s u_j) : C : (\bar\varepsilon_k + \nabla_s u_k)    \tag{2}
+    = \int (\bar\varepsilon_j + \nabla_s u_j) : C : (\bar\varepsilon_k + \nabla_s u_k).    \tag{2}
 
-has an error of the order of the square of the tolerance.
-
-With displacement sides u vanishes on the boundary, which bounds the periodic stiffness from above.
-With traction sides only :math:`\int u \otimes n` vanishes on the solid area of the sides, which
-bounds it from below: see :mod:`~.voxels`.
-
-References
-----------
 .. [1] M. Ladecký, R. J. Leute, A. Falsafi, I. Pultarová, L. Pastewka, T. Junge and J. Zeman, Appl.
-   Math. Comput. 446 (2023) 127835, doi:10.1016/j.amc.2023.127835: finite elements with this
-   preconditioner.
-.. [2] M. Schneider, Int. J. Numer. Methods Eng. 121 (2020) 5017-5041, doi:10.1002/nme.6508: pores
-   without stiffness.
+   Math. Comput. 446 (2023) 127835, doi:10.1016/j.amc.2023.127835.
+.. [2] M. Schneider, Int. J. Numer. Methods Eng. 121 (2020) 5017-5041, doi:10.1002/nme.6508.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,4 @@
-r"""Damage on plane sections, eq (1) of the source: :math:`D(n) = \delta S_D / \delta S`.
-
-This damage is a geometric quantity. The stiffness is :math:`E (1 - D)` only where cavities run
-through the volume along the normal, see :mod:`~.rve`; and the maximum over the planes of a random
-medium falls towards its porosity as the volume grows.
-"""
+r"""Damage on plane sections, eq (1) of the source: :math:`D(n) = \delta S_D / \delta S`."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial

@@ -1,46 +1,26 @@
 r"""Matrix-free stiffness of a box of voxels with periodic, displacement or traction sides.
 
-In a brick, a trilinear field is a sum of the eight products :math:`P_i(\xi) P_j(\eta) P_k(\zeta)`
-of Legendre's polynomials of degree 0 and 1. A sum-and-difference transform of the corner values
-gives their amplitudes; the derivative along x contains the four products with :math:`i = 1`, and as
-the products are orthogonal, the exactly integrated energy couples only equal products. This takes a
-fifth of the operations of a 24 x 24 element matrix.
-
-For a uniform material the stiffness is diagonal by blocks of 3 x 3 in Fourier space. With
-:math:`s = \sin(\theta/2)`, :math:`c = \cos(\theta/2)`, :math:`m = c^2 + s^2/3` for each direction,
-and the edges h and volume V of a brick,
+Displacements, m, and nodal forces, N, have the shape ``(3, nx, ny, nz)``. A uniform material has,
+with :math:`s = \sin(\theta/2)`, :math:`c = \cos(\theta/2)` and :math:`m = c^2 + s^2/3` of the phase
+angles, and the edges h and volume V of a brick, the stiffness in Fourier space
 
 .. math::
     \hat K_{xx} &= 4V \Big[ (\lambda + 2\mu) \frac{s_x^2 m_y m_z}{h_x^2}
         + \mu \frac{s_y^2 m_x m_z}{h_y^2} + \mu \frac{s_z^2 m_x m_y}{h_z^2} \Big], \\
     \hat K_{xy} &= 4V (\lambda + \mu) \frac{s_x c_x\, s_y c_y\, m_z}{h_x h_y}.    \tag{1}
 
-Displacements, m, and nodal forces, N, have the shape ``(3, nx, ny, nz)``. Strains and stresses are
-ordered xx, yy, zz, yz, xz, xy, with shear angles.
-
-Displacement sides fix the nodes of all sides at the displacement of the mean strain. Traction
-sides load the solid area S of the sides, at places where both opposite sides are solid to a certain
-depth: thin films above pores would bend far, and the bound holds for every choice of places. With
-the forces :math:`f_\tau` of a symmetric tensor :math:`\tau`, per area
-:math:`\tau_{ja} / (A_a L_a)` on the sides normal to axis a, of the distance :math:`L_a` and the
-solid area :math:`A_a`,
+Displacement sides bound the stiffness from above, traction sides from below [1]_. With the forces
+:math:`f_\tau` of a symmetric tensor :math:`\tau`, per area :math:`\tau_{ja} / (A_a L_a)` on the
+solid area :math:`A_a` of the sides normal to axis a at the distance :math:`L_a`, constraints as
+weak as in [2]_ give
 
 .. math:: f_\tau \cdot (\bar\varepsilon x) = \tau : \bar\varepsilon, \qquad
     \min_{f_\tau \cdot u = \tau : \bar\varepsilon\ \forall \tau} u \cdot K u
     = \bar\varepsilon : F^{-1} : \bar\varepsilon, \qquad
     F_{jk} = f_j \cdot K^+ f_k.    \tag{2}
 
-These forces have zero resultant and moment. A periodic displacement satisfies the constraint, and
-so :math:`F^{-1} / V` is at most the periodic stiffness. The tractions are uniform on a solid
-without pores at its sides.
-
-With scalar Laplacians in place of the elasticity (Korn's inequality bounds their ratio),
-sine and cosine transforms invert the stiffness of a uniform box for both kinds of sides.
-
-References
-----------
-.. [1] C. Huet, J. Mech. Phys. Solids 38 (1990) 813-841: both kinds of sides bound the stiffness.
-.. [2] S. D. Mesarovic and J. Padbidri, Philos. Mag. 85 (2005) 65-78: constraints as weak as (2).
+.. [1] C. Huet, J. Mech. Phys. Solids 38 (1990) 813-841.
+.. [2] S. D. Mesarovic and J. Padbidri, Philos. Mag. 85 (2005) 65-78.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,14 +1,13 @@
 r"""Frictionless contact of an elastic body with a rigid obstacle, by a primal-dual active set.
 
-Unknowns are the displacement :math:`u`, the nodal contact forces :math:`\lambda` along the
-obstacle's normals and the approach :math:`\delta` of the obstacle:
+With contact forces :math:`\lambda` along the obstacle's normals and the approach :math:`\delta`, of
+which either the load :math:`F` or the approach is prescribed,
 
 .. math::
     K u + N^t \lambda = 0, \qquad
     0 \le \lambda \perp g - b\,\delta - N u \ge 0, \qquad b^t \lambda = F,    \tag{1}
 
-eqs (4)-(5) of the source with :math:`H = -N^t` and :math:`r = \lambda`. Either the load :math:`F`
-or the approach is prescribed.
+eqs (4)-(5) of the source with :math:`H = -N^t` and :math:`r = \lambda`.
 """
 
 from collections.abc import Callable
@@ -74,15 +73,11 @@ class ElasticBody:
 
 @dataclass(frozen=True)
 class ReferenceInverse:
-    r"""Exactly constrained inverse of a stiffness :math:`K_0` equal or spectrally close to K.
-
-    The constraints are met by contact forces l, which solve a problem on the surface:
-    :math:`z = K_0^{-1} (r - N_A^t l)` with :math:`N_A z + b\,d\delta = 0`, and :math:`b^t l`
-    balances the load.
+    """Exactly constrained inverse of a stiffness :math:`K_0` equal or spectrally close to K.
 
     ``solve(force, correct, out)`` returns :math:`K_0^{-1} (f - N^t l)` for forces f, ``None`` for
-    zero, possibly written into ``out``; ``correct`` returns the contact forces l for
-    :math:`N K_0^{-1} f`.
+    zero, possibly written into ``out``; ``correct`` returns the contact forces l for :math:`N
+    K_0^{-1} f`.
     """
 
     solve: Callable[..., np.ndarray]
@@ -110,6 +105,7 @@ class ReferenceInverse:
         def unit() -> np.ndarray:  # contact forces under a unit approach, N/m
             return self._surface_solve(closing, active)
 
+        # z = K_0^-1 (r - N_A^t l) with N_A z + b d_delta = 0, where b^t l balances the load
         def invert(
             out_of_balance: np.ndarray,
             missing: float,
@@ -161,19 +157,7 @@ def solve_elastic_contact(
     max_iterations: int = 60,
     tolerance: float = 1e-8,
 ) -> ContactState:
-    r"""Press a body against a rigid obstacle without friction.
-
-    The active set starts from the guess of the inverse, corrected by its error in the previous
-    step. On a given active set conjugate gradients run in the space of displacements that satisfy
-    the constraints, preconditioned by the constrained inverse. If the number of wrong nodes does
-    not fall, single nodes are exchanged by least index, which terminates for every positive
-    definite problem [2]_.
-
-    .. [1] M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
-       doi:10.1137/S1052623401383558.
-    .. [2] J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596,
-       doi:10.1016/0305-0548(94)90106-6.
-    """
+    """Press a body against a rigid obstacle without friction, (1)."""
     check_limits(tolerance, max_iterations)
     if (load is None) == (approach is None):
         raise ValueError(f"prescribe either the load or the approach, got {load=} and {approach=}")
@@ -201,6 +185,9 @@ def solve_elastic_contact(
     status, rounding = Status.MAX_ITERATIONS, _ROUNDING * float(np.finfo(body.dtype).eps)
     drift = rounding  # of the residual away from its recurrence
     stage = _LinearStage(body, gap, closing, active, load, tolerance)
+    # M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; exchanges by least
+    # index, where the number of wrong nodes does not fall, terminate for every positive definite
+    # problem: J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596
     for _ in range(max_iterations):
         force, square = stage.split(out_of_balance, force)
         if changed:  # move onto the constraints of the new active set

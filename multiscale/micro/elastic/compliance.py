@@ -1,8 +1,7 @@
 r"""Compliance of layered bodies, and of rough bodies to first order in their slopes.
 
-The layered body lies on a clamped base, and its compliance is exact for every wavelength. In a
-layer, the displacement :math:`u_x = U \sin qx`, :math:`u_z = W \cos qx` solves Navier's
-equations if, with :math:`\zeta = q z`, :math:`s = \pm 1` and :math:`\kappa = 3 - 4\nu`,
+In a layer, :math:`u_x = U \sin qx`, :math:`u_z = W \cos qx` solves Navier's equations if, with
+:math:`\zeta = q z`, :math:`s = \pm 1` and :math:`\kappa = 3 - 4\nu`,
 
 .. math::
     W &= (a + b\zeta)\, e^{s\zeta}, \qquad
@@ -10,58 +9,40 @@ equations if, with :math:`\zeta = q z`, :math:`s = \pm 1` and :math:`\kappa = 3 
     \sigma_{zz} &= 2 \mu q \left(s (a + b\zeta) + (1 - 2\nu) b\right) e^{s\zeta} \cos qx, \qquad
     \sigma_{xz} = -2 \mu q \left(a + b\zeta + 2 s (1 - \nu) b\right) e^{s\zeta} \sin qx.  \tag{2}
 
-A rough body with the top :math:`z = h(x, y)` carries normal forces :math:`f`, along z for each
-projected area, and its top moves by :math:`u_z`. Both are work-conjugate, so that the compliance is
-symmetric: the complementary energy is the largest value of
+A body with the top :math:`z = h(x, y)` carries normal forces :math:`f`, along z for each projected
+area. The complementary energy is the largest value of (3); by the fields of the flat body,
+continued beyond its top [1]_, [2]_, its first order in :math:`h` is (4):
 
-.. math:: 2 \int f\, u_z\, \mathrm{d}A - \int_{z < h} \sigma : \varepsilon\, \mathrm{d}V.    \tag{3}
-
-The fields of the flat body, continued beyond its top, have errors of first order in :math:`h`, and
-(3) has errors of second order. On the flat top, which carries no shear, its first order is
+.. math:: 2 \int f\, u_z\, \mathrm{d}A - \int_{z < h} \sigma : \varepsilon\, \mathrm{d}V,   \tag{3}
 
 .. math::
     f^t C_1 f = \int h \left(\sigma_{zz} \varepsilon_{zz}
         - \sigma_{\alpha\beta} \varepsilon_{\alpha\beta}\right) \mathrm{d}A.    \tag{4}
 
-The top of a half-space strains in its plane by
-:math:`\varepsilon_{\alpha\beta} = c\, \varphi_{,\alpha\beta}` with
-:math:`c = (1 - 2\nu) / (2\mu)` and :math:`\Delta \varphi = f - \bar f`. For heights of zero mean
-(4) becomes a term of the mean pressure and the determinant of the Hessian of
-:math:`\varphi`, whose derivatives integration by parts moves to the heights:
+On a half-space :math:`\varepsilon_{\alpha\beta} = c\, \varphi_{,\alpha\beta}` with
+:math:`c = (1 - 2\nu) / (2\mu)` and :math:`\Delta \varphi = f - \bar f`. For heights of zero mean,
+integration by parts gives
 
 .. math::
     C_1 f = c \left(\bar f\, h + \overline{h f}\right)
       + c\, (1 - 2\nu)\, \Delta^{-1} \operatorname{div} (H\, \nabla \Delta^{-1} f), \qquad
     H = \begin{pmatrix} h_{,yy} & -h_{,xy} \\ -h_{,xy} & h_{,xx} \end{pmatrix}.    \tag{5}
 
-:math:`C_1` vanishes for incompressible bodies, :math:`\nu = 1/2`; in plane strain only the term of
-the mean remains.
-
-Two bodies, each in a local frame with z out of it and heights :math:`h_i` (so that the underside of
-the second is at :math:`-h_2` above the first), touch on a surface :math:`m` between both surfaces.
-While slopes are small and heights of short wavelengths,
+Two bodies of heights :math:`h_i`, each in a local frame with z out of it, touch at small slopes on
 
 .. math::
-    m = \frac{k_2 h_1 - k_1 h_2}{k_1 + k_2}, \qquad k_i = \frac{1 - \nu_i}{\mu_i}:    \tag{6}
+    m = \frac{k_2 h_1 - k_1 h_2}{k_1 + k_2}, \qquad k_i = \frac{1 - \nu_i}{\mu_i},    \tag{6}
 
-halfway between equal bodies, and on a rigid body, :math:`k_2 = 0`. Forces act along its normal
-:math:`(-\nabla m, 1)`, along which the gap closes. The motions of both bodies in the plane,
-:math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance under forces in the plane
-add to the sum of :math:`C_1`
+with forces along :math:`(-\nabla m, 1)`. Their motions :math:`c_i \nabla \Delta^{-1} f` in the
+plane, and the compliance under forces in the plane, add to the sum of :math:`C_1` of the bodies
 
 .. math::
     (c_1 - c_2) \left[\operatorname{div} \Delta^{-1} (f\, \nabla m)
-      - \nabla m \cdot \nabla \Delta^{-1} f\right].    \tag{7}
+      - \nabla m \cdot \nabla \Delta^{-1} f\right];    \tag{7}
 
-It is proportional to Dundurs' second constant. For equal bodies only
-:math:`C_1 f = c\,(\dots)` of the composite heights :math:`h_1 + h_2` remains: *half* as much as for
-a single body with these heights and the contact modulus of both.
+equal bodies have half of :math:`C_1` of the composite heights on one body with the contact modulus
+of both. (5) and (7) are derived here, and checked against conforming cells.
 
-The expansion of a boundary goes back to [1]_ and [2]_; (5) and (7) are derived here and are checked
-against conforming cells. Strains are small: large strain has terms of the order of :math:`C_1`.
-
-References
-----------
 .. [1] O. P. Bruno and F. Reitich, J. Opt. Soc. Am. A 10 (1993) 1168-1175,
    doi:10.1364/JOSAA.10.001168.
 .. [2] W. Craig and C. Sulem, J. Comput. Phys. 108 (1993) 73-83, doi:10.1006/jcph.1993.1164.

@@ -39,26 +39,13 @@ def solve_flat(
     max_iterations: int = 500,
     tolerance: float = 1e-4,
 ) -> FlatSolution:
-    r"""Minimise the complementary energy of contact forces on a surface.
-
-    Find :math:`\lambda` and :math:`\delta` with
+    r"""Minimise the complementary energy of contact forces on a surface by projected gradients.
 
     .. math::
-        0 \le \lambda \perp C \lambda + g - b\,\delta \ge 0, \qquad b^t \lambda = F.    \tag{1}
+        0 \le \lambda \perp C \lambda + g - b\,\delta \ge 0, \qquad b^t \lambda = F, \qquad
+        \lambda \le \lambda_{max},    \tag{1}
 
-    With a cap, :math:`\lambda \le \lambda_{max}` and the surfaces may overlap where it is reached.
-
-    Projected gradients on the box of forces that carry the load, with the two step lengths of
-    Barzilai and Borwein in turn, each in the tangent of the box, and the exact minimum along the
-    feasible direction: one application of :math:`C` in each iteration, and in total a half to a
-    third of the applications in projected conjugate gradients.
-
-    Steps of the forces are transformed in single precision, for nodes near contact only. Each time
-    that the residual of these nodes has fallen to 3/100, and at the end, :math:`C \lambda` is
-    computed anew in double precision, and all nodes are checked.
-
-    .. [1] Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421,
-       doi:10.1007/s10107-005-0595-2: the same problem.
+    where surfaces may overlap at the cap :math:`\lambda_{max}` of the forces.
     """
     check_limits(tolerance, max_iterations)
     if load is not None and load > cap * float(np.sum(closing)):
@@ -71,6 +58,10 @@ def solve_flat(
     def respond(force: np.ndarray) -> np.ndarray:
         return np.asarray(compliance(force.reshape(shape)), force.dtype).ravel()
 
+    # Step lengths of Barzilai and Borwein in turn and the exact minimum along the feasible
+    # direction (Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421): one product with C
+    # in an iteration, in single precision for nodes near contact; all nodes are checked in double
+    # precision each time that the residual has fallen to 3/100, and at the end.
     # first forces, in the box and with the load
     delta = 0.0 if approach is None else approach
     first = closing * delta - gap if load is None else closing
@@ -216,13 +207,9 @@ def _project(  # type: ignore[no-untyped-def]
 def _advance(  # type: ignore[no-untyped-def]
     force, opening, closing, step, cap, delta, direction, node, unit, response, slope
 ):
-    """Go to the minimum of the energy on the way, or as far as it leads.
-
-    Returns the product of the way with the change of the opening, which is the response, and over
-    the forces that a step leaves within their box, the products of the change with the way, of the
-    closing with the way, and of the change with itself, of the closing with the change and with
-    itself.
-    """
+    """Go to the minimum of the energy on the way, or as far as it leads; return products."""
+    # of the way and the change of the opening; over the forces that a step leaves within their box,
+    # of change and way, closing and way, change and itself, closing and change, closing and itself
     curvature, along, across, squared, raised, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(force.size):
         curvature += direction[i] * (unit * response[node[i]])

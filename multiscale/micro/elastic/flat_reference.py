@@ -18,14 +18,7 @@ Field = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    r"""The flat cell, tilted along the slopes of the rough cell if slopes are given.
-
-    In a nearly incompressible material, the divergence of the flat cell's field would be large
-    where the divergence of the rough cell is small: then :math:`K_0^{-1}` is replaced by
-    :math:`T K_0^{-1} T^t` with the tilt of Piola's type
-    :math:`(T u)_z = u_z + \varphi\, \nabla h \cdot u`, exact for isochoric fields to first order
-    in the slopes.
-    """
+    """The flat cell, tilted along the slopes of the rough cell if slopes are given."""
 
     inverse: LateralInverse  # factorised stiffness of the flat cell
     map_factor: np.ndarray  # (layers,), share of the surface height in each node plane
@@ -74,6 +67,9 @@ class Reference:
             return list(slopes)
         return [slope[:, None] * self.map_factor[:, None] for slope in slopes]
 
+    # T K_0^-1 T^t with Piola's tilt (T u)_z = u_z + phi grad h · u, exact for isochoric fields to
+    # first order in the slopes: in a nearly incompressible material the flat field would have a
+    # divergence
     def _tilt(self, moved: Field, sign: float = 1.0, out: Field | None = None) -> Field:
         if self.slopes is None:
             return moved

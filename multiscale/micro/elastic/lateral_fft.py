@@ -1,8 +1,7 @@
 r"""Exact inverse of the flat, laterally homogeneous, periodic layered cell in O(N log n).
 
-On a flat mesh with moduli that vary with depth only, the stiffness is block circulant in x and y.
-A lateral Fourier transform leaves a block-tridiagonal system of 3 x 3 blocks per wavenumber.
-Multiplying the in-plane components by the imaginary unit makes every block real. With
+A lateral Fourier transform, with in-plane components multiplied by the imaginary unit, leaves a
+real block-tridiagonal system per wavenumber. With
 
 .. math:: s = \frac{4 \sin^2 \theta/2}{h}, \quad m = h (1 - \tfrac23 \sin^2 \theta/2), \quad
     \bar m = h \cos^2 \theta/2, \quad t = \sin \theta
@@ -14,10 +13,9 @@ for the phase angles of a mode along x and along y, the block between two node p
     K_{xy} = g\, t_x t_y, \quad K_{xz} = t_x (p\, m_y + q\, \bar m_y), \\
     K_{zz} &= e\, m_x m_y + f\, \bar m_x \bar m_y + c\, (s_x m_y + m_x s_y),    \tag{1}
 
-likewise :math:`K_{yy}` and :math:`K_{yz}`. It is symmetric within a plane; from a plane to the next
-plane above, :math:`K_{zx} = -K_{xz}` and :math:`K_{zy} = -K_{yz}`. The factors a to q come from
-integrals over the depth of the layers between, the terms of means from the mean dilatation (B-bar).
-The block of the opposite wavenumber along x is its mirror image.
+likewise :math:`K_{yy}` and :math:`K_{yz}`; from a plane to the next plane above,
+:math:`K_{zx} = -K_{xz}` and :math:`K_{zy} = -K_{yz}`. The factors a to q come from integrals over
+the depth of the layers between, the terms of means from the mean dilatation (B-bar).
 """
 
 from collections.abc import Callable

@@ -1,17 +1,9 @@
-r"""Matrix-free elastic stiffness of the layered cell: trilinear hexahedra, from the base up.
+"""Matrix-free elastic stiffness of the layered cell: trilinear hexahedra, from the base up.
 
-Displacements and forces are arrays of shape ``(nx, layers, 3, ny)``: the node plane at the clamped
-base is left out, and y runs fastest so that the kernel works on contiguous batches of elements.
-
-The *rows* of a node plane at the Gauss points are computed once for the elements below and
-above it. Each component has 8 rows: the derivative along x at the Gauss points :math:`q_y`, along y
-at :math:`q_x`, and the value at the four :math:`(q_x, q_y)`. Kernels take the mesh as
-:class:`~multiscale.micro.layer.GraphArrays`.
-
-In the reference element the gradient of a trilinear field needs differences along one edge
-direction and interpolation along the other two. With Gauss points at :math:`\pm 1/\sqrt 3` both
-are products of :math:`2 \times 2` matrices, and the derivative along an edge direction is the same
-at both Gauss points of that direction: 12 numbers instead of 24 per component.
+Displacements and forces are arrays of shape ``(nx, layers, 3, ny)`` without the clamped base. The
+*rows* of a node plane serve the elements below and above it: for each component the derivative
+along x at the Gauss points :math:`q_y` and along y at :math:`q_x`, and the value at the four
+:math:`(q_x, q_y)`. The derivative along an edge direction is the same at both Gauss points of it.
 """
 
 from collections.abc import Callable
@@ -308,14 +300,10 @@ def _column(qx, qy, grad, flux, geometry, moduli, mean, lanes):  # type: ignore[
 
 @compiled(fastmath=True)
 def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyped-def]
-    """Stress at the eight Gauss points, pulled back to the edge derivatives.
-
-    ``geometry`` contains, for each lane, the element height at the four lateral Gauss points
-    (rows 0-3), the slopes of the node surfaces in x at (qy, qz) (rows 4-7) and in y at
-    (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component: derivatives along
-    x at (qy, qz), along y at (qx, qz), along z at (qx, qy). ``moduli`` are Lame's parameters, and
-    the bulk modulus where the divergence is replaced by its ``mean`` over the element (B-bar).
-    """
+    """Stress at the eight Gauss points, pulled back to the edge derivatives; ``mean``: B-bar."""
+    # geometry: element heights at the lateral Gauss points (rows 0-3), slopes in x at (qy, qz)
+    # (4-7), in y at (qx, qz) (8-11); grad and flux: along x at (qy, qz), y at (qx, qz), z at (qx,
+    # qy)
     for k in range(3):
         flux[k * EDGES : k * EDGES + 8 * BATCH] = 0.0
     # constant offsets: with loops the compiler does not recognise that the rows are disjoint

@@ -1,14 +1,9 @@
 r"""Steady sliding of a viscoelastic half-space over a rough rigid body: friction by hysteresis.
 
-The half-space moves with :math:`v` along :math:`+x` over the rough body, or the rough body along
-:math:`-x` under it. In the frame of the rough body, a mode :math:`e^{i(q_x x + q_y y)}` of the
-surface is :math:`e^{i \omega t}` for a point of the half-space, with :math:`\omega = q_x v`.
-Pressure and displacement are related by a complex modulus, for small strain and small slopes,
+In the frame of the rough body, over which the half-space moves with :math:`v` along :math:`+x`, a
+mode of the wavenumbers :math:`q_x, q_y` has the frequency :math:`\omega = q_x v`,
 
 .. math:: p_q = \frac{q\, E(\omega)}{2 (1 - \nu^2)}\, u_q. \tag{1}
-
-The pressure leads the displacement: it is higher on the
-slopes that the half-space climbs, :math:`\partial h / \partial x > 0`, and lower behind summits.
 """
 
 from dataclasses import dataclass
@@ -80,13 +75,10 @@ class RelaxingSolid:
 
 @dataclass(frozen=True, eq=False)
 class SlidingContact:
-    r"""Contact of a rough body and a viscoelastic half-space in steady sliding.
-
-    The friction :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle` is the force
-    on the half-space along :math:`-x`, against its motion, over the load.
-    """
+    """Contact of a rough body and a viscoelastic half-space in steady sliding."""
 
     pressure: np.ndarray  # (nx, ny), Pa
+    # <p dh/dx> / <p>: force on the half-space along -x, against its motion, over the load
     friction: float
     contact_fraction: float  # real over nominal contact area
     mean_gap: float  # m

@@ -1,7 +1,4 @@
-"""Newton's iteration over an increment, and a step of a path in increments.
-
-The length of the increments adapts to the convergence of Newton's iteration.
-"""
+"""Newton's iteration over an increment, and a step of a path in increments."""
 
 import logging
 from dataclasses import dataclass, replace

@@ -1,23 +1,17 @@
 r"""Bodies, states and equations of cells with friction, large strain or two bodies.
 
-A load increment couples geometry, material, contact and friction.
-
-Unknowns are the displacement :math:`u` and, if the load is prescribed, the approach
-:math:`\delta`. The contact forces are the internal forces :math:`f(u)` at the surface. With the
-pressure force :math:`p = -n \cdot f`, the gap :math:`g`, the slip :math:`w` of the step tangential
-to the obstacle and :math:`f_t` the tangential component of the force,
+The contact forces are the internal forces :math:`f(u)` at the surface. With the pressure force
+:math:`p = -n \cdot f`, the gap :math:`g`, the slip :math:`w` of the step tangential to the obstacle
+and the projection :math:`\Pi` onto the disc of radius :math:`\mu p` [1]_,
 
 .. math::
     p = \max(0,\, p - \rho_n g), \qquad
     f_t = \Pi_{\mu p}(f_t - \rho_t w),    \tag{1}
 
-with the projection :math:`\Pi` onto the disc of radius :math:`\mu p`: eqs (4)-(5) of the source
-with Coulomb friction. Normals and slips refer to the current configuration.
+in the current configuration: eqs (4)-(5) of the source with Coulomb friction.
 
-References
-----------
 .. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
-   doi:10.1016/0045-7825(91)90022-X: the equations (1).
+   doi:10.1016/0045-7825(91)90022-X.
 """
 
 from collections.abc import Callable

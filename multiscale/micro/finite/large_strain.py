@@ -1,9 +1,7 @@
-r"""Layers at large strain as bodies: internal forces, matrix-free tangent, state.
+"""Layers at large strain as bodies: internal forces, matrix-free tangent, state.
 
 Displacements, m, and forces, N, are arrays of shape ``(nx, layers, 3 or 4, ny)``, with pressures as
-the fourth component for the mean dilatation of elements. The tangent is stored as the stiffness
-matrix of each element; the same kernel applies it for all laws. The mesh of the kernels is a
-:class:`~multiscale.micro.layer.GraphArrays`.
+the fourth component for the mean dilatation of elements.
 """
 
 import math
@@ -74,16 +72,11 @@ CURVED = LATER + 9 * BATCH  # 6: M
 
 @kernel
 def _neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-untyped-def]
-    r"""Add the flux of a Gauss point and write its tangent, both pulled back.
-
-    With :math:`R = \mu I + S_v`, the frozen second Piola-Kirchhoff stress :math:`S_v` (rows 11, 22,
-    33, 12, 23, 13), :math:`g = F^{-T} T^t`, the volumetric Kirchhoff stress :math:`\tau` and its
-    derivative :math:`\tau'` by :math:`\ln J`,
-
-    .. math::
-        P T^t = F R T^t + (\tau - \mu)\, g, \qquad
-        A_{ia,kb} = \delta_{ik} (T R T^t)_{ab} + (\mu - \tau)\, g_{ib} g_{ka} + \tau' g_{ia} g_{kb}.
-    """
+    """Add the flux of a Gauss point and write its tangent, both pulled back."""
+    # R = mu I + S_v with the frozen second Piola-Kirchhoff stress S_v (rows 11, 22, 33, 12, 23,
+    # 13), g = F^-T T^t, the volumetric Kirchhoff stress t and its derivative t' by ln J:
+    #     P T^t = F R T^t + (t - mu) g,
+    #     A_iakb = delta_ik (T R T^t)_ab + (mu - t) g_ib g_ka + t' g_ia g_kb
     rx, ry, _, rt = point_rows(q)
     f, weight = s[GRADIENT + 9 * q * BATCH :], s[WEIGHT + q * BATCH :]
     height = s[GEOMETRY + rt :]

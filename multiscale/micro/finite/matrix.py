@@ -1,11 +1,9 @@
 r"""Tangent stiffness of the hexahedra of a batch, in single precision.
 
-In the parent coordinates :math:`\xi \in [-1, 1]^3`, a trilinear field is a sum of eight modes
-:math:`\xi^m = \xi_x^{m_x} \xi_y^{m_y} \xi_z^{m_z}` with :math:`m \in \{0, 1\}^3`. Their amplitudes
-:math:`a_m` follow from the corner values by a Walsh transform, which is orthogonal here. With the
-Gauss points at :math:`\pm g = \pm 1/\sqrt 3`, a derivative of a mode has the same absolute value at
-all points, so that sums over points are Walsh transforms as well. For the tangents
-:math:`A_{kl}` between the derivatives of two components,
+A trilinear field is a sum of modes :math:`\xi_x^{m_x} \xi_y^{m_y} \xi_z^{m_z}`,
+:math:`m \in \{0, 1\}^3`, with amplitudes by a Walsh transform of the corner values; sums over the
+Gauss points :math:`\pm g` are Walsh transforms as well. For tangents :math:`A_{kl}` between the
+derivatives of two components,
 
 .. math::
     K^{kl}_{mn} = g^{|m| + |n| - 2} \sum_{i \in m} \sum_{j \in n}
@@ -13,9 +11,8 @@ all points, so that sums over points are Walsh transforms as well. For the tange
     \hat A_{ij}(w) = \tfrac12 s_i s_j \sum_q (-1)^{w \cdot q} A_{ij}(q),    \tag{1}
 
 where :math:`i \in m` are the directions in which the mode is linear and :math:`s` the scales
-:math:`(1/\Delta x, 1/\Delta y, 1)`. The mode :math:`m = 0` is a translation, which causes no force.
-Only the upper triangle of a block with :math:`k = l` is stored: 231 numbers in all. Without the
-translations, the rounding of single precision does not affect them.
+:math:`(1/\Delta x, 1/\Delta y, 1)`. The upper triangles without the translation :math:`m = 0` have
+231 numbers.
 """
 
 import numpy as np

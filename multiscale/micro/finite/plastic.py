@@ -1,17 +1,15 @@
 r"""J2 plasticity in logarithmic strain for a batch: return map, flux, new state, tangent.
 
-For the equations see :class:`multiscale.laws.bulk.J2`; these kernels need no spectral
-decomposition. With the deviator :math:`e` of the strain of :mod:`.strain` and the
-pulled back directions :math:`g = F^{-T} T^t`,
+For the equations see :class:`multiscale.laws.bulk.J2`. With the deviator :math:`e` of the strain of
+:mod:`.strain` and the pulled back directions :math:`g = F^{-T} T^t`,
 
 .. math::
     P T^t = \tau g, \qquad \tau = \kappa e + \tau_v I, \qquad
     \kappa = 2 \mu (1 - \Delta\gamma / |e|).    \tag{1}
 
-The tangent is in single precision. A motion with the gradient :math:`l = d + w` changes the strain
-:math:`e` by :math:`w e - e w + f(\mathrm{ad}_e)\, d`, where :math:`\mathrm{ad}_e d = e d - d e` and
-:math:`f(x) = x \coth x` is an even series. By the theorem of Cayley and Hamilton
-:math:`f(\mathrm{ad}_e) d = \sum h_{ij}\, e^i d\, e^j` with powers up to 2, and so
+A motion with the gradient :math:`l = d + w` changes the strain :math:`e` by
+:math:`w e - e w + f(\mathrm{ad}_e)\, d` with :math:`f(x) = x \coth x`, by the theorem of Cayley and
+Hamilton :math:`\sum h_{ij}\, e^i d\, e^j` with powers up to 2, and so
 
 .. math::
     A_{ka,lb} = (\tau_v' - \tfrac{\kappa}{3}) g_{ka} g_{lb}
@@ -168,12 +166,7 @@ def plastic(s, q, moduli, state, w, tangent, lanes):  # type: ignore[no-untyped-
 
 @kernel
 def plastic_state(s, moduli, state, new):  # type: ignore[no-untyped-def]
-    r"""Write the state at the end of the step.
-
-    .. math:: C_p^{-1} + F^{-1} b\, (e^{-2 \Delta\gamma N} - I) F^{-t} - I
-
-    leaves the state of an elastic point unchanged to the last bit.
-    """
+    """Write the state C_p^-1 + F^-1 b (exp(-2 dgamma N) - I) F^-t - I at the end of the step."""
     trial_strain(s, state)
     logarithmic_strain(s)
     _flow(s, state, moduli, BATCH)

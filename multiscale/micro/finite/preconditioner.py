@@ -1,36 +1,24 @@
 r"""Newton steps by a Krylov method, with flat elastic cells as the preconditioner.
 
-On the surface, motions are prescribed or supported by springs. With rows :math:`E`
-of unit directions, compliances :math:`\epsilon` of the springs and the flat cell :math:`K_0`,
+With rows :math:`E` of unit directions of prescribed or supported motions, compliances
+:math:`\epsilon` of the springs, the flat cell :math:`K_0` and the change :math:`\zeta` of the
+approach under a prescribed load,
 
 .. math::
     K_0 z + E^t l = r, \qquad E z + e_z \zeta - \epsilon\, l = d, \qquad
-    -e_z^t l = \rho, \tag{1}
+    -e_z^t l = \rho. \tag{1}
 
-where :math:`\zeta` is a change of the approach, unknown if the load is prescribed (last equation)
-and 0 otherwise. Conjugate gradients solve the remaining problem on the surface.
-
-Two bodies are coupled at their surfaces. With their compliances :math:`C_1`, :math:`C_2`, the
-interpolation :math:`W` of the second surface at the nodes of the first and the mirror :math:`M`,
-forces :math:`l` on the nodes and their reactions move both against each other by
+Two bodies, with the interpolation :math:`W` of the second surface at the nodes of the first and the
+mirror :math:`M`, move against each other under forces :math:`l` and their reactions by
 
 .. math:: (C_1 + W M C_2 M W^t)\, l.    \tag{2}
 
-On equal grids this operator is close to a product in Fourier space, for any slid distance.
-
-At large strain pressures :math:`p` of the elements (tensile) can be unknowns. With the stiffness
-:math:`A` against shear, the changes :math:`B z` of the volumes :math:`V` and the bulk modulus
-:math:`\kappa`, the flat cell is then
+With pressures :math:`p` of the elements as unknowns, the stiffness :math:`A` against shear, the
+changes :math:`B z` of the volumes :math:`V` and the bulk modulus :math:`\kappa`, the flat cell is
 
 .. math::
     A z + B^t p = r, \qquad B z - \frac{V}{\kappa}\, p = g. \tag{3}
 
-Slopes and deformation change :math:`B` by their size, independent of the bulk modulus. Without the
-pressures, forces would change by :math:`\kappa / \mu` times as much, and conjugate directions with
-the forces.
-
-References
-----------
 .. [1] M. Benzi, G. H. Golub and J. Liesen, Acta Numer. 14 (2005) 1-137,
    doi:10.1017/S0962492904000212: saddle points, section 10.1 for preconditioners of the form (3).
 """

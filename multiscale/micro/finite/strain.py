@@ -1,29 +1,18 @@
 r"""Strains of a batch of hexahedra: deformation gradients from corner values, logarithmic strain.
 
-All numbers of a batch are in a single array ``s`` of rows of :data:`BATCH` lanes, a lane for each
-element. The constants below are offsets of its rows. With a single array the compiler recognises
-overlaps and vectorises every loop over lanes; with an array for each quantity, in a named tuple,
-the gradients take 1.7 times as long. Lanes without an element repeat the first element and are not
-scattered. Lengths are in m, forces in N, stresses in Pa. The mesh is a
-:class:`~multiscale.micro.layer.GraphArrays`.
-
-With the parent coordinates :math:`a = (x, y, \zeta)` of the layered mesh the physical gradient is
-:math:`\partial_J = T_{aJ} \partial_a`,
+All numbers of a batch are rows of :data:`BATCH` lanes, a lane for each element, of one array ``s``,
+with the constants below as offsets: separate arrays take 1.7 times as long. Lanes without an
+element repeat the first element and are not scattered. With the height :math:`h` of the element and
+the slopes :math:`s` of its node surfaces, the physical gradient is
+:math:`\partial_J = T_{aJ} \partial_a`; stresses and tangents are pulled back with it once:
 
 .. math::
-    T = \begin{pmatrix} 1 & 0 & 0 \\ 0 & 1 & 0 \\ -s_x/h & -s_y/h & 1/h \end{pmatrix},    \tag{1}
+    T = \begin{pmatrix} 1 & 0 & 0 \\ 0 & 1 & 0 \\ -s_x/h & -s_y/h & 1/h \end{pmatrix}.    \tag{1}
 
-with the height :math:`h` of the element and the slopes :math:`s` of its node surfaces. Stresses and
-tangents are pulled back with it once, so that a tangent is applied without any geometry.
-
-The deviator of the logarithmic strain needs no spectral decomposition. With the trial
-:math:`b = F C_p^{-1} F^t`,
+With the trial :math:`b = F C_p^{-1} F^t`, or its root where :math:`Z` is large, by a series,
 
 .. math::
-    \tfrac12 \ln b = \operatorname{artanh} Z, \qquad Z = I - 2 (b + I)^{-1},    \tag{2}
-
-by its series in :math:`Z`. Where :math:`Z` is too large for the series, :math:`b` is replaced by
-its root, which has half the logarithm.
+    \tfrac12 \ln b = \operatorname{artanh} Z, \qquad Z = I - 2 (b + I)^{-1}.    \tag{2}
 """
 
 import math

@@ -1,31 +1,24 @@
 r"""The opposite side in the current configuration: contact points, gaps, normals, forces.
 
-The surface nodes of the opposite side define Catmull-Rom splines for its current position,
+The surface nodes of the opposite side define Catmull-Rom splines of its current position,
 
 .. math:: x(\xi) = \sum_j W_j(\xi)\, x_j,    \tag{1}
 
-periodic but for the period of the cell, with :math:`\xi` in grid points. A node at :math:`y` meets
-it at the point :math:`\xi` above or below it. The splines reproduce linear functions, so that the
-nodal forces :math:`W_j t` of a force :math:`t` at :math:`x(\xi)` have the same resultant and the
-same moment. The normals are continuous, so that sliding nodes meet no kinks.
-
-With the tangents :math:`x_\alpha = \partial x / \partial \xi^\alpha` of a contact point, their
-duals :math:`a^\alpha` and the normal :math:`n`, a node that moves by :math:`w` relative to the
-point changes
+with :math:`\xi` in grid points. With the tangents :math:`x_\alpha = \partial x / \partial
+\xi^\alpha` of a contact point, their duals :math:`a^\alpha` and the normal :math:`n`, a node that
+moves by :math:`w` relative to the point changes [1]_
 
 .. math::
     \delta\xi^\alpha = a^\alpha \cdot w, \qquad
     \delta n = -a^\alpha\, n \cdot (x_{\alpha\beta}\, \delta\xi^\beta
-        + \textstyle\sum_j W_{j,\alpha}\, \delta u_j).    \tag{2}
+        + \textstyle\sum_j W_{j,\alpha}\, \delta u_j),    \tag{2}
 
-For a rigid side :math:`u_j = 0`. The displacements of a second body are :math:`u_2 = M v_2`,
-:math:`M = \mathrm{diag}(1, 1, -1)`, with :math:`v_2` in its local frame. A contact force :math:`t`
-on the node has the reactions :math:`-W_j t` on the nodes of the second body.
+with :math:`u_j = 0` on a rigid side, and :math:`u_2 = \mathrm{diag}(1, 1, -1)\, v_2` with
+:math:`v_2` in the local frame of a second body, on which a force :math:`t` has the reactions
+:math:`-W_j t`.
 
-References
-----------
 .. [1] T. A. Laursen and J. C. Simo, Int. J. Numer. Methods Eng. 36 (1993) 3451-3485,
-   doi:10.1002/nme.1620362005: two bodies in the current configuration, and the linearisation (2).
+   doi:10.1002/nme.1620362005.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,7 +1,4 @@
-"""Cells on scikit-fem meshes: any element, any geometry below a named contact face.
-
-The stiffness is factorised once, or inverted by multigrid where it is large.
-"""
+"""Cells on scikit-fem meshes: any element, any geometry below a named contact face."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

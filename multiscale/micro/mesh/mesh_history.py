@@ -1,18 +1,15 @@
 r"""Cells on meshes with history: plastic flow, or friction against a rigid flat.
 
-The equations of an increment are the same as for a cell at large strain, for any element. A metal
-is J2 in logarithmic strain, which at small strain is the classical return map. Newton's matrix is
-assembled and factorised. With the internal forces f, their tangent T, the weight
-:math:`\rho_t`, the direction a of the trial friction force and b across it, its rows are
+With the internal forces f, their tangent T, the weight :math:`\rho_t`, the direction a of the trial
+friction force and b across it, the gap g, the slip w since the start and the relative resistance s
+across the slip, the rows of Newton's matrix are
 
 .. math::
     &T_z\, \mathrm{d}u \;\to\; \mathrm{d}u_z + \mathrm{d}\delta = g
         && \text{in contact,} \\
     &T_t\, \mathrm{d}u \;\to\; \mathrm{d}u_t = -w_t && \text{sticking,} \\
     &T_t\, \mathrm{d}u \;\to\; (T_t + \mu\, a\, T_z + \rho_t s\, b\, b^T)\, \mathrm{d}u
-        && \text{slipping,}    \tag{1}
-
-with the gap g, the slip w since the start and the relative resistance s across the slip.
+        && \text{slipping.}    \tag{1}
 """
 
 from dataclasses import dataclass

@@ -1,22 +1,17 @@
 r"""Unknowns of a cell on a mesh with conditions on its sides, and multigrid as their inverse.
 
-Nodal displacements are :math:`u = E v`. A node of a periodic side moves as its image; the base is
-fixed. On the contact face of quadratic tetrahedra :math:`v` are the coefficients in a basis
-with positive integrals over every facet,
+Nodal displacements are :math:`u = E v`. On the contact face of quadratic tetrahedra :math:`v` are
+coefficients in a basis with positive integrals over every facet [1]_,
 
 .. math::
     \varphi_c = N_c + \alpha \sum_e N_e, \quad \varphi_e = (1 - 2\alpha) N_e, \qquad
     u_e = (1 - 2\alpha) v_e + \alpha (v_{c_1} + v_{c_2}),    \tag{1}
 
-with corners c, middles e of edges and :math:`\alpha = 1/5`. The integrals of
-the shape functions of corners over a facet are zero, so that corners would carry no pressure.
-Contact in the coefficients :math:`v` is contact in the mean with the dual basis of
-:math:`\varphi`; other elements have :math:`\alpha = 0`.
+with corners c, middles e of edges and :math:`\alpha = 1/5` (0 for other elements). Contact in
+:math:`v` is contact in the mean with the dual basis of :math:`\varphi`.
 
-References
-----------
 .. [1] A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34 (2012)
-   B421-B446, doi:10.1137/110848190: the basis of (1) and its dual.
+   B421-B446, doi:10.1137/110848190.
 """
 
 from dataclasses import dataclass, field
@@ -126,12 +121,7 @@ def cell_unknowns(basis: "CellBasis", sides: str) -> CellUnknowns:
 def _top_face(
     basis: "CellBasis",
 ) -> tuple[np.ndarray, sparse.csr_array, sparse.csr_array, np.ndarray]:
-    r"""Contact facets of a cell, with the basis of (1).
-
-    Returns the nodes of every facet, shape (corners and middles, facets), the matrix from
-    coefficients to nodal values and its inverse, shape (n, n), and the projected area of every
-    coefficient, :math:`\int \varphi_i n_z`, shape (n,), m2.
-    """
+    """Nodes of contact facets, matrix of (1) and inverse, (n, n), projected areas, (n,), m2."""
     from skfem import FacetBasis
 
     face = FacetBasis(basis.mesh, basis.elem, facets="top", dofs=basis.dofs)
@@ -231,15 +221,11 @@ FIRST = 0.1  # share of the nodes in the first active set under a load
 class MultigridInverse:
     r"""Algebraic multigrid as the inverse of a large mesh in contact with a flat.
 
-    On an active set A the unknowns are the free displacements :math:`v_f` and, under a load, the
-    approach :math:`\delta`: with a motion d that lowers A by a unit, :math:`d_A = -1`, the
-    displacements are :math:`v + \delta d`. Their stiffness is inverted approximately by
+    On an active set A, displacements are :math:`v + \delta d` with a motion d that lowers A by a
+    unit, and the inverse is approximately, with a cycle V of smoothed aggregation [2]_ on rigid
+    motions,
 
-    .. math:: V r + \frac{d\, d^t r}{d^t K d},    \tag{2}
-
-    with V a cycle of smoothed aggregation, with coarse spaces that contain the six rigid motions
-    [2]_. It is set up for an active set and used for the following active sets, without the rows of
-    A, until the iteration gets slow.
+    .. math:: V r + \frac{d\, d^t r}{d^t K d}.    \tag{2}
 
     .. [2] P. Vaněk, J. Mandel and M. Brezina, Computing 56 (1996) 179-196, doi:10.1007/BF02238511.
     """
