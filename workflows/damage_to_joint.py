@@ -1,10 +1,10 @@
-"""A joint of cast blocks with pores is pressed many times: its stiffness and its life.
+"""Compute stiffness and life of a joint of cast blocks with pores under cyclic pressure.
 
-Damage on plane sections (eq (1)) and effective stiffness of a volume with pores differ: the blocks
-of the joint have the stiffness. The stress of the weakest section, cycled far below the yield
-stress, makes weak inclusions flow until they crack, one after the other, and take their shares of
-the section with them. The law of the interface comes from elastic cells of milled faces, whose
-roughness is stated. In cases, [fatigue] does the same for the elements of bodies.
+The blocks of the joint have the effective stiffness of a volume with pores, which is not the damage
+on plane sections (eq (1)). The stress of the weakest section, cycled far below the yield stress,
+makes weak inclusions flow until they crack, one after the other, and reduce the section by their
+shares. The law of the interface comes from elastic cells of milled faces with a given
+roughness. In cases, [fatigue] does the same for the elements of bodies.
 
     python workflows/damage_to_joint.py -o damage [--quick]
 
@@ -44,7 +44,7 @@ FACE = {"rms_height": 5.7e-6, "hurst_exponent": 0.8, "long_cutoff": 4e-4, "short
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Go from pores to the life of a joint, write every step and draw it."""
+    """Compute the life of a joint from its pores; write and draw every step."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("damage"))
     parser.add_argument("--quick", action="store_true", help="coarse images, few sections")
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     size = (1.6e-3, 1.6e-3)
     faces = [micro.self_affine((64, 64), size, k, **FACE) for k in range(3 if quick else 12)]
-    # half the modulus: both faces give way
+    # half the modulus: both faces deform
     cells = [micro.Cell(face, size[0], 8, 0.5 * E, NU, geometry="flat") for face in faces]
     path = micro.Path(pressure=tuple(np.geomspace(2.5e6, 260e6, 10)))
     law = fit_law(micro.run_ensemble(cells, path))

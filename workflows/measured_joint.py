@@ -1,11 +1,11 @@
 """A joint of two rough faces, calibrated by its measured stiffness and a shear loop.
 
 Cells of the two faces give the law with its uncertainty. Stiffness at low preloads and a loop
-correct it, with frame and zero of the load unknown; it predicts a loop under four times the load.
+correct it, with unknown frame and zero of the load; it predicts a loop at four times the load.
 
     python workflows/measured_joint.py -o calibrated [--tables STIFFNESS LOOP HELD_OUT] [--quick]
 
-leaves ``interface_law.nc`` and ``measured_joint.png``, the loop by cells and by the calibrated law;
+writes ``interface_law.nc`` and ``measured_joint.png``, the loop by cells and by the calibrated law;
 without tables also the tables of a joint with rougher faces, friction .24, a frame and noise.
 """
 
@@ -31,7 +31,7 @@ SHOWN = {"1": (1.0, ""), "m/Pa": (1e12, " µm/MPa"), "Pa": (1e-6, " MPa")}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Calibrate the law, and predict the loop that was held out."""
+    """Calibrate the law, and predict the loop that was left out."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("calibrated"))
     parser.add_argument("--tables", type=Path, nargs=3, help="with the columns of the tables here")

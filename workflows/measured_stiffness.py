@@ -1,8 +1,8 @@
-"""The law of an interface from a table of measured stiffness, judged by specimens left out.
+"""Fit the law of an interface to a table of measured stiffness, and test it on other specimens.
 
 The table has the stiffness of an interface over its pressure, with units in its first line.
-Without ``--csv`` it writes a table: K = 3 (p/MPa)^0.6 MPa/um, specimens that scatter by 10 %,
-and 3 % of noise. The last quarter of the specimens, which no fit has seen, judges the best family.
+Without ``--csv`` the script writes a table: K = 3 (p/MPa)^0.6 MPa/um, specimens that scatter by
+10 %, and 3 % of noise. The last quarter of the specimens is left out of the fit, for a test.
 
     python workflows/measured_stiffness.py -o measured [--csv FILE] [--quick]
 
@@ -31,7 +31,7 @@ BLOCK = Block(5e-3, 210e9, 0.3)  # of steel
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Go from the table to the joint, and draw both."""
+    """Fit the table, solve the joint, and draw both."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("measured"))
     parser.add_argument("--csv", type=Path, help='such as "pressure (MPa), stiffness (MPa/um)"')

@@ -1,13 +1,13 @@
-"""Two rough bodies slide over each other: friction against pressure and sliding distance.
+"""Slide two rough bodies over each other: friction against pressure and sliding distance.
 
-A soft steel surface is ploughed by a hard elastic one. Both are deformable, at large strain, with
+A hard elastic surface ploughs soft steel. Both are deformable, at large strain, with
 a local friction coefficient at each point of contact; the rest of the resistance is ploughing, the
-work of plastic flow. The first pass flattens the soft summits, so that later passes plough less.
+work of plastic flow. The first pass flattens the soft summits, so later passes plough less.
 
     python workflows/ploughing.py -o ploughing [--quick]
 
-leaves the dataset ``sliding_response.nc`` and its figure ``friction.png``. It takes about twenty
-minutes; ``--quick`` takes a coarse grid, one pressure and a short way.
+writes the dataset ``sliding_response.nc`` and its figure ``friction.png`` in about twenty
+minutes; ``--quick`` takes a coarse grid, one pressure and a short distance.
 """
 
 import argparse
@@ -28,7 +28,7 @@ LOCAL_FRICTION = 0.1
 
 
 def rough(points: int, seed: int, slope: float) -> Surface:
-    """Return a self-affine surface with waves from the cell's size to a quarter of it."""
+    """Return a self-affine surface with wavelengths from the cell size to a quarter of it."""
     return self_affine(
         (points, points),
         (SIZE, SIZE),
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Slide, write and draw."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("ploughing"))
-    parser.add_argument("--quick", action="store_true", help="coarse, one pressure, a short way")
+    parser.add_argument("--quick", action="store_true", help="coarse, one pressure, short distance")
     arguments = parser.parse_args(argv)
     out = make_folder(arguments.out)
 

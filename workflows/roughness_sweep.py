@@ -1,16 +1,16 @@
-"""A bolted lap joint over the roughness of its faces: stiffness, slip and loss of a cycle.
+"""Vary the roughness of a bolted lap joint: stiffness, slip and loss of a cycle.
 
-The shipped case ``bolted_lap``, whose upper face is lapped, is run for rms heights and Hurst
-exponents of its ground face: cells, sheared cells, law and joint of every point, each on one of
-the worker processes, or of the workers of a dask scheduler. A run that was stopped goes on.
+The shipped case ``bolted_lap``, with a lapped upper face, is run for several rms heights and Hurst
+exponents of its ground face, on worker processes or the workers of a dask scheduler. The same
+command continues a stopped run.
 
     python workflows/roughness_sweep.py -o roughness [--jobs N] [--dask ADDRESS] [--quick]
 
-leaves the case ``case.toml`` with its table ``[sweep]``, which ``multiscale run`` takes as well,
+writes the case ``case.toml`` with its table ``[sweep]``, also for ``multiscale run``,
 ``sweep.nc``, the runs of the points in ``points``, and ``roughness_sweep.png``: the answers with
-their 95 % intervals. ``--dask local`` starts a scheduler and workers on this machine, others are
-started by ``dask scheduler`` and ``dask worker``. ``--quick`` has two points with few cells, which
-are not sheared: their friction is given.
+their 95 % intervals. ``--dask local`` starts a scheduler and workers on this machine; ``dask
+scheduler`` and ``dask worker`` start others. ``--quick`` has two points with few cells and a given
+friction instead of sheared cells.
 """
 
 import argparse

@@ -1,14 +1,14 @@
-"""Two measured surfaces become a bolted lap joint: its law, its stiffness, slip and loss.
+"""Compute law, stiffness, slip and loss of a bolted lap joint of two measured surfaces.
 
-Windows of the two maps are cells, which are pressed and, some of them, sheared; their law goes to
-a lap joint of two plates under a bolt, which is sheared to and fro. Without ``--surfaces`` the
-script writes two maps of ground steel in the format SDF of ISO 25178-71.
+Windows of the two maps are cells, which are pressed; some of them are also sheared. A lap joint of
+two plates under a bolt has the law of the cells, and is sheared to and fro. Without ``--surfaces``
+the script writes two maps of ground steel in the format SDF of ISO 25178-71.
 
     python workflows/surfaces_to_joint.py -o lap [--surfaces FILE FILE] [--quick]
 
-leaves the two maps, the case ``case.toml``, the datasets of its run in ``run``, and
-``surfaces_to_joint.png``: one cell in contact, the law, and the loop of force and displacement with
-its bands. ``--quick`` is coarser. Any format that SurfaceTopography reads will do.
+writes the two maps, the case ``case.toml``, the datasets of its run in ``run``, and
+``surfaces_to_joint.png``: a cell in contact, the law, and the loop of force and displacement with
+its bands. ``--quick`` is coarser. Maps may have any format that SurfaceTopography reads.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from multiscale.surfaces import self_affine
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Go from the maps to the joint, and draw the way."""
+    """Solve the joint of the maps, and draw its steps."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("lap"))
     parser.add_argument("--surfaces", type=Path, nargs=2, help="maps of both faces")
@@ -78,7 +78,7 @@ def write_case(file: Path, maps: Sequence[Path]) -> Path:
 
 
 def write_map(file: Path, *, seed: int) -> Path:
-    """Write a tilted map of ground steel, 3 mm by 3 mm, as an instrument would."""
+    """Write a tilted map of ground steel, 3 mm by 3 mm, in the format of an instrument."""
     band = {"hurst_exponent": 0.8, "long_cutoff": 2e-4, "short_cutoff": 1e-4}
     surface = self_affine((256, 256), (3e-3, 3e-3), seed, rms_height=0.4e-6, **band)
     heights = 1e6 * surface.heights + 1e-3 * seed * np.arange(256)[:, None]  # um

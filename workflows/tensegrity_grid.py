@@ -1,13 +1,13 @@
-"""Cables of a tensegrity grid go slack under load, and swing when it is taken away.
+"""Load a tensegrity grid until its cables go slack, then remove the load.
 
-Shows what no linear analysis can: the load factor raised from 0 to 1, a growing share of the cables
-goes slack, and the tensions spread to several times the prestress (figure ``sorted_tensions``);
-where they are slack is drawn in the deformed grid. Then the load is removed at once: the energies
-over time show the exchange of kinetic and elastic energy, and that their sum is constant.
+As the load factor rises from 0 to 1, a growing share of the cables goes slack, and the tensions
+rise to several times the prestress (figure ``sorted_tensions``); a figure of the deformed grid
+marks the slack cables. Then the load is removed suddenly: kinetic and elastic energy are drawn over
+time, with their constant sum.
 
     python workflows/tensegrity_grid.py -o tensegrity [--quick]
 
-leaves in ``tensegrity/static`` and ``tensegrity/unloading`` a dataset, figures and a series for
+writes in ``tensegrity/static`` and ``tensegrity/unloading`` a dataset, figures and a series for
 ParaView in ``fields``. ``--quick`` takes 4 x 4 modules in place of 16 x 16.
 """
 

@@ -1,20 +1,20 @@
-"""A rough structure solved with a law, with cells where its load asks for them, and resolved.
+"""Solve a rough structure with a law, with cells at all points, and with resolved roughness.
 
 *Sequential*: cells are pressed, a law is fitted, the structure is solved with it; *law at hand* is
-this solve only. *Adaptive*: the cells are pressed under three pressures, and further where the load
-of the structure leaves them, as `way = "adaptive"` of a case does. *Concurrent*: a cell is solved
-wherever the structure asks for a pressure. *Direct*: all roughness is in the model of the
-structure. The scenes are a wave that is rough and a joint of two blocks under a tilted platen; the
-longest wavelength of the roughness is 1/4 to 1/32 of them. The functions below serve guide 11 too.
+this solve only. *Adaptive*: the cells are pressed under three pressures, and at further pressures
+of the structure, like `way = "adaptive"` of a case. *Concurrent*: a cell is solved for each
+pressure of the structure. *Direct*: all roughness is in the model of the structure. The scenes are
+a rough wave and a joint of two blocks under a tilted platen; the longest wavelength of the
+roughness is 1/4 to 1/32 of their length. Guide 11 uses the functions below.
 
     python workflows/three_ways.py -o three_ways [--quick]
 
-leaves the dataset ``work_precision.nc`` and its figure, error of the mean gap against run time of
-one answer. It takes a quarter of an hour; ``--quick`` takes one ratio, coarse grids, few surfaces.
+writes the dataset ``work_precision.nc`` and its figure, error of the mean gap against run time of
+an answer, in a quarter of an hour; ``--quick`` takes one ratio, coarse grids, few surfaces.
 
-The truth of a structure with a given surface is resolved on the finest grid and extrapolated; the
-bound of what is left is the uncertainty. ``error`` is the root mean square over the structures, as
-a law or a cell does not know the surface at hand; ``mean_error`` is the error of their mean.
+The reference of a structure with a given surface is extrapolated from the finest grids, with a
+bound of its error as uncertainty. ``error`` is the root mean square over the structures, because a
+law or a cell does not depend on the given surface; ``mean_error`` is the error of their mean.
 """
 
 import argparse
@@ -186,7 +186,7 @@ def half_space_stiffness(points: int, length: float, contact_modulus: float) -> 
 
 
 class TiltedJoint(RoughStructure):
-    r"""Two steel blocks in plane strain between platens; the upper platen comes down tilted.
+    r"""Two steel blocks in plane strain between platens; the upper platen is tilted.
 
     Each block is as wide as :math:`\ell` and half as high. The upper platen comes down by
 
@@ -254,7 +254,8 @@ class TiltedJoint(RoughStructure):
 
     def mesh_profile(self, profile: np.ndarray) -> Answer:
         """Solve the joint with a periodic profile, m, positive into the lower block."""
-        # the mesh starts clear of the lower block: the platen comes down by this much more
+        # the mesh starts above the lower block: the displacement of the platen includes this
+        # distance
         lower, upper = self.bodies(profile, float(np.max(profile)))
         problem = FiniteAssembly(
             {"lower": lower, "upper": upper},
@@ -393,7 +394,7 @@ EFFORTS = ((1 / 4, 8, 16), (1 / 8, 6, 16), (1 / 16, 4, 8), (1 / 32, 3, 8))
 def measure(
     structure: Structure, seeds: range, finest: int, cells: int, points: int
 ) -> Iterator[dict[str, object]]:
-    """Answer in all ways, and judge the answers by the truth; a row for each."""
+    """Return a row for each way and grid with its error against the reference."""
     grids = [4 * 2**k for k in range(int(np.log2(finest / 4)) + 1)]
     direct = {n: solve_direct(structure, seeds, points_per_wave=n) for n in grids}
     coarser = {finest / n: direct[n].gaps for n in grids[:-1]}

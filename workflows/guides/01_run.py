@@ -1,10 +1,10 @@
-"""A run from Python: one case, its stiffness, and the law that it leaves.
+"""A run from Python: a case, its stiffness, and its interface law.
 
-Question: what does the command ``multiscale run`` do, and how does Python reach each part of it?
+Question: what does the command ``multiscale run`` do, and how is each part of it used from Python?
 
     python workflows/guides/01_run.py
 
-leaves the folder ``results_from_python``. All other guides that need a run read the folder
+writes the folder ``results_from_python``. All other guides that need a run read the folder
 ``results`` of the first command in the README.
 """
 
@@ -12,16 +12,16 @@ from multiscale.io import open_law
 from multiscale.pipeline import load_case, run
 from multiscale.upscaling import law_from_dataset
 
-# A case is a file, or the name of a shipped case. quick() takes fewer and coarser cells, and the
-# cautions state it. A case is frozen; model_copy makes a changed one. Flat cells are used
-# here because they are the fastest: they take the roughness as the gap of an elastic layer, which
-# is right for small slopes.
+# A case comes from a file or by the name of a shipped case. quick() takes fewer and coarser cells,
+# which the cautions report. A case is frozen; model_copy makes a changed copy. Flat cells are used
+# here because they are the fastest: their roughness is the gap of an elastic layer, which is
+# accurate for small slopes.
 case = load_case("ground_steel").quick()
 flat = case.cell.model_copy(update={"geometry": "flat"})
 case = case.model_copy(update={"cell": flat})
 
-# The results hold one dataset for each arrow of the chain. Every dataset is also a file in the
-# folder. The same call again finds the finished cells and continues from them.
+# The results have a dataset of each stage of the chain, which is also a file in the folder. The
+# same call reads finished cells from the folder and computes only the others.
 results = run(case, "results_from_python")
 stiffness = results.macro_result["joint_stiffness"]  # Pa/m, at each preload
 print(stiffness)

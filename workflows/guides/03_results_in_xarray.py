@@ -1,10 +1,10 @@
-"""Results in xarray: select, plot, refit and export what a run has left.
+"""Results in xarray: select, plot, refit and export the datasets of a run.
 
-Question: how does one work with the datasets of a run, and hand its law to another program?
+Question: how are the datasets of a run used, and how does another program read its law?
 
     python workflows/guides/03_results_in_xarray.py
 
-reads the folder ``results`` of the first command in the README, and leaves ``gap.csv``,
+reads the folder ``results`` of the first command in the README, and writes ``gap.csv``,
 ``law.csv`` and ``rough_joint.inp``.
 """
 
@@ -29,7 +29,7 @@ from multiscale.upscaling import (
 #                                                               and effort of the cells
 #   shear_response        realisation, step, component          the same of cells that are pressed,
 #                                                               sheared and released
-#   control_response      realisation, step, component          flat cells that control dearer cells
+#   control_response      realisation, step, component          flat control cells
 #   coarser_response      realisation, step, component          the first cells on half of their
 #                                                               points, and coarser_shear_response
 #   interface_law         term, sample, step                    law, bootstrap samples, fit errors

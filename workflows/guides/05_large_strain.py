@@ -25,23 +25,23 @@ path = Path(
 pressed = solve_cell(cell, path, tolerance=1e-6)
 print(pressed["traction"], pressed["slip_fraction"], pressed["flowing_fraction"])
 
-# One semismooth Newton iteration solves geometry, material, contact and friction together. A step
-# of a path is cut where it fails. A path that cannot be completed keeps its solved steps and gives
-# the reason in the attribute "ended".
+# A semismooth Newton method solves geometry, material, contact and friction together. A step that
+# fails is divided. A path that cannot be completed keeps its solved steps, with the reason in the
+# attribute "ended".
 #
-# The answer of a plastic body depends on its increments. The approach moves by at most a fortieth
-# of the range of heights in each increment; Path(refinement=2) halves that. A case does so for one
-# realisation: a caution and the term "increments" of the error budget state the remaining error
-# (1 to 3 %). Friction is integrated backward in each increment, so that the work of friction is too
-# large in proportion to the length of the increments.
+# The answer of a plastic body depends on its increments. The approach changes by at most a fortieth
+# of the range of heights in each increment, or half of it with Path(refinement=2). A case uses both
+# for one realisation: a caution and the term "increments" of the error budget contain the remaining
+# error (1 to 3 %). Friction is integrated backward in each increment, so the error of the work of
+# friction is positive and proportional to the length of the increments.
 #
-# In bodies that flow or whose Poisson's ratio is .4 and more, the pressure of each element is an
-# unknown of its own. So a cell with a slope of .5 and a Poisson's ratio of .4999 takes as many
+# In bodies that flow or have a Poisson's ratio of .4 or more, the pressure of each element is a
+# separate unknown. A cell with a slope of .5 and a Poisson's ratio of .4999 then takes as many
 # iterations as a cell with .49: 8 Newton iterations per increment, and 9 linear iterations in each.
 
-# With SecondBody the obstacle is a second deformable body behind its underside, with a law of its
-# own, and both bodies meet in the current configuration. slide_cell presses a cell and slides it at
-# each of several pressures. Both bodies are periodic, so that the way may be many periods long.
+# With SecondBody the obstacle is the surface of a second deformable body with a separate law, and
+# both bodies touch in the current configuration. slide_cell presses a cell and slides it at each
+# of several pressures. Both bodies are periodic, so the distance may be many periods.
 small = Surface(0.5e-6 * x[:, None] * x, (50e-6, 50e-6))
 under = Surface(-small.heights, small.size)  # seen from below: summits meet at first
 body = SecondBody(50e-6, 8, Elastic(210e9, 0.3))
@@ -49,12 +49,12 @@ pair = Cell(small, 50e-6, 8, 210e9, 0.3, obstacle=under, friction_coefficient=0.
 slid = slide_cell(pair, (20e6, 80e6), 50e-6, steps=8)  # one period
 print(slid["effective_friction"], slid["steady_friction"])
 
-# The nodes of the first body carry the contact, so that the first body should not be the coarser
-# one: where the points of the second body do not divide the points of the first body, a uniform
+# Contact is enforced at the nodes of the first body, so its mesh should not be the coarser mesh. If
+# the number of points of the second body does not divide the number of the first body, a uniform
 # pressure is reproduced within a few per cent.
 #
-# Metal that flows is ploughed: workflows/ploughing.py slides hard on soft steel and draws friction
-# against pressure and distance. The increments count there too: sliding up the rms slope closes by
-# default as much in each increment as the approach may, and ploughing comes out 5 to 10 % low.
+# workflows/ploughing.py slides hard on soft steel, which is ploughed, and draws friction against
+# pressure and distance. An increment of sliding times the rms slope is by default as large as the
+# largest increment of approach; ploughing is then 5 to 10 % too low.
 #
 # Agreement with GetFEM and CalculiX at large strain is in workflows/bench.md.

@@ -1,6 +1,6 @@
 """Substructures and rough joints: preload, shear cycles, stick, slip and loss.
 
-Question: how stiff is the joint of two blocks, where does it slip, and what does a cycle cost?
+Question: how stiff is the joint of two blocks, where does it slip, and what does a cycle dissipate?
 
     python workflows/guides/08_joints.py
 
@@ -15,10 +15,10 @@ from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.upscaling import law_from_dataset
 
-# A structure is cut into substructures that a micro-macro method solves side by side. Where two
-# bodies meet, an interface carries a law, here the fitted law with friction: a bed of springs that
-# slip one after the other. The friction coefficient and the ratio of tangential to normal stiffness
-# are assumptions; cells dissipate 2 to 10 % more in a cycle than the bed.
+# A micro-macro method solves the substructures of a structure in parallel. The interface between
+# two bodies has a law, here the fitted law with friction: a bed of springs that slip one after the
+# other. The friction coefficient and the ratio of tangential to normal stiffness are assumptions;
+# cells dissipate 2 to 10 % more in a cycle than the bed.
 normal = law_from_dataset(open_law("results/interface_law.nc"))
 law = Sliders(normal, friction=0.2, stiffness_ratio=0.8)
 steel = Elastic(210e9, 0.3)
@@ -30,22 +30,22 @@ print(joint["slip_fraction"].values)  # share of the joint that slips in a step
 print(joint["cycle_energy"].values)  # J
 
 # Both sides of an interface are plane; their meshes need not match. A shear beyond friction ends
-# the steps, and the result states where. A joint may also be rigid (RigidContact: unilateral, with
-# Coulomb friction), for LATIN. Bodies, interfaces between their faces and your load cases make
-# an Assembly, which solve_assembly takes with AssembledNewton, LatinMethod or NewtonSchur.
+# the steps, and the result reports the step. With LATIN a joint may also be rigid (RigidContact:
+# unilateral, with Coulomb friction). An Assembly consists of bodies, interfaces between their faces
+# and load cases; solve_assembly solves it by AssembledNewton, LatinMethod or NewtonSchur.
 #
-# The scenes rough_blocks.toml and lap_joint.toml ask the same of files. The case bolted_lap begins
-# at its surfaces, and takes friction and tangential stiffness from its cells. Lap joints are two
+# The scenes rough_blocks.toml and lap_joint.toml do the same from files. The case bolted_lap starts
+# from its surfaces, and takes friction and tangential stiffness from its cells. Lap joints are two
 # plates with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers, or has
-# a shank (bolt = "8 mm") whose force changes. In a case blocks and joints may be damaged,
-# damage = [0.3, 0], and blocks may have the elastic tensor of a representative volume (rve). With
-# homogenise = true in [substructures] a dataset holds the stiffness of every substructure against
-# the resultants of its interfaces, before and after slackening.
+# an elastic shank (bolt = "8 mm") with a variable force. In a case blocks and joints may have
+# damage, damage = [0.3, 0], and blocks may have the elastic tensor of a representative volume
+# (rve). With homogenise = true in [substructures] a dataset has the stiffness of every substructure
+# against the resultants of its interfaces, before and after slackening.
 #
-# multiscale macro prints, at each preload, the stiffness and the shares that stick, slip and are
-# open, the energy that a cycle loses, and a caution with the share of the load outside the data of
-# the law. If the law carries a budget, each answer has the two intervals of guide 02. The dataset
-# has traction, jump, state and dissipation at every point. The page draws zones, pressure, loop and
+# multiscale macro prints, at each preload, the stiffness, the shares that stick, slip and are open,
+# the energy dissipated in a cycle, and a caution with the share of the load outside the data of the
+# law. If the law has a budget, each answer has the two intervals of guide 02. The dataset has
+# traction, jump, state and dissipation at every point. The page draws zones, pressure, loop and
 # loss (multiscale.plotting.joint_pictures). The series for ParaView has displacement, von Mises
 # stress, strain energy and damage of the bodies, and gap, pressure, shear and state of the joint.
 #

@@ -1,4 +1,4 @@
-"""The meshes of the shipped case ``brake_reuss``: two half-beams that three solid bolts clamp.
+"""Mesh the shipped case ``brake_reuss``: two half-beams clamped by three solid bolts.
 
     python workflows/manual/beam_meshes.py [FOLDER]
 
@@ -22,8 +22,8 @@ FOLDER = Path(__file__).parents[2] / "microcases" / "brake_reuss"
 LENGTH, HALF_LAP, HALF_WIDTH, HEIGHT = 720.0, 60.706, 12.7, 12.7
 SPACING, HOLE, WASHER, SHANK = 30.175, 4.2164, 8.73125, 3.75  # the last three are radii
 DEPTH = 0.2
-"""Where the shank is cut, in heights of the nut, and its radius, between those of shank and thread
-(3.97 and 3.26 mm), are chosen so that the frequencies without contact have the published values."""
+"""The place of the cut of the shank, in heights of the nut, and the radius of the shank, between
+its nominal radius and thread (3.97 and 3.26 mm), match published frequencies without contact."""
 HEAD = np.sqrt(2.0 * np.sqrt(3.0) * 6.35**2 / np.pi)
 WASHER_HEIGHT, HEAD_HEIGHT, SHANK_LENGTH = 1.5875, 5.159375, 38.1
 SIDES, RINGS, LAYERS, ARM, END = 2, 1, 3, 21, 6
@@ -108,7 +108,7 @@ def main(folder: Path = FOLDER) -> None:
     for sign in (1.0, -1.0):
         lap += _strip(sign * ends, y)
 
-    up = HEIGHT * np.linspace(0.0, 1.0, LAYERS + 1) ** 1.5  # thin ones at the notch
+    up = HEIGHT * np.linspace(0.0, 1.0, LAYERS + 1) ** 1.5  # thin layers at the notch
     seat, top = HEIGHT + WASHER_HEIGHT, HEIGHT + WASHER_HEIGHT + HEAD_HEIGHT
     cut = -seat - DEPTH * HEAD_HEIGHT
     through = np.array([cut, -seat, *np.linspace(-HEIGHT, HEIGHT, 2 * LAYERS + 1), seat])

@@ -1,9 +1,9 @@
-"""The meshes of the scene ``bolted_cover``: a cover on a housing, with holes for three bolts.
+"""Mesh the scene ``bolted_cover``: a cover on a housing, with holes for three bolts.
 
     python workflows/manual/cover_meshes.py [FOLDER]
 
 from the root of a checkout writes ``cover.msh`` and ``housing.msh`` in mm, by gmsh, into
-``workflows/scenes/bolted_cover``. The faces where they meet are meshed unlike each other.
+``workflows/scenes/bolted_cover``. The meshes of the two faces of the joint do not match.
 """
 
 import sys

@@ -1,11 +1,11 @@
-"""Share of stated 95 % intervals that contain the truth, over many seeded scenes.
+"""Measure the share of stated 95 % intervals that contain the truth, over many seeded scenes.
 
     python workflows/manual/intervals.py [--scenes N]
 
 from the root of a checkout draws scenes of flat cells, which differ in Hurst exponent, band, slope
 and pressures. The truth of a scene is the mean of 32 realisations, pressed in half the steps and
-beyond the ends of the data. Ensembles of 3 and 6 others are fitted, and the total error of a budget
-covers the error at a step or does not. The script writes ``workflows/coverage.md`` and its figure.
+beyond the ends of the data. A law is fitted to ensembles of 3 and 6 others, and the error of each
+step is compared with the total error of its budget. ``workflows/coverage.md`` has the result.
 """
 
 import argparse
@@ -32,7 +32,7 @@ HEAD = """\
 Share of stated 95 % intervals that contain the truth, in {scenes} scenes of flat cells (Hurst
 exponent 0.3 to 0.9, one or two longest wavelengths per edge, band two to four, slope 0.02 to 0.2,
 pressures over a factor of 10 to 100), each with {ensembles} ensembles of {sizes} realisations;
-the truth are {truth} other realisations. Behind ± stands the 95 % interval of the mean over the
+the truth are {truth} other realisations. After ± is the 95 % interval of the mean over the
 scenes. (`python workflows/manual/intervals.py`, {day}, {seconds:.0f} processor seconds)
 
 | quantity | {heads} |

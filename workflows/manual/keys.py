@@ -1,4 +1,4 @@
-"""The pages of keys of case files, written from the models that read them.
+"""Write the pages of keys of case files from the models that read them.
 
     python workflows/manual/keys.py
 

@@ -1,9 +1,9 @@
-"""The pictures of the manual, made anew.
+"""Draw the pictures of the manual.
 
-``joint.png``, the first picture of the README, is of ``bolted_lap``: where it sticks and slips, its
-loop, and its stiffness and loss against preload and amplitude. ``chain.png`` follows a case from
+``joint.png``, the first picture of the README, has zones of stick and slip of ``bolted_lap``, its
+loop, and its stiffness and loss against preload and amplitude. ``chain.png`` shows a case from
 its surface to its joint; ``structures.png`` has slack cables of a tensegrity grid, zones of stick
-and slip, and the forces in a pile of grains. The other pictures stand in the gallery.
+and slip, and the forces in a pile of grains. The other pictures are in the gallery.
 
     python workflows/manual/pictures.py [NAME ...] -o . [--quick]
 
@@ -181,7 +181,7 @@ def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
 
 
 def reduce_colours(file: Path, *, colours: int) -> None:
-    """Write a picture anew, with half of its points each way and few colours."""
+    """Write a picture again, with half of its points each way and few colours."""
     drawn, reduced = Image.open(file).convert("RGB"), BytesIO()
     small = drawn.reduce(2).quantize(colours, Image.Quantize.MAXCOVERAGE)
     small.save(reduced, "png", optimize=True)
@@ -214,7 +214,7 @@ def plate_errors(n: int) -> list[np.ndarray]:
     """Return errors of displacement and first frequency of n modules, taut and with slack cables.
 
     Tensions under a load rise with n^2, and with n^4 relative to a buckling load. Prestress and
-    load fall so that as many cables are slack, and membrane forces as large against bending.
+    load are scaled to a constant share of slack cables and ratio of membrane to bending forces.
     """
     options = {"prestress": 2550.0 * (16.0 / n) ** 2, "nodal_load": 40.0 * (16.0 / n) ** 4}
     factors, mass = [0.1, 1.0], 2.0

@@ -1,4 +1,4 @@
-"""Published and exact values next to the values of the package.
+"""Compare values of the package with published and exact values.
 
     python workflows/manual/published.py
 

@@ -32,7 +32,7 @@ def main() -> None:
         "",
         f"{count} of {total} stiff and extreme cases. Every answer is verified",
     ]
-    lines += ["from its data, and every refusal is a sentence."]
+    lines += ["from its data, and every refusal has a reason."]
     lines += [f"(`multiscale stability`, {datetime.now(UTC).date()})", ""]
     lines += [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
     failed = outcomes.isel(case=(outcomes["outcome"] == 0).to_numpy())

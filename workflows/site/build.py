@@ -1,10 +1,10 @@
-"""The documentation site, from the Markdown, guides and docstrings of the sources.
+"""Build the documentation site from the Markdown, guides and docstrings of the sources.
 
     python workflows/site/build.py -o site [--results FOLDER] [--no-guides]
 
 from the root of a checkout with ``pip install '.[docs]'`` writes ``site/index.html``. ``--results``
-is the folder of a run of ``ground_steel``, which some guides read; without it the case is run
-quickly. ``--no-guides`` shows the guides without their output. Warnings are errors.
+is the folder of a run of ``ground_steel`` for the guides; without it the case is run with
+``--quick``. ``--no-guides`` shows the guides without their output. Warnings are errors.
 """
 
 import argparse
@@ -133,7 +133,7 @@ def in_cells(guide: str) -> str:
 
 
 def as_literal(text: str) -> str:
-    """Return text with a mark before its indented lines, of commands."""
+    """Return text with a mark before its indented lines with commands."""
     return re.sub(r"\n\n(?=    )", "\n\n::\n\n", text)
 
 
@@ -156,7 +156,7 @@ def describe_package(package: str) -> Iterator[str]:
 
 
 def in_another(package: str, name: str) -> bool:
-    """Whether a name stands on the page of an earlier package."""
+    """Whether the page of an earlier package has a name."""
     earlier = PACKAGES[: PACKAGES.index(package)]
     return any(name in dir(import_module(f"multiscale.{other}")) for other in earlier)
 
@@ -164,7 +164,7 @@ def in_another(package: str, name: str) -> bool:
 def describe_datasets() -> Iterator[str]:
     """Yield the page of the datasets, from their schemas."""
     yield "# Datasets\n"
-    yield "Files in NetCDF, in SI units; variables without a mark are in every file of the kind.\n"
+    yield "NetCDF files in SI units; variables without a mark are in every file of the kind.\n"
     for name, schema in SCHEMAS.items():
         yield f"## {name}\n\nVersion {schema.version}.\n"
         yield "| variable | dimensions | unit | meaning |\n| --- | --- | --- | --- |"

@@ -17,7 +17,7 @@ version = release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx_gallery.gen_gallery"]
 root_doc = "workflows/site/index"
 exclude_patterns = ["workflows/guides"]
-suppress_warnings = ["config.cache"]  # functions below are no settings
+suppress_warnings = ["config.cache"]  # the functions below are not settings
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
 myst_heading_anchors = 3
@@ -69,7 +69,7 @@ def setup(app: Sphinx) -> None:
 
 
 def to_mathml(formula: str, **options: str) -> str:
-    """Convert a formula, with its number behind it."""
+    """Convert a formula and its number."""
     number = re.search(r"\\tag\{(.*?)\}", formula)
     plain = re.sub(r"\\tag\{.*?\}|\\[Bb]igg?[lr]?(?=\\)", "", formula).strip()
     if ("&" in plain or "\\\\" in plain) and "\\begin" not in plain:
@@ -96,7 +96,7 @@ def write_block(translator: nodes.NodeVisitor, node: nodes.Element) -> None:
 
 
 def warn_of_missing(app: Sphinx, env: object, node: nodes.Element, content: nodes.Element) -> None:
-    """Warn of a name in a page that the reference does not have; docstrings name more."""
+    """Warn of a name in a page that the reference lacks, but not in docstrings."""
     if str(node.get("refdoc", "")).startswith(("workflows/site", "microcases")):
         logging.getLogger(__name__).warning(
             "%s is not in the reference", node.get("reftarget"), location=node
