@@ -61,17 +61,8 @@ def further_pressures(
 def pressures_of_points(
     data: tuple[float, float, float] | np.ndarray, pressure: np.ndarray, area: np.ndarray
 ) -> tuple[float, ...]:
-    """Return the pressures of a ladder between which the points of an interface lie, Pa.
-
-    Points share the rungs, at factors of :data:`RUNG`. Points that together bear less than
-    :data:`NEGLIGIBLE_LOAD` of the load have none, nor have pressures that the cells contradict.
-
-    Parameters
-    ----------
-    data : tuple of float, see :func:`data_ends`
-    pressure : ndarray, shape (steps, points), Pa
-    area : ndarray, shape (points,), m^2
-    """
+    """Return the pressures of a ladder between which the points of an interface lie, Pa."""
+    # points that together bear less than NEGLIGIBLE_LOAD are left out, like contradicted pressures
     load = np.maximum(np.nan_to_num(pressure), 0.0) * area
     order = np.argsort(pressure, axis=1)
     sums = np.cumsum(np.take_along_axis(load, order, axis=1), axis=1)
@@ -85,16 +76,7 @@ def pressures_of_points(
 def pressures_between(
     data: np.ndarray, unsure: np.ndarray, pressure: np.ndarray, area: np.ndarray, most: int
 ) -> tuple[float, ...]:
-    """Return the middles of intervals of data with an unsure end and more than a little load, Pa.
-
-    Where there are more than ``most`` of them, those with the largest shares of the load.
-
-    Parameters
-    ----------
-    data : ndarray, shape (n,), rising pressures of the data of a law, Pa
-    unsure : ndarray of bool, shape (n,), whether the form of the law has a large error there
-    pressure, area : ndarray, see :func:`pressures_of_points`
-    """
+    """Return up to ``most`` middles of loaded intervals of data with an unsure end, Pa."""
     load = np.maximum(np.nan_to_num(pressure), 0.0) * area
     total = load.sum(axis=1)
     place = np.searchsorted(data, np.nan_to_num(pressure), side="right")

@@ -1,16 +1,11 @@
 r"""Bodies of a dense stiffness, condensed onto jumps and rigid motions in a Newton step.
 
-With the free rigid motions N of the bodies, :math:`K N = 0`, displacements are
-:math:`u = v + N a`, :math:`N^T v = 0`. With :math:`\hat K = K + k N N^T` and the compliance
-:math:`C = B \hat K^{-1} B^T`, a step of the jumps j and the motions a balances the residual
-forces :math:`r` by
+With the free rigid motions N, :math:`u = v + N a`, :math:`N^T v = 0`,
+:math:`\hat K = K + k N N^T` and the compliance :math:`C = B \hat K^{-1} B^T`,
 
 .. math::
     j + C w D j - B N a = B \hat K^{-1} r, \qquad (B N)^T w D j = N^T r, \qquad
     v = \hat K^{-1} (r - B^T w D j). \tag{1}
-
-On stiff laws the stiffness of the bodies is not rounded away; on soft laws rounding of the
-motions does not enter the forces :math:`K v` in the bodies.
 """
 
 from contextlib import suppress

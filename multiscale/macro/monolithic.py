@@ -1,18 +1,11 @@
 r"""Newton's method for elastic bodies joined by an interface law.
 
-On a law much stiffer than the bodies, or with friction, the gradient of the energy changes within a
-small share of a Newton step, so that line searches take tiny steps. There the bodies take the full
-step, and the law is linearised at another jump: from the traction :math:`t^*` of its tangent at the
-jump :math:`y_0` and the new jump :math:`j` of the bodies, along the search direction of the
-stiffness k of the bodies, to the next :math:`y` on the law,
+Where line searches would take tiny steps, the bodies take the full step, and the law is linearised
+at the next :math:`y` on the law, from the traction :math:`t^*` of its tangent at the jump
+:math:`y_0` and the new jump :math:`j` of the bodies, along the stiffness k of the bodies: the local
+stage of LATIN.
 
 .. math:: t(y) + k y = t^* + k j, \qquad t^* = t(y_0) + D(y_0) (j - y_0).    \tag{1}
-
-The next tangent is evaluated at y. This is the local stage of LATIN with the tangent of the law as
-the direction of its linear stage; at the solution y = j. The residual force of the bodies with the
-traction of the law at y contains :math:`k (j - y)` per area, so that it measures the distance of
-both traction and jump from the solution for a law of any stiffness. A step is shortened, in bodies
-and law together, while the residual does not fall.
 """
 
 from collections.abc import Callable

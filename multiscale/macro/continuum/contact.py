@@ -1,27 +1,16 @@
 r"""Contact surfaces at small or large displacement: obstacles, frames, gap and slip.
 
-Side 1 is a face of a body and carries the reaction; side 2 is a face of another body or a rigid
-obstacle. With the mortar rows of :mod:`~multiscale.fe.faces` the weighted jump of a nodal field
-is
+With the mortar rows of :mod:`~multiscale.fe.faces`, side 1 with the reaction, and a side 2 that is
+a face or a rigid obstacle (D has the areas of the nodes, M is empty), the weighted jump in the
+frame :math:`(n, t_1, t_2)` of each node of side 1, and the slip of a step [1]_ with :math:`\bar B`
+over the area of the node, are
 
 .. math:: B u = M u_2 - D u_1 ,    \tag{1}
 
-in the frame :math:`(n, t_1, t_2)` of each node of side 1, with the normal from side 1 to side 2.
-For an obstacle D contains the areas of the nodes and M is empty.
+.. math:: s = t \cdot (\bar B^- - \bar B)\, x .    \tag{2}
 
-Where partners follow the motion, the slip of a step is the tangential distance at its end of points
-that faced each other at its start,
-
-.. math:: s = t \cdot (\bar B^- - \bar B)\, x ,    \tag{2}
-
-with :math:`\bar B` over the area of the node: the difference of the mortar operators [1]_. A
-rigid motion of both bodies does not change the operators, so that (2) is zero, unlike
-:math:`t \cdot \bar B (x - x^-)` where gaps or facets rotate. Both agree to first order.
-
-References
-----------
 .. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 4891-4913,
-   doi:10.1016/j.cma.2004.06.001: mortar contact with friction at large deformation.
+   doi:10.1016/j.cma.2004.06.001.
 """
 
 from abc import ABC, abstractmethod

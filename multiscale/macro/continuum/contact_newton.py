@@ -1,21 +1,12 @@
 r"""Semismooth Newton on displacement and contact reaction together.
 
-A load step of the problem (4)-(5) of the source with Coulomb friction is
+A load step of (4)-(5) of the source with Coulomb friction [1]_; linear problems are condensed onto
+the reactions r by the Delassus operator :math:`W = H^t K^{-1} H`:
 
 .. math:: f_{int}(u) - H r = f, \qquad 0 \le g(u) \perp r_n \ge 0, \quad |r_t| \le \mu r_n,
 
-for any bulk law and small or finite sliding: material, geometry, contact set and friction are
-updated in the same loop, with displacement and reaction as unknowns.
+.. math:: u = K^{-1}(f + H r), \qquad H^t u = q + W r.    \tag{2}
 
-A linear problem is condensed onto its contact unknowns: with one factorisation of :math:`K` and the
-Delassus operator :math:`W = H^t K^{-1} H`,
-
-.. math:: u = K^{-1}(f + H r), \qquad H^t u = q + W r,    \tag{2}
-
-each load step is a small dense problem in the reactions :math:`r`.
-
-References
-----------
 .. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
    doi:10.1016/0045-7825(91)90022-X.
 """
@@ -94,20 +85,15 @@ def linearise_contact(
     stiffness: np.ndarray,
     transmits: np.ndarray,
 ) -> LocalLaw:
-    r"""Evaluate the contact law at nodes and a member of its generalised derivative.
-
-    With :math:`y = r - \rho\,(g, s)` and the ball of radius :math:`b = \mu \max(0, y_n)` [1]_,
-
-    .. math:: R_n = r_n - \max(0, y_n), \qquad R_t = r_t - P_b(y_t),    \tag{1}
-
-    which is (5) of the source with Coulomb's law: zero if and only if
-    :math:`0 \le g \perp r_n \ge 0`, :math:`|r_t| \le \mu r_n`, and friction opposes slip.
-    """
+    """Evaluate the contact law at nodes and a member of its generalised derivative."""
     c = reaction.shape[1]
     lost = ~transmits
     lost[:, 1:] |= lost[:, :1] | (friction == 0.0)[:, None]
     space = np.zeros((2, len(reaction), 3))
     space[:, :, :c] = np.where(lost, 0.0, [stiffness[:, None] * jump, reaction])
+    # y = r - rho (g, s), ball of radius b = mu max(0, y_n): R_n = r_n - max(0, y_n), R_t = r_t -
+    # P_b(y_t)
+    #     (1), zero if and only if (5) of the source holds with Coulomb's law
     residual, by_jump, by_reaction = linearise(*space, friction)  # (1)
     return LocalLaw(
         np.where(lost, reaction, residual[:, :c]),

@@ -1,9 +1,4 @@
-r"""Structures in contact: the static problem (4)-(5) of the source.
-
-.. math:: K u - H r = f, \qquad 0 \le H^t u \perp r \ge 0,
-
-with Coulomb friction, for bodies of any bulk law, between each other and with rigid obstacles.
-"""
+"""Structures in contact: the static problem (4)-(5) of the source for bodies of any bulk law."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

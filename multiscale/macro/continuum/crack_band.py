@@ -1,18 +1,10 @@
-r"""Bodies that crack in bands of elements, by a sequence of linear solves.
+r"""Bodies that crack in bands of elements, by a sequence of linear solves [1]_.
 
-Each element has a fraction of its initial stiffness, which falls by the teeth of its softening law.
-In every event the load is scaled so that the most critical element reaches the strength of its
-tooth; the element proceeds to its next tooth, and the structure is solved again [1]_. Every step
-converges, and load and displacement may both fall.
-
-Cracked elements are few. With the factors of an earlier stiffness :math:`K_0 = K + M`, where M is
-the loss since then, which couples only the unknowns A of cracked elements, and with the columns
-:math:`Z = K_0^{-1} I_A`,
+With the factors of an earlier stiffness :math:`K_0 = K + M`, where the loss M since then couples
+the unknowns A of cracked elements, and the columns :math:`Z = K_0^{-1} I_A`,
 
 .. math:: (1 - Z_A M)\, u_A = (K_0^{-1} f)_A, \qquad u = K_0^{-1} f + Z M u_A.    \tag{1}
 
-References
-----------
 .. [1] J. G. Rots and S. Invernizzi, Int. J. Numer. Anal. Meth. Geomech. 28 (2004) 83-100,
    doi:10.1002/nag.328.
 """

@@ -15,27 +15,13 @@ UNKNOWNS = 5
 
 @dataclass(frozen=True, eq=False)
 class PlateElements:
-    r"""Plate of quadrilaterals with nine nodes, with Reissner's and Mindlin's kinematics.
+    """Plate of quadrilaterals with nine nodes, with Reissner's and Mindlin's kinematics."""
 
-    Sections move by :math:`u_\alpha + z \theta_\alpha` and w. The strains are
-
-    .. math::
-        \varepsilon_{\alpha\beta} = u_{(\alpha,\beta)}, \quad
-        \kappa_{\alpha\beta} = \theta_{(\alpha,\beta)}, \quad
-        \gamma_\alpha = w_{,\alpha} + \theta_\alpha,    \tag{1}
-
-    in the order of :data:`~multiscale.macro.links.plate_cells.STRAINS`, with doubled shears.
-
-    Attributes
-    ----------
-    operator : ndarray, shape (elements, points, 8, 45), of the strains (1)
-    slope : ndarray, shape (elements, points, 2, 45), of the slopes of w along x and y
-    weight : ndarray, shape (elements, points), area of the points, m²
-    unknown : ndarray of int, shape (elements, 45)
-    position : ndarray, shape (2, nodes), m
-    values : csr_array, shape (places, nodes), of the shapes of the nodes at some places
-    """
-
+    # operator of the strains (1), (elements, points, 8, 45), and of the slopes of w, (elements,
+    # points, 2, 45); area of the points, m², (elements, points); unknowns (elements, 45); positions
+    # of the nodes (2, nodes), m; values of their shapes at some places, (places, nodes)
+    # sections move by u_a + z t_a and w; strains (u_(a,b), t_(a,b), w_,a + t_a) in the order of
+    # STRAINS, with doubled shears (1)
     operator: np.ndarray
     slope: np.ndarray
     weight: np.ndarray
@@ -85,14 +71,7 @@ class PlateElements:
 def plate_elements(
     size: tuple[float, float], elements: tuple[int, int], places: np.ndarray
 ) -> PlateElements:
-    """Mesh a rectangular plate with a corner at the origin.
-
-    Parameters
-    ----------
-    size : tuple of float, lengths along x and y, m
-    elements : tuple of int, elements along x and y
-    places : ndarray, shape (2, places), positions on the plate at which its motion is asked, m
-    """
+    """Mesh a rectangular plate with a corner at the origin; places, (2, n), m, are probed."""
     basis = _basis(size, elements)
     shapes = [basis.basis[i][0] for i in range(basis.Nbfun)]
     value = np.stack([np.broadcast_to(shape, basis.dx.shape) for shape in shapes], axis=-1)
@@ -123,18 +102,10 @@ def plate_elements(
 def smooth_at(
     size: tuple[float, float], elements: tuple[int, int], places: np.ndarray
 ) -> csr_array:
-    """Return the operator from values at all points of a plate to places, (places, points).
-
-    Values are fitted in every element by bilinear functions, since strains at points oscillate with
-    the transverse shear, which is right in the mean of an element.
-
-    Parameters
-    ----------
-    size, elements : tuple, as of :func:`plate_elements`
-    places : ndarray, shape (2, places), m
-    """
+    """Return the operator (places, points) from values at all points of a plate to places."""
     basis = _basis(size, elements)
     element = basis.mesh.element_finder(basis.mapping)(*places)
+    # bilinear in every element: strains at points oscillate with the transverse shear
     local = basis.mapping.invF(places[:, :, None], tind=element)[..., 0]
     fit = _bilinear(local) @ np.linalg.pinv(_bilinear(basis.X))
     column = fit.shape[1] * element[:, None] + np.arange(fit.shape[1])
@@ -156,11 +127,8 @@ def _bilinear(x: np.ndarray) -> np.ndarray:
 
 
 def _linear_along(points: np.ndarray, weight: np.ndarray, axis: int) -> np.ndarray:
-    """Return the projection of values at points of an element on functions linear along an axis.
-
-    Transverse shear of both terms of (1) then has the same degree, so that thin plates do not
-    lock: K. J. Bathe and E. N. Dvorkin, Int. J. Numer. Methods Eng. 22 (1986) 697-722,
-    doi:10.1002/nme.1620220312.
-    """
+    """Return the projection of values at points of an element on functions linear along an axis."""
+    # both terms of the transverse shear then have the same degree, so that thin plates do not lock:
+    # K. J. Bathe and E. N. Dvorkin, Int. J. Numer. Methods Eng. 22 (1986) 697-722
     V = np.stack([points[axis] ** i * points[1 - axis] ** j for i in range(2) for j in range(3)], 1)
     return np.asarray(V @ np.linalg.solve((V.T * weight) @ V, V.T * weight))

@@ -77,22 +77,7 @@ def collide(
     rest: float,
     length: float,
 ) -> tuple[np.ndarray, bool]:
-    r"""Solve the impacts of a step in turn, in place; return the ways before them and completeness.
-
-    The answer is not complete if impacts remain after ``MOST_IMPACTS`` visits of the pairs.
-    At its time :math:`\theta h`, from the gap :math:`g + u \theta h + a (\theta h)^2 / 2 = 0`, a
-    pair has the impulses of Newton's and Coulomb's laws,
-
-    .. math::
-        r_N = -(1 + e)\, m_N\, (u + a \theta h)_N, \qquad
-        r_T = \text{projection of} -m_T u_T \text{ on the disc } \mu r_N,    \tag{1}
-
-    and the bodies move on as if they had their new velocities from the start of the step on, from
-    places shifted by :math:`-\theta h M^{-1} H r_N`. Kinetic energy at the start of the step and
-    the work of the forces on the shift then change together by
-    :math:`-(1 - e^2)\, m_N (u + a \theta h)_N^2 / 2` and the loss by friction, whatever the order:
-    no cluster of grains gains energy, and with e = 1 and without friction all of it remains.
-    """
+    """Solve the impacts of a step in turn, in place; return ways before them and completeness."""
     bodies = len(motion.velocity)
     shift, impulse = np.zeros((bodies, 3)), np.zeros_like(contacts.impulse)
     fastest = float(np.abs(motion.velocity[:, :3]).max(initial=0.0))
@@ -186,13 +171,7 @@ def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # typ
 
 @compiled(fastmath=True)
 def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
-    r"""Solve the contacts in their order, each exactly while the others are fixed.
-
-    The local W is diagonal, so that the normal impulse comes first and bounds the tangential part:
-
-        r_N = max(0, (r_N + a_N anchor_N - m_N (u_N + b)) / (1 + a_N)),                      (1)
-        r_T = projection of (r_T + a_T anchor_T - m_T u_T) / (1 + a_T) on the disc mu r_N.   (2)
-    """
+    """Solve the contacts in their order, each exactly while the others are fixed."""
     velocity, mobility = motion
     ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
     biases, masses, compliances = contacts.bias, contacts.mass, contacts.compliance
@@ -210,6 +189,9 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
         ax, ay, az = _impulse_vector(c, anchor, coulomb)
         old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
         anchored = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
+        # the local W is diagonal: the normal impulse comes first and bounds the tangential part
+        #     r_N = max(0, (r_N + a_N anchor_N - m_N (u_N + b)) / (1 + a_N))  (1)
+        #     r_T = projection of (r_T + a_T anchor_T - m_T u_T) / (1 + a_T) on the disc mu r_N  (2)
         give = 1.0 / (1.0 + a)
         normal = max(0.0, (old + a * anchored - (u + biases[c]) * masses[c]) * give)  # (1)
         if coulomb is None:
@@ -267,6 +249,11 @@ def _collide(contacts, coulomb, motion, strain, law, shift, limit):  # type: ign
             speed = u + time * turn
             if speed >= -rest:
                 continue
+            # from g + u th + a (th)²/2 = 0 at the share t of the step: r_N = -(1 + e) m_N (u + a t
+            # h)_N, r_T the projection of -m_T u_T on the disc mu r_N (1). Bodies move as if from
+            # the start of the step, from places shifted by -t h M^-1 H r_N: energy and work of the
+            # forces on the shift then change by -(1 - e²) m_N (u + a t h)_N²/2 and the loss by
+            # friction, and no cluster gains energy
             # impulses (1)
             impacts += 1
             dn = -(1.0 + restitution) * speed * masses[c]
@@ -317,12 +304,7 @@ def _apply_impulses(contacts, coulomb, motion, strain):  # type: ignore[no-untyp
 
 @compiled(fastmath=True)
 def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
-    r"""Return the natural-map error of Coulomb's law, weighted by the masses, sqrt(J).
-
-    In De Saxce's form, with the step rho of each contact and the compliance in u:
-
-        F = r - P_K(r - rho (u + b n + mu |u_T| n)),    sqrt(sum |F|^2 / rho).       (3)
-    """
+    """Return the natural-map error of Coulomb's law, weighted by the masses, sqrt(J)."""
     velocity, _ = motion
     ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
     biases, masses, compliances = contacts.bias, contacts.mass, contacts.compliance
@@ -353,6 +335,7 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
         if coulomb is None:
             total += min(old, rho * (u + biases[c])) ** 2 / rho
             continue
+        # De Saxce: F = r - P_K(r - rho (u + b n + mu |u_T| n)),  sqrt(sum |F|² / rho)  (3)
         # F without differences of equal impulses, which may be huge where there is no solution
         slip = np.sqrt(ux * ux + uy * uy + uz * uz)
         fn, fx, fy, fz = rho * (u + biases[c] + mu * slip), rho * ux, rho * uy, rho * uz
@@ -371,15 +354,7 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
 
 @compiled(fastmath=True)
 def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: ignore[no-untyped-def]
-    """Sweep until (3) is below the target; return the sweeps made and the error.
-
-    A sweep G is the gradient of a conjugate gradient method in the norm of the masses (M.
-    Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901):
-
-        g = G(r) - r,   beta = |g|^2 / |g'|^2 or 0 above 1,   p = g + beta p',   r = r + p;  (4)
-
-    velocities follow with the same weights, and the last of ``burst`` sweeps stays in the cones.
-    """
+    """Sweep until (3) is below the target; return the sweeps made and the error."""
     velocity, _ = motion
     impulse, mass = contacts.impulse, contacts.mass
     error = _natural_map_error(contacts, coulomb, motion, strain)
@@ -400,6 +375,10 @@ def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: i
             for c in range(impulse.shape[0]):
                 for k in range(impulse.shape[1]):
                     size += (impulse[c, k] - before[c, k]) ** 2 / mass[c]
+            # conjugate gradients with the sweep G as gradient, in the norm of the masses, (M.
+            # Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901); the last
+            # of a burst stays in the cones:
+            #     g = G(r) - r,  beta = |g|²/|g'|² or 0 above 1,  p = g + beta p',  r = r + p  (4)
             beta = size / previous if size < previous else 0.0
             previous = size
             _extrapolate(impulse, before, direction, beta, done < last)

@@ -23,16 +23,7 @@ Direction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 def solve_interior(
     motion: Velocities, contacts: Contacts, scale: float, target: float
 ) -> np.ndarray:
-    r"""Return impulses without friction, N s, by interior points with the velocities as unknowns.
-
-    Mehrotra's steps towards
-
-    .. math:: M (v - v^*) = H r, \qquad g = H^T v + b + C (r - r^-), \qquad r_i g_i = c    \tag{1}
-
-    eliminate impulses and openings, and factorise :math:`M + H\,\mathrm{diag}(k)\,H^T` with
-    :math:`k = r / (g + C r)`, which has three unknowns a grain. The start are the impulses of the
-    sweeps, moved off the boundary; the scale of the error is the closing velocity.
-    """
+    """Return impulses without friction, N s, by interior points with the velocities as unknowns."""
     normal, mass = contacts.normal, contacts.mass
     C, rho = contacts.compliance / mass, mass / (1.0 + contacts.compliance)
     H, inverse = _transfer(normal[:, None], contacts.ends, motion.mobility)
@@ -41,6 +32,8 @@ def solve_interior(
     H, M = csr_array(H[inverse > 0.0]), 1.0 / inverse[inverse > 0.0]
     transposed = csr_array(H.T)
 
+    # Mehrotra's steps towards M (v - v*) = H r, g = H^T v + b + C (r - r-), r_i g_i = c (1) without
+    # impulses and openings: M + H diag(k) H^T, k = r / (g + C r), with three unknowns a grain
     # v is the change of velocity by the impulses
     r = np.maximum(contacts.impulse[:, 0], np.sqrt(CENTRE * mass) * scale)
     v = (H @ r) / M

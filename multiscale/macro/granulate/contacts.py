@@ -178,13 +178,7 @@ def allowed_step(
     accuracy: float,
     gravity: float,
 ) -> float:
-    r"""Longest step, s, after which overlaps by impacts are at most a share of a radius.
-
-    A pair with gap g and smaller radius R that closes with the speed u, gravity included, requires
-    :math:`h \le \max(g - \text{accuracy}\, R, \text{accuracy}\, R) / u`, so that the step before
-    the impact is short too; grains that roll on each other or would fall off with the speed v
-    require :math:`h \le \sqrt{\text{accuracy}}\, R / \max(v, \sqrt{\text{gravity}\, R})`.
-    """
+    """Longest step, s, after which overlaps by impacts are at most a share of a radius."""
     geometry, (i, j) = measure_pairs(pairs.ends, place), pairs.ends.T
     closing = -_parting(pairs.ends, geometry, velocity)
     touched, room = pairs.impulse.any(axis=1), accuracy * geometry.smaller
@@ -192,6 +186,9 @@ def allowed_step(
     square = np.sum((velocity[i, :3] - velocity[j, :3]) ** 2, axis=1) - closing**2
     past = np.sqrt(np.maximum(square, gravity * geometry.smaller))
     closing = closing + np.where(touched, 0.0, 0.5 * (last + longest) * gravity)
+    # pair with gap g, smaller radius R, closing speed u: h <= max(g - accuracy R, accuracy R) / u,
+    # so that the step before the impact is short too; grains that roll or would fall off with the
+    # speed v: h <= sqrt(accuracy) R / max(v, sqrt(gravity R))
     limits = (
         (np.maximum(geometry.gap - room, room), closing, closing > 0.0),
         (np.sqrt(accuracy) * geometry.smaller, past, rolls & (past > 0.0)),

@@ -119,23 +119,13 @@ def initial_state(model: Model) -> GrainState:
 def step_grains(
     model: Model, state: GrainState, h: float, solver: Solver, accuracy: float | None = None
 ) -> tuple[GrainState, dict[str, Any]]:
-    r"""Solve a Moreau-Jean step.
+    r"""Solve a Moreau-Jean step, (9) of the source; in free flight F acts between middles of steps.
 
-    Notes
-    -----
-    With the gap :math:`g` at the beginning, the step solves (9) of the source,
+    With the gap :math:`g` at the beginning and :math:`b = g/h`
 
     .. math::
         M (v^+ - v^-) = h F + H r, \quad u = H^T v^+, \quad x^+ = x^- + h v^+, \quad
-        K_\mu \ni r \perp u + (b + \mu \|u_T\|) n \in K_\mu^*    \tag{1}
-
-    with :math:`b = g/h`: the linearised gap at the end is not negative, and the true gap of two
-    spheres is larger. If other pairs overlap after the step they become contacts, compliant
-    contacts that overlap by more than 0.8 % of a radius become ten times stiffer, and the step is
-    solved again. With restitution, pairs that meet within the step bounce before, by
-    :func:`~.contact_solver.collide`. In steps of changing length the velocities belong to the
-    middle of the steps, so that F acts from the middle of the last step to the middle of this step,
-    and free flight is exact.
+        K_\mu \ni r \perp u + (b + \mu \|u_T\|) n \in K_\mu^*.    \tag{1}
     """
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
@@ -384,13 +374,10 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
 
 
 def _cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
-    """Return the inertia of a periodic cell, kg m2, and the moment of the pressure on it, J.
-
-    It is :math:`m L^2 / 4` for an affine motion, :math:`m (2 R)^2` under a prescribed strain rate,
-    so that the cell follows the pressure, and infinite for a cell of given size.
-    """
+    """Return the inertia of a periodic cell, kg m2, and the moment of the pressure on it, J."""
     if model.pressure is None:
         return np.inf, 0.0
+    # m L²/4 for an affine motion; m (2 R)² under a prescribed strain rate, to follow the pressure
     edges, mass = period[model.free], float(model.grains.mass.sum())
     if model.driven:
         inertia = mass * float(2.0 * model.grains.radius.mean()) ** 2
@@ -407,11 +394,9 @@ def _account_grains(
     cell: tuple[float, float],
     shift: np.ndarray,
 ) -> dict[str, float]:
-    r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
-
-    The kinetic energy grows by the work less :math:`-r \cdot u`, :math:`\Delta v^T M \Delta v / 2`
-    and damping. Springs have the energy force times overlap, and :math:`a |r_T|^2 / (2 m)` across.
-    """
+    """Return kinetic and elastic energy, work, and losses by contacts, scheme and damping, J."""
+    # the kinetic energy grows by the work less -r·u, dv^T M dv / 2 and damping; springs have the
+    # energy force times overlap, and a |r_T|² / (2 m) across
     # kinetic energy
     h, acted, contacts, rate = new.step_length, new.force_time, new.contacts, new.rate
     mass, velocity = model.masses, new.velocity

@@ -1,7 +1,4 @@
-r"""Time stepping of structures with slack and impacts, eqs (6), (8), (9) and (11) of the source.
-
-Moreau-Jean steps of the measure equation: velocities may jump, impulses replace forces.
-"""
+"""Time stepping of structures with slack and impacts, eqs (6), (8), (9) and (11) of the source."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -344,17 +341,7 @@ class _Scheme:
         return tangent.factorise(entries)
 
     def exchange(self, old: _State, new: _State) -> dict[str, float]:
-        r"""Return the energies that a step exchanges, J, summed link by link.
-
-        From the equation of the step, with :math:`T` kinetic and :math:`V` elastic energy,
-
-        .. math::
-            \Delta T + \Delta V = W - (\theta - \tfrac12)\, \mathrm{d}v^T M\, \mathrm{d}v
-            - \sum_l \left( \tau_l\, \Delta e_l - \Delta V_l \right);    \tag{4}
-
-        with :func:`mean_tension`, or :math:`\theta = 1`, each term of the sum is at least zero
-        because :math:`V_l` is convex.
-        """
+        """Return the energies that a step exchanges, J, summed link by link."""
         force = self.theta * self.load(new.time) + (1.0 - self.theta) * self.load(old.time)
         growth, change = new.elongation - old.elongation, new.v - old.v
         if self.restitution > 0.0:  # impulses of (3) act at the mean of both rates
@@ -364,6 +351,8 @@ class _Scheme:
         before, after = self.stored(old), self.stored(new)
         lost = new.mean * growth - (after - before)
         work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
+        # dT + dV = W - (theta - 1/2) dv^T M dv - sum (tau_l de_l - dV_l), (4), where each term is
+        # at least zero with mean_tension or theta = 1, as V_l is convex
         numerical = (self.theta - 0.5) * float(change @ (self.mass * change))  # (4)
         sums = (work, numerical, float(np.sum(lost)), float(np.min(lost)))
         return dict(zip(EXCHANGED, sums, strict=True))
@@ -399,21 +388,11 @@ class _Scheme:
 def mean_tension(
     before: np.ndarray, after: np.ndarray, lower: np.ndarray, upper: np.ndarray, theta: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Return the weighted mean of the final tension of a step and its average over the elongation.
-
-    With :math:`V` the convex energy of a link and :math:`P` the projection onto the bounds,
-
-    .. math::
-        \bar\tau = (2\theta - 1)\, P(\tau^+) + 2 (1 - \theta)\, \frac{\Delta V}{\Delta e},
-
-    so that :math:`\bar\tau\, \Delta e - \Delta V = (2\theta - 1)(\tau^+ \Delta e - \Delta V) \ge
-    0`: a discrete gradient [1]_. If a link stays taut or slack it equals
-    :math:`\theta \tau^+ + (1 - \theta) \tau^-`. The quotient is summed over the shares of the
-    step below, between and above the bounds, without a difference of nearly equal energies.
-
-    .. [1] O. Gonzalez, Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783,
-       doi:10.1016/S0045-7825(00)00189-4.
-    """
+    """Return the tension of a step, a mean of final and average tension, and its slope."""
+    # discrete gradient (O. Gonzalez, Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783) of the
+    # energy V of a link, (2 theta - 1) P(tau+) + 2 (1 - theta) dV / de, so that its work is at
+    # least dV; the quotient is summed over the shares of the step below, between and above the
+    # bounds
     tension, slope = np.empty_like(after), np.empty_like(after)
     for row in range(after.size):
         low, high = min(before[row], after[row]), max(before[row], after[row])
@@ -446,16 +425,8 @@ def limited_motion(
     start: np.ndarray,
     limits: tuple[csr_array, np.ndarray, np.ndarray],
 ) -> Solution:
-    r"""Solve the balance of momentum under the limits (A, b, C) of the rates.
-
-    The solution (y, p) of
-
-    .. math:: g(y) + A^T p = 0, \qquad 0 \le p \perp b - A y + C p \ge 0    \tag{1}
-
-    is the minimum of a convex function with the gradient :math:`(g, C p)` under
-    :math:`A y - C p \le b`. Newton's method linearises g, condenses y, solves the complementarity
-    problem for p and searches along the step.
-    """
+    """Solve the balance of momentum under the limits (A, b, C) of the rates."""
+    # g(y) + A^T p = 0, 0 <= p perp b - A y + C p >= 0 (1): the minimum of a convex function
     A, bound, C = limits
     columns = A.T.toarray()
     n = start.size

@@ -28,19 +28,14 @@ RIGID_STIFFNESS = 1e6
 
 @np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
 def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
-    r"""Compute tensions and slack by an interior-point method.
+    r"""Compute tensions and slack by an interior-point method [1]_.
+
+    With s = 1 for cables and -1 for struts, and 1/k = 0 for links of fixed length, the conditions
+    of a quadratic program that is dual to the energy of :func:`solve_newton`:
 
     .. math::
         B^T \tau = \alpha F^d, \quad \frac{\tau - \tau^0}{k} = B u + s \lambda, \quad
-        0 \le s \tau \perp \lambda \ge 0,    \tag{1}
-
-    with s = 1 for cables and -1 for struts: the conditions of the quadratic program
-    :math:`\min \sum (\tau - \tau^0)^2 / 2k` under equilibrium, dual to the energy of
-    :func:`solve_newton`. Links of fixed length have :math:`1/k = 0`.
-
-    Every iteration solves with :math:`B^T w B`, :math:`w = (1/k + \lambda / |\tau|)^{-1}`: the
-    stiffness of a link in this tangent tends to zero as the link goes slack. The number of
-    iterations hardly depends on load and size, while Newton's method fails at a singular tangent.
+        0 \le s \tau \perp \lambda \ge 0.    \tag{1}
 
     .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
     """

@@ -1,18 +1,12 @@
-r"""Equilibrium of links past limit points, by the length of the path of displacement and load.
+r"""Equilibrium of links past limit points, by the length of the path of displacement and load [1]_.
 
-With exact elongations the states of equilibrium :math:`f(u) = \lambda F^d` form a path. From a
-point :math:`(u_0, \lambda_0)` with the direction :math:`(\dot u, \dot\lambda)`, the next point at a
-distance h solves
+From a point :math:`(u_0, \lambda_0)` with the direction :math:`(\dot u, \dot\lambda)`, with the
+length U of the first linear displacement and the load factor :math:`\Lambda` to reach,
 
 .. math::
     f(u) - \lambda F^d = 0, \qquad
-    \dot u \cdot (u - u_0) / U^2 + \dot\lambda\, (\lambda - \lambda_0) / \Lambda^2 = h,    \tag{1}
+    \dot u \cdot (u - u_0) / U^2 + \dot\lambda\, (\lambda - \lambda_0) / \Lambda^2 = h.    \tag{1}
 
-by Newton's method; its matrix is regular at limit points of the load, where the tangent is not.
-U is the length of the first linear displacement, and :math:`\Lambda` the load factor to reach.
-
-References
-----------
 .. [1] H. B. Keller, in Applications of Bifurcation Theory (1977) 359-384.
 """
 

@@ -69,12 +69,7 @@ class Tangent:
 
 @dataclass(frozen=True, eq=False)
 class LinkEquations:
-    r"""Arrays of the equilibrium :math:`B^T \tau(B u) = \alpha F^d`.
-
-    The rows are the elongations of the links in their order, then the other modes of the beams.
-    Rotations are multiplied by a length and moments divided by it, so that every unknown is in m
-    and every force in N.
-    """
+    r"""Arrays of :math:`B^T \tau(B u) = \alpha F^d`: elongations, then other modes of beams."""
 
     link: np.ndarray  # link of a row, shape (rows,)
     unknown: np.ndarray  # unknowns of a row, shape (rows, w), -1 for fixed components
@@ -85,6 +80,7 @@ class LinkEquations:
     upper: np.ndarray
     load: np.ndarray  # F^d, shape (n,), N
     number: np.ndarray  # unknown of each component of the nodes, shape (nodes, c), -1 if fixed
+    # rotations times a length and moments over it: every unknown is in m, every force in N
     unit: np.ndarray  # factor of each component: 1, or a length, m, for rotations
 
     @property
@@ -202,14 +198,7 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def rotary_inertia(system: LinkSystem) -> np.ndarray:
-    r"""Return inertias of the nodes against rotations over their mass, shape (nodes, 3, 3), m2.
-
-    The mass of a node is the mass of its beams, in proportion to their lengths. A beam with a
-    homogeneous section has
-
-    .. math:: (r_y^2 + r_z^2)\, e_x e_x^T + r_y^2\, e_y e_y^T + r_z^2\, e_z e_z^T,
-        \qquad r^2 = I / A = EI / EA.    \tag{1}
-    """
+    """Return inertias of the nodes against rotations over their mass, shape (nodes, 3, 3), m2."""
     length, inertia = np.zeros(system.n_nodes), np.zeros((system.n_nodes, 3, 3))
     for index, law in enumerate(system.laws):
         if not isinstance(law, Beam):
@@ -217,6 +206,8 @@ def rotary_inertia(system: LinkSystem) -> np.ndarray:
         links = np.flatnonzero(system.kind == index)
         axes = np.array(_beam_axes(system.direction[links], np.array(law.up, dtype=float)))
         about_y, about_z = law.bending_y / law.rigidity, law.bending_z / law.rigidity
+        # homogeneous section, r² = I / A = EI / EA:
+        #     (r_y² + r_z²) e_x e_x^T + r_y² e_y e_y^T + r_z² e_z e_z^T  (1)
         each = np.einsum("a,abi,abj->bij", [about_y + about_z, about_y, about_z], axes, axes)  # (1)
         for end in system.ends[links].T:
             np.add.at(length, end, system.length[links])

@@ -98,26 +98,14 @@ def solve_newton(
     .. math::
         B^T \tau = \alpha F^d, \qquad \tau = P(\tau^0 + k B u),    \tag{1}
 
-    eqs (7), (14) and (15) of the source, with the projection :math:`P` onto the admissible
-    tensions: the proximal operator of the dual energy.
-
-    (1) is the gradient of a convex, piecewise quadratic energy. Its derivative along a Newton
-    direction is piecewise linear and increasing, so that the step to its zero is exact and the
-    energy falls in every iteration. Slack links have a small stiffness in the tangent, which is
-    increased while so many are slack that the tangent is singular; it does not enter the residual.
-    In large structures with few slack links, the factors without slack are reused at first and
-    corrected by the curvature of the last steps [1]_, until the set of slack links is constant.
-    In other large structures a few links far outside the linear range would shorten every step:
-    after a full step the zones around the largest residual forces are solved separately, with the
-    other nodes fixed [2]_, and the step follows the sum of both displacements if it becomes longer.
-
-    The elongations are summed step by step, not computed from the displacement: their rounding is
-    then relative to their size, and equilibrium holds to the rounding of the tensions for bars of
-    any stiffness.
-
-    .. [1] J. Nocedal, Math. Comput. 35 (1980) 773-782, doi:10.1090/S0025-5718-1980-0572855-7.
-    .. [2] P. J. Lanzkron, D. J. Rose and J. T. Wilkes, SIAM J. Sci. Comput. 17 (1996) 538-559.
+    eqs (7), (14) and (15) of the source, the gradient of a convex, piecewise quadratic energy.
     """
+    # The derivative of the energy along a direction is piecewise linear and increasing: the step to
+    # its zero is exact. In large structures with few slack links factors without slack are reused
+    # first and corrected by the last steps (J. Nocedal, Math. Comput. 35 (1980) 773-782); else
+    # zones around the largest residuals are solved apart (P. J. Lanzkron, D. J. Rose and J. T.
+    # Wilkes, SIAM J. Sci. Comput. 17 (1996) 538-559). Elongations are summed step by step: rounding
+    # is relative to their size.
     u = np.array(start, dtype=float)
     load = load_factor * model.load
     imbalance = model.gather(model.prestress)

@@ -184,13 +184,8 @@ def name_motion(model: LinkEquations, motion: np.ndarray) -> str:
 def stability_eigenvalues(
     system: LinkSystem, model: LinkEquations, state: LinkState
 ) -> tuple[float, float]:
-    r"""Return the smallest eigenvalues, N/m, of the tangent without and with geometric stiffness.
-
-    .. math:: K = B^T k B, \qquad K + \sum \frac{\tau}{L} (I - n n^T)    \tag{1}
-
-    Slack links are left out. Bending of a beam between its nodes is resolved only if the beam is
-    divided into several.
-    """
+    """Return the smallest eigenvalues, N/m, of the tangent without and with geometric stiffness."""
+    # B^T k B, and with sum tau/L (I - n n^T) (1), without slack links
     links, tangent = system.n_links, model.tangent
     taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
     material = tangent.entries(np.where(taut, model.stiffness, 0.0))

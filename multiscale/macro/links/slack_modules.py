@@ -1,17 +1,4 @@
-r"""Homogenised substructures with slack links: a plate of their modules, with a band.
-
-Every substructure is an element of a plate. A periodic cell of a single module, eq. (1) of
-:class:`~.PlateCell`, gives the resultants over the strains, with links that slacken: a law with a
-convex energy. A link has the tension of its cell in the strain of its module.
-
-The law assumes that neighbouring modules strain alike. Its error along edges and supports, and
-between zones of slack links, is measured by a specimen: a structure with the same elements, load
-factors, supports and ratio of load to prestress, but fewer modules each way, which is solved by its
-links too. The error of a plate decreases with the size of a module over the structure, so that the
-errors of the specimen, by kind of link and distance from the edge, are a band for the structure. It
-covers if a specimen shows the errors of the elements too: as measured, with at least 4 elements
-each way and at most 8 modules of the structure each way of an element.
-"""
+"""Homogenised substructures with slack links: a plate of their modules, with a band."""
 
 import numpy as np
 

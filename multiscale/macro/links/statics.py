@@ -201,16 +201,10 @@ def _find_state(
 
 
 def _solve_complementarity(model: LinkEquations, load_factor: float, tolerance: float) -> LinkState:
-    r"""Condense the structure onto the links that may go slack, and solve for their slack.
-
-    .. math::
-        A_c \lambda_c - \tau_c = -k_c B_c K^{-1} F^d - \tau_c^0, \quad
-        0 \le \lambda_c \perp \tau_c \ge 0, \quad
-        A_c = k_c - k_c B_c K^{-1} B_c^T k_c,    \tag{10}
-
-    of the source, with the stiffness :math:`K` of the structure without slack. Struts have the
-    opposite sign.
-    """
+    """Condense the structure onto the links that may go slack, and solve for their slack."""
+    # with the stiffness K without slack, and the opposite sign for struts, (10) of the source:
+    #     A_c slack_c - tau_c = -k_c B_c K^-1 F^d - tau_c^0,  0 <= slack_c perp tau_c >= 0,
+    #     A_c = k_c - k_c B_c K^-1 B_c^T k_c
     one_sided = np.flatnonzero(np.isfinite(model.lower) | np.isfinite(model.upper))
     k = model.stiffness[one_sided]
     sign = np.where(np.isfinite(model.lower[one_sided]), 1.0, -1.0)
@@ -289,20 +283,7 @@ def find_finite_state(
     start: np.ndarray,
     limits: Limits,
 ) -> LinkState:
-    r"""Follow the equilibrium between two load factors.
-
-    .. math::
-        \sum n\, \tau = \alpha F^d, \qquad \tau = P(\tau^0 + k (|x_2 - x_1| - L)),    \tag{1}
-
-    with the actual positions :math:`x` and directions :math:`n`.
-
-    Newton with the exact tangent. A step must lower the energy or the residual. If the tangent is
-    not positive definite, or the step must be cut, links have a stiffness across their axes in the
-    tangent, as large as necessary: links without tension, or nearly along the line of their ends,
-    resist a lateral load only after a large displacement, which the tangent does not foresee. With
-    the largest lateral stiffness the tangent is an upper bound at strains below 1, and every
-    step lowers the energy. A load step that fails is halved.
-    """
+    """Follow the equilibrium between two load factors in the displaced positions, (1)."""
     problem = FiniteLinks(system, model)
 
     def attempt(u: np.ndarray, load_factor: float) -> tuple[Solution, np.ndarray]:
@@ -327,7 +308,10 @@ class DeformedLinks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FiniteLinks:
-    """Residual, energy and tangent of (1)."""
+    r"""Residual, energy and tangent of the links in their displaced positions.
+
+    .. math:: \sum n\, \tau = \alpha F^d, \qquad \tau = P(\tau^0 + k (|x_2 - x_1| - L)).    \tag{1}
+    """
 
     system: LinkSystem
     model: LinkEquations
@@ -405,6 +389,9 @@ def _step(
 ) -> tuple[np.ndarray, DeformedLinks, np.ndarray] | None:
     """Return a Newton step that lowers energy or residual; None if all trials fail."""
     energy, before = problem.energy(shape, u, load_factor), float(np.abs(residual).max())
+    # links without tension, or nearly in line with their ends, resist a lateral load only after a
+    # large displacement; the largest lateral stiffness makes the tangent an upper bound, and every
+    # step lowers the energy
     for lateral in LATERAL_STIFFNESS:
         direction = problem.direction(shape, residual, lateral)
         if direction is None:

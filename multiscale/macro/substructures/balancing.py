@@ -1,19 +1,12 @@
-r"""Preconditioner of a cut structure by balanced solves of its substructures (BDDC).
+r"""Preconditioner of a cut structure by balanced solves of its substructures (BDDC) [1]_.
 
-Where substructures meet in corners, the motions of an edge that the coarse problem must balance
-follow from the flexibility of its jump [2]_. With the Schur complements :math:`S_1`, :math:`S_2` of
-both sides on the edge and the flexibility :math:`F`, the sum of both sides, while the corners that
-both share are tied,
+With the Schur complements :math:`S_1`, :math:`S_2` of both sides on an edge and the flexibility
+:math:`F`, the sum of both sides with tied corners, the balanced motions are :math:`L z` for every
+large :math:`\nu` [2]_ of
 
 .. math::
-    H = S_1 (S_1 + S_2)^{-1} S_2 = L L^T, \qquad L^T F L z = \nu z,    \tag{1}
+    H = S_1 (S_1 + S_2)^{-1} S_2 = L L^T, \qquad L^T F L z = \nu z.    \tag{1}
 
-the motions are :math:`L z` for every large :math:`\nu`. The largest other :math:`\nu` bounds
-the condition number for any number of substructures and any share of slack links. Without corners
-the motions are the resultants of the edge.
-
-References
-----------
 .. [1] C. R. Dohrmann, SIAM J. Sci. Comput. 25 (2003) 246-258, doi:10.1137/S1064827502412887.
 .. [2] J. Mandel, B. Sousedík, Comput. Methods Appl. Mech. Eng. 196 (2007) 1389-1399,
    doi:10.1016/j.cma.2006.03.010.
@@ -110,10 +103,11 @@ def lay_out(
 class Balancing:
     r"""Preconditioner, renewed where the Schur complements of substructures change.
 
-    .. math:: M^{-1} = \sum_E R_E^T D_E (Z_E + \Phi_E L^{-1} \Psi_E^T) D_E^T R_E,    \tag{2}
-
-    where, with the balanced motions :math:`C_E` and the symmetric part :math:`S_E` of the Schur
+    With the balanced motions :math:`C_E` and the symmetric part :math:`S_E` of the Schur
     complement, to which ``added`` is added on the diagonal,
+
+    .. math::
+        M^{-1} = \sum_E R_E^T D_E (Z_E + \Phi_E L^{-1} \Psi_E^T) D_E^T R_E,    \tag{2}
 
     .. math::
         \begin{pmatrix} S_E & C_E^T \\ C_E & 0 \end{pmatrix}^{-1} =

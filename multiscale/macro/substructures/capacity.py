@@ -52,17 +52,13 @@ class Slide:
 def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) -> Slide | None:
     r"""Compute the rigid motion that friction resists least, if the load exceeds the capacity.
 
-    Notes
-    -----
     With the rigid motions :math:`Z a` that supports leave to the bodies, jumps :math:`J Z a` and
-    areas :math:`w`, the load shares of which there is an equilibrium end at
+    areas :math:`w`, loads up to the share
 
-    .. math::
-        \lambda = \min_a \sum w \mu p\, |J_T Z a|, \qquad f \cdot Z a = 1, \quad J_N Z a \ge 0,
+    .. math:: \lambda = \min_a \sum w \mu p\, |J_T Z a|, \qquad f \cdot Z a = 1, \quad J_N Z a \ge 0
         \tag{1}
 
-    if friction is bounded by :math:`\mu p`; the normal traction may be any pressure. Equilibrium
-    needs :math:`\lambda \ge 1`. Any motion bounds it from above.
+    have an equilibrium with a friction of at most :math:`\mu p`; any motion bounds it from above.
     """
     if not problem.joints:
         return None

@@ -69,14 +69,10 @@ def prepare_coarse(
     factors: Factors,
     team: ProcessGroup,
 ) -> Coarse:
-    r"""Condense the linear stage onto the coarse unknowns.
-
-    .. math:: L = \sum_E P^T k_0 P - (k_0 P)^T T H T^T k_0 P,    \tag{1}
-
-    with the inverse :math:`H` of the matrix of every substructure. One solve with several right
-    sides serves all substructures, because their matrices are blocks of a diagonal matrix.
-    """
+    """Condense the linear stage onto the coarse unknowns."""
     # H T^T k_0 P: column j of a substructure is the answer to its coarse motion j
+    # L = sum P^T k_0 P - (k_0 P)^T T H T^T k_0 P, with the inverse H of every substructure (1); all
+    # are blocks of a diagonal matrix, so that one solve with several right sides serves them
     on_sides = csr_array(basis[sides.slot])
     push = csr_array(side_stiffness @ on_sides)
     first = sides.start[local.start] if len(local) else 0

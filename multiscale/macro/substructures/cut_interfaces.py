@@ -1,14 +1,10 @@
 r"""Points where a law joins bodies: nodes, Gauss points, or averages.
 
-Points are the nodes of matching facets of first order or with nine nodes. Where meshes do not
-match, or facets have other nodes of second order, the points are the corners of the facets of side
-2, or of side 1 where the facets of side 2 are far larger, and the jump is its mean about a corner
-a: with the mortar rows D and M, (1) of :mod:`multiscale.fe.faces`, of that side,
+Without matching facets of first order or with nine nodes, the points are corners a of the facets of
+one side. With its mortar rows D and M, (1) of :mod:`multiscale.fe.faces`, area and jump are
 
 .. math:: w_a = \sum_b D_{ab}, \qquad
     j_a = \frac{1}{w_a} \sum_b \left(D_{ab} u^2_b - M_{ab} u^1_b\right).    \tag{1}
-
-A corner of a quadratic triangle has no area as a node, unlike all nine nodes of a quadrilateral.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,4 @@
-"""Tangent of a cut structure: substructures condensed, and systems of the shared unknowns solved.
-
-A joint belongs to its second substructure, with the unknowns of the first side as shared unknowns.
-"""
+"""Tangent of a cut structure: condensed substructures and systems of the shared unknowns."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -48,21 +48,7 @@ def interface_stiffness(
     team: ProcessGroup,
     start: dict[int, np.ndarray],
 ) -> dict[int, np.ndarray]:
-    r"""Stiffness of the substructures behind every perfect interface.
-
-    Notes
-    -----
-    With the Schur complement :math:`S` of a substructure on all its interfaces and the stiffness
-    :math:`k_o` of the other interfaces, the stiffness of interface :math:`e` is
-
-    .. math::
-        k_e = \operatorname{mean}_{\text{sides}}\;
-        S_{ee} - S_{eo} (S_{oo} + k_o)^{-1} S_{oe},    \tag{1}
-
-    iterated from :math:`S_{ee}`, where the other interfaces are fixed: where bars are a thousand
-    times stiffer than cables, that start is a thousand times too stiff, and LATIN on it does not
-    converge.
-    """
+    """Stiffness of the substructures behind every perfect interface."""
     # unknowns of every interface in the Schur complements of this process
     faces = [(i, face) for i, face in enumerate(problem.interfaces) if face.law is None]
     local = [
@@ -78,6 +64,9 @@ def interface_stiffness(
         {index: S[np.ix_(at, at)] for index, at in places.items()}
         for places, (_, S) in zip(local, schur, strict=True)
     ]
+    # from S_ee (other interfaces fixed), which is far too stiff where bars are much stiffer than
+    # cables
+    #     k_e = mean over sides of S_ee - S_eo (S_oo + k_o)^-1 S_oe  (1),
     # fixed-point iteration of (1)
     stiffness = start or _mean(fixed, counts, team)
     for _ in range(PASSES):
@@ -168,13 +157,9 @@ def side_stiffness(
 
 
 def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
-    """Stiffness per area of the body on either side of a joint, shape (3, points), Pa/m.
-
-    The diagonal of a body is the stiffness at the shortest wavelength; at the longest wavelength
-    the stiffness is less by the ratio of both. The result is their geometric mean, drawn a little
-    towards the other side: a stiff body has soft motions too. Where a support fixes a side, that
-    side is rigid.
-    """
+    """Stiffness per area of the body on either side of a joint, shape (3, points), Pa/m."""
+    # geometric mean of the shortest wavelength (the diagonal) and the longest, drawn towards the
+    # other side, as a stiff body has soft motions too; a side that a support fixes is rigid
     weight, sizes, fixed = np.tile(joint.weight, 3), [], []
     for owner, trace in zip(joint.sides, joint.trace, strict=True):
         touched = abs(trace).T @ weight > 0.0

@@ -1,29 +1,18 @@
 r"""Error of a state of LATIN: a guaranteed bound for links, a heuristic indicator for rough joints.
 
-With a displacement :math:`\bar u` that is continuous over the interfaces, and tensions
-:math:`\tau^*` that are in equilibrium and admissible everywhere, the duality gap, the sum of the
-energy of the displacement and the complementary energy of the tensions, is at least
+With a displacement :math:`\bar u` that is continuous over the interfaces, and admissible tensions
+:math:`\tau^*` in equilibrium, the duality gap is at least [1]_
 
-.. math:: \tfrac12 \| \tau - \tau^* \|^2_{k^{-1}}    \tag{1}
+.. math:: \tfrac12 \| \tau - \tau^* \|^2_{k^{-1}}.    \tag{1}
 
-for the exact tensions :math:`\tau` [1]_. Forces that balance are tractions :math:`t^*` of joints
-and displacements :math:`u^*` in equilibrium with them. The state on the law nearest to them and to
-the jumps :math:`\bar\jmath`, along the search direction :math:`\kappa`, has the traction
-:math:`\hat t` with
+With tractions :math:`t^*` of joints, displacements :math:`u^*` in equilibrium with them, and the
+nearest state of the law along the search direction :math:`\kappa`, the indicator is the root of (3)
 
 .. math:: \hat t(\hat\jmath) + \kappa \hat\jmath = t^* + \kappa \bar\jmath,    \tag{2}
-
-and the indicator is the root of
 
 .. math::
     \| u^* - \bar u \|^2_K + 4 \sum_\text{points} w\, |t^* - \hat t|^2_{\kappa^{-1}}.    \tag{3}
 
-For a linear law of stiffness :math:`\kappa` without friction, half of its square is the duality gap
-of both fields, which is a bound. With friction the limit of a traction depends on the solution:
-there is no potential and no guarantee; the accuracy of (3) was measured instead.
-
-References
-----------
 .. [1] P. Ladevèze, J.-P. Pelle, Mastering calculations in linear and nonlinear mechanics,
    Springer, 2005, doi:10.1007/b138705.
 """

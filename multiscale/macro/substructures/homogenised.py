@@ -1,20 +1,12 @@
 r"""Homogenised substructures: a coarse structure of corners and motions of edges.
 
-Corners keep their displacement, and every edge :math:`\Gamma` moves by polynomials of the position
-of its nodes, :math:`u_\Gamma = \Phi q`. With taut links the inside of a substructure follows,
+Every edge moves by polynomials of the position, :math:`u_\Gamma = \Phi q`, cubic so that it bends;
+with taut links the inside follows, eqs (12) and (13) of the source:
 
 .. math::
     u = V q, \qquad
     V = \begin{pmatrix} \Phi & 0 \\ -K_{ii}^{-1} K_{i\Gamma} \Phi & K_{ii}^{-1} f_i \end{pmatrix},
-    \qquad K^H = V^T (K + B^T k B) V,    \tag{1}
-
-with the condensed stiffness :math:`K^H` of its resultants :math:`V^T F`, eqs (12) and (13) of the
-source. The load mode in the last column makes loads inside exact. Cubic motions of edges are the
-least that bend: rigid and linear motions lock, and quadratic motions have no shear force.
-
-Where links would leave their range, a substructure is resolved: its inside has all its unknowns and
-links, and so have its edges. The result is then the equilibrium of all links, in the displacements
-that the remaining edges admit. Where that happens in most substructures, all are resolved at once.
+    \qquad K^H = V^T (K + B^T k B) V.    \tag{1}
 """
 
 from collections.abc import Callable, Sequence

@@ -66,12 +66,10 @@ class LatinIterate(NamedTuple):
 
 
 class Latin:
-    r"""A problem prepared for LATIN iterations.
+    r"""A problem prepared for LATIN iterations of :math:`x = (z, r)`.
 
-    The unknown of the iteration is :math:`x = (z, r)` with :math:`z = \tau - l \lambda` in the
-    links and :math:`r = k_0 T u - F` on the sides, which the stages exchange. The *local stage*
-    solves links and interfaces, the *linear stage* the equilibrium of every substructure and, by
-    the coarse problem, of the coarse forces.
+    The *local stage* solves links, :math:`z = \tau - l \lambda`, and interfaces, :math:`r = k_0 T u
+    - F`; the *linear stage* the equilibrium of every substructure and of the coarse forces.
     """
 
     def __init__(
@@ -287,14 +285,10 @@ class Latin:
     def residual(
         self, iterate: LatinIterate, last: LatinIterate | None, distance: np.ndarray
     ) -> float:
-        """Larger of two residuals: in the forces, and the distance of both stages.
-
-        The distance is relative to forces and displacements: bodies on soft joints move far more
-        than they deform, and rounding of the motion relative to the forces only would hide that
-        the forces have converged. Bodies that slide away move without limit. Therefore the
-        residual of perfect interfaces and the distance on joints, twice the distance of the forces
-        from the laws, count relative to the forces.
-        """
+        """Larger of two residuals: in the forces, and the distance of both stages."""
+        # bodies on soft joints move far more than they deform: the distance is relative to forces
+        # and displacements; bodies that slide away move without limit: other terms are relative to
+        # the forces
         size, links = max(self.size(iterate), REST * self.largest), np.zeros(iterate.tension.size)
         # forces: change in the iteration, imbalance on perfect interfaces, distance on joints
         imbalance = self.k0.inverse_root @ self.sides.mean(iterate.force)

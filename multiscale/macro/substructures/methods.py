@@ -1,12 +1,8 @@
-r"""Solution of bodies with joints by any method, and the choice of the method.
+"""Solution of bodies with joints by any method, and the choice of the method.
 
 For n unknowns SuperLU needs about :math:`a n^2` seconds for factors, :math:`b n^{4/3}` for a solve
-and :math:`c n^{4/3}` bytes. Newton's method on the whole factorises in every step, or once with a
-solve for every unknown on the joints if these are few; LATIN factorises every substructure once
-with a solve for every point of the joints, then solves once in each iteration. The constants were
-measured on lap joints and stacked blocks of 8,000 and 24,000 unknowns on one process, with errors
-of a factor of two; other machines have other times, but only their ratio matters. Newton's method
-with multigrid needs time and memory in proportion to n, measured at 1e5 and 1e6 unknowns.
+and :math:`c n^{4/3}` bytes; the constants were measured at 8,000 and 24,000 unknowns on a process,
+with errors of a factor of two. Newton's method with multigrid was measured at 1e5 and 1e6 unknowns.
 """
 
 from collections.abc import Iterator

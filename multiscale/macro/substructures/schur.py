@@ -220,14 +220,11 @@ class SchurSolver:
 
 
 class _CutEquilibrium(Equilibrium):
-    r"""Equilibrium of a cut structure under a load.
+    r"""Equilibrium of a cut structure under a load; without joints the line search is exact.
 
     .. math::
         \sum_E R_E^T \left( K u_E + B^T P(\tau^0 + k B u_E) + J^T w\, t(J u_E) - f_E \right) = 0,
-        \qquad u_E = R_E u,    \tag{1}
-
-    with the links and joints of every substructure :math:`E`. Without joints the line search is
-    exact.
+        \qquad u_E = R_E u.    \tag{1}
     """
 
     def __init__(self, cut: SchurSolver, load: np.ndarray, state: JointState) -> None:

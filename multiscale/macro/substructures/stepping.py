@@ -1,12 +1,9 @@
 r"""Follow a path of loads step by step with any method; bolts are tightened, then locked.
 
-While a bolt is tightened, a pair of forces F pulls its washers together and its shank has no
-stiffness. A locked bolt is a substructure, the shank, which shares the centres of the washers. With
-the distance :math:`\delta` of the washers and its value :math:`\delta_0` when the force was F,
+With the distance :math:`\delta` of the washers, :math:`\delta_0` when the force was F, the pair of
+forces is :math:`F - k \delta_0` on the shank, a substructure, while a bolt is locked:
 
-.. math:: N = (F - k \delta_0) + k \delta,    \tag{1}
-
-so that the pair of forces is :math:`F - k \delta_0` while it is locked.
+.. math:: N = (F - k \delta_0) + k \delta.    \tag{1}
 """
 
 from collections.abc import Callable, Mapping

@@ -39,22 +39,10 @@ class Tangents:
             self.structures = [(locked, cases[1:]), (self.whole, cases[:1])]
 
     def work(self, state: JointState, rise: np.ndarray | None = None) -> np.ndarray:
-        r"""Work of each load at the factor 1 on its displacement, J, shape (2, 3, cases).
-
-        First axis: without slip; with slip under a rise of the load, by signs of the loads, if
-        given. Second axis: work of loads, joints and bodies.
-
-        Notes
-        -----
-        With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights
-        :math:`w` and the jump :math:`B u`, bodies and interfaces are in series,
-
-        .. math::
-            f \cdot u = B u \cdot w k B u + u \cdot K u, \qquad (K + B^T w k B)\, u = f.    \tag{1}
-
-        The tangents without slip are evaluated at the state, those with slip a little further along
-        :math:`B u`: a fixed-point problem, because sticking and slipping points depend on u.
-        """
+        """Work of each load at the factor 1, of joints and of bodies, J, shape (2, 3, cases)."""
+        # bodies and interfaces are in series, (K + B^T w k B) u = f: f·u = B u·w k B u + u·K u (1);
+        # first without slip, then with slip under a rise of the load by its sign, a fixed-point
+        # problem
         work = np.full((2, 3, self.problem.n_cases), np.nan)
         for structure, cases in self.structures:
             load = structure.load[:, cases]
@@ -72,19 +60,11 @@ class Tangents:
         return work
 
     def changes(self, state: JointState, laws: Sequence[SideBySide]) -> np.ndarray:
-        r"""Change of the work without slip by small changes of the laws, J, (laws, 3, cases).
-
-        Notes
-        -----
-        To first order, with the changes :math:`t'` of the tractions at the jump of the state and
-        :math:`k'` of the tangents at the changed jump, which both are without slip,
-
-        .. math::
-            (K + B^T w k B)\, U' = -B^T w t', \qquad
-            (K + B^T w k B)\, u' = -B^T w k' B u, \qquad f \cdot u' = -B u \cdot w k' B u;
-
-        every factorisation serves the right-hand sides of all laws.
-        """
+        """Change of the work without slip by small changes of the laws, J, (laws, 3, cases)."""
+        # with changes t' of the tractions and k' of the tangents at the changed jump, to first
+        # order
+        #     (K + B^T w k B) U' = -B^T w t',  (K + B^T w k B) u' = -B^T w k' B u,
+        #     f·u' = -B u·w k' B u
         law, points = self.problem.law, state.jump.shape[1]
         base = law.respond(state.jump, law.at_rest(state.jump))
         # changed jump of the state

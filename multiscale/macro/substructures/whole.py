@@ -1,12 +1,8 @@
 r"""The whole structure: assembled, condensed onto the unknowns of its joints, and solved.
 
-With the boundary unknowns b and the inside unknowns i of a substructure, a displacement under loads
-of factors :math:`\lambda` is
+Constraint modes and modes of the loads span the displacement of the inside unknowns i:
 
-.. math:: u_i = -K_{ii}^{-1} K_{ib} u_b + K_{ii}^{-1} f_i \lambda,    \tag{1}
-
-so that constraint modes and modes of the loads span it for all laws of the joints and forces of the
-bolts. Both kinds of modes are orthogonal in energy.
+.. math:: u_i = -K_{ii}^{-1} K_{ib} u_b + K_{ii}^{-1} f_i \lambda.    \tag{1}
 """
 
 from collections.abc import Iterator, Sequence

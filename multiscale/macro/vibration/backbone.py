@@ -1,21 +1,14 @@
-r"""Quasi-static modal analysis: frequency and damping of a mode against its amplitude.
+r"""Quasi-static modal analysis: frequency and damping of a mode against its amplitude [1]_, [2]_.
 
-A structure at rest is loaded by :math:`\alpha M \phi`. With the change v of the displacement and
-the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` gives
+A structure at rest is loaded by :math:`\alpha M \phi`. With the energy E stored in bodies and
+joints and the modal amplitude :math:`q = \phi^T M v`, and with Masing's rule at a constant normal
+load of the joints, otherwise with :math:`D = \oint \alpha\, \mathrm{d}q` of the cycle,
 
 .. math::
     \omega^2(q) = \frac{\alpha}{q}, \qquad
     \zeta(q) = \frac{D}{2 \pi \omega^2 q^2}, \qquad
-    D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right), \tag{1}
+    D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right). \tag{1}
 
-with the energy E stored in bodies and joints. By Masing's rule every slider slips twice as far in
-each half of a cycle as in the loading, so that the loss D of a cycle is four times the loss of the
-loading if the normal load of the joints is constant; otherwise the cycle is solved for
-:math:`D = \oint \alpha\, \mathrm{d}q`. The usual form of (1),
-:math:`8 \int \alpha\, \mathrm{d}q' - 4 \alpha q`, counts elastic curvature as a loss.
-
-References
-----------
 .. [1] H. Festjens, G. Chevallier and J.-L. Dion, J. Sound Vib. 332 (2013) 4821-4838,
    doi:10.1016/j.jsv.2013.04.020.
 .. [2] R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118 (2019) 133-157.
@@ -343,20 +336,16 @@ def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[fl
 
 
 def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
-    r"""Return the work of a loading curve up to its points, J.
+    """Return the work of a loading curve up to its points, J.
 
-    With the deficit :math:`d = \omega_0^2 - \alpha/q`, the work is
-    :math:`\tfrac12 \omega_0^2 q^2 - \int d\, q'\, \mathrm{d}q'`. Between two points d is a power of
-    q, as in micro-slip; below the first point it has the power of the first interval.
-
-    Examples
-    --------
     >>> q = np.linspace(0.0, 1.0, 5)
     >>> round(float(loading_work(q, q - 0.3 * q**2, 1.0)[-1]), 12)  # a deficit of .3 q
     0.4
     """
     q = amplitude[1:]
     d = square - force[1:] / q
+    # work = w_0² q²/2 - ∫ d q dq with the deficit d = w_0² - alpha/q, a power of q between two
+    # points, as in micro-slip; below the first point it has the power of the first interval
     ratio = d[1:] / np.where(d[:-1] == 0.0, np.inf, d[:-1])
     slope = np.log(np.where(ratio > 0.0, ratio, 1.0)) / np.log(q[1:] / q[:-1])
     slope = np.clip(np.append(slope[:1] if slope.size else 1.0, slope), -1.0, 50.0)
