@@ -29,8 +29,12 @@ FAMILIES: Mapping[str, str] = {
 }
 """Families of scenes and their modules; a module has its family under its name."""
 
-STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
-"""Families of stiff and extreme cases, in the order of their table."""
+STABILITY_FAMILIES: Mapping[str, str] = {
+    family: f"stability_{module}"
+    for module, families in tomllib.loads(STABILITY_FILE.read_text()).items()
+    for family in families
+}
+"""Families of stiff and extreme cases, in the order of their table, and their modules."""
 
 
 def bench(

@@ -91,7 +91,7 @@ def stability_command(
     from multiscale.schema import STABILITY
 
     cases = read_cases()
-    chosen = _choose(families, STABILITY_FAMILIES)
+    chosen = _choose(families, list(STABILITY_FAMILIES))
     check_dataset_file(out)
     outcomes = check_stability(
         [case for case in cases if case.family in chosen],

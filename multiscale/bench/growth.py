@@ -37,7 +37,7 @@ class Growth(NamedTuple):
 def grow(method: str, size: int) -> Growth:
     """Solve a structure of a size by a method of ``SIZES``."""
     if method in BODIES:
-        from multiscale.bench.stability_cases import large_blocks
+        from multiscale.bench.stability_bodies import large_blocks
 
         blocks, loads = large_blocks(1.0, 0.2, size), np.array([[1.0, 0.0], [1.0, 1.0]])
         result = solve_assembly(blocks, loads, method=BODIES[method])

@@ -5,13 +5,14 @@ import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from itertools import product
+from importlib import import_module
+from itertools import chain, product
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
-from multiscale.bench import STABILITY_FILE, stability_cases
+from multiscale.bench import STABILITY_FAMILIES, STABILITY_FILE
 from multiscale.bench.measure import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
@@ -23,7 +24,7 @@ LONGEST = 1800  # seconds after which a case hangs
 
 @dataclass(frozen=True)
 class StabilityCase:
-    """A function of ``stability_cases`` with its arguments, and the largest allowed residual."""
+    """A function of its family with its arguments, and the largest allowed residual."""
 
     family: str
     parameters: tuple[tuple[str, float | str], ...]
@@ -49,7 +50,8 @@ class Outcome(NamedTuple):
 def read_cases() -> list[StabilityCase]:
     """Return the cases of the table, in its order."""
     cases = []
-    for family, table in tomllib.loads(STABILITY_FILE.read_text()).items():
+    tables = tomllib.loads(STABILITY_FILE.read_text()).values()
+    for family, table in chain.from_iterable(families.items() for families in tables):
         tolerance = table.pop("tolerance")
         for values in product(*table.values()):
             cases.append(StabilityCase(family, tuple(zip(table, values, strict=True)), tolerance))
@@ -130,7 +132,8 @@ def solve_case(case: StabilityCase) -> Outcome:
     alarm(LONGEST)
     begin = perf_counter()
     try:
-        residual = float(getattr(stability_cases, case.family)(**dict(case.parameters)))
+        module = import_module(f"multiscale.bench.{STABILITY_FAMILIES[case.family]}")
+        residual = float(getattr(module, case.family)(**dict(case.parameters)))
     except MultiscaleError as error:
         return Outcome(1, seconds=perf_counter() - begin, sentence=str(error))
     except Exception as error:  # any other exception is a failure
