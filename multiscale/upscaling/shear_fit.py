@@ -61,44 +61,13 @@ def with_shear(
     realisations are sheared, so that sample k belongs to sample k of the normal law. The path of
     the bed is the mean over the realisations with the mean :math:`\kappa` and :math:`\mu`.
     """
-    # the sheared realisations and their normal laws
-    MICRO_RESPONSE.check(shear)
-    require_law(law, "pressure_min", "pressure_max", "seed")
-    low, high = float(law.attrs["pressure_min"]), float(law.attrs["pressure_max"])
-    shear, cautions = _whole_paths(shear)
-    _check_pairs(response, shear)
-    pressed = up_to_limit(loading_branch(shear), law)
-    if float(pressed["nominal_pressure"].min()) <= low * (1.0 + SAME):
-        shear = shear.isel(step=np.flatnonzero(shear["branch"] != LOADING))
-    else:
-        pressed = up_to_limit(response, law).sel(realisation=shear["realisation"].to_numpy())
-    pressure = _pressures(shear, low, high)
-    laws = _normal_laws(law, pressed)
-    slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
-
-    # friction where all contact slips, and the weights of the steps below
-    loaded, size = pressure > 0.0, np.linalg.norm(traction, axis=-1)
-    full = loaded & (shear["slip_fraction"].to_numpy() >= FULL_SLIP)
-    friction = np.sum(full * size / np.where(loaded, pressure, np.inf), axis=1) / full.sum(axis=1)
-    inside = loaded & (size < friction[:, None] * (pressure - low))
-    for _, (first, _, last) in closed_cycles(slip.mean(axis=0), pressure):
-        inside[:, first + 1 : last + 1] = False
-    weight = inside / np.where(loaded, pressure, np.inf)
-    # stiffness ratios of the nearest beds
-    smallest = RELEASED * pressure.max()
-    openings = [normal.gap_at(np.maximum(pressure, smallest)) - normal.gap for normal in laws]
-    beds = [Sliders(normal, 1.0, 1.0, pressures=(low, high), slabs=SLABS) for normal in laws]
-    ratio = np.array(
-        [
-            _nearest_ratio(*arguments)
-            for arguments in zip(beds, openings, slip, traction, friction, weight, strict=True)
-        ]
-    )
+    cells, cautions = _sheared_cells(law, response, shear)
+    ratio, friction = _nearest_beds(cells)
     lay = _lay(ratio)
     if not (bool(lay) if apart is None else apart):
         cautions += lay
         ratio[:] = np.nanmean(ratio, axis=1, keepdims=True)
-    # means and samples of both numbers, and the mean path
+    # means and samples of both numbers
     each, n = np.column_stack([ratio, friction]), len(ratio)
     counts = draw_counts(n, int(law.sizes.get("sample", 0)), int(law.attrs["seed"]))
 
@@ -108,34 +77,18 @@ def with_shear(
         return np.asarray(mean + widening(n - 1, n=n) * (counts @ values / n - mean))
 
     mean, drawn = each.mean(axis=0), sampled(each)
-    kappa, mu = mean[:2], mean[2]
-    path = [
-        mu * bed_traction(bed, opening, u * np.nan_to_num(kappa) / mu)
-        for bed, opening, u in zip(beds, openings, slip, strict=True)
-    ]
-    sheared = loaded & np.any(np.abs(slip).max(axis=0) > STILL * np.abs(slip).max(), axis=-1)
+    kappa, mu = mean[:2], float(mean[2])
     values = {
         "shear_stiffness_ratio": kappa,
         "shear_stiffness_ratio_sample": drawn[:, :2],
         "shear_friction": mu,
         "shear_friction_sample": drawn[:, 2],
-        "shear_pressure": pressure[sheared],
-        "shear_slip": slip.mean(axis=0)[sheared],
-        "shear_traction": traction.mean(axis=0)[sheared],
-        "shear_bed_traction": np.mean(path, axis=0)[sheared],
     }
-    # distance of the path from the cells, and the loss in closed cycles
-    distance = np.linalg.norm(traction.mean(axis=0) - np.mean(path, axis=0), axis=-1)
-    scale = np.where(sheared, mu * pressure, np.inf)
-    spread = np.linalg.norm(traction.std(axis=0), axis=-1) / np.sqrt(max(n - 1, 1))
-    misfit = Misfit(
-        "the bed of sliders misses the sheared cells",
-        pressure[sheared],
-        (distance / scale)[sheared],
-        (spread / scale)[sheared],
-    )
+    # mean path of the beds, and loss in closed cycles
+    path, misfit = _mean_path(cells, kappa, mu)
     cautions += misfit.judge("shear by smaller steps, or on a finer grid")
-    if lost := measure_loss(shear, pressure, laws, kappa, float(mu)):
+    values |= path
+    if lost := measure_loss(cells.response, cells.pressure, cells.laws, kappa, mu):
         loss = lost.ratio.mean(axis=1)
         values |= {
             "shear_loss_ratio": loss.mean(axis=0),
@@ -147,6 +100,96 @@ def with_shear(
         }
     law = with_branch(law, "shear", "measured", values).assign_attrs(n_sheared=n)
     return with_cautions(law, *cautions)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheared:
+    """Cells sheared along a path of pressures, with their normal laws and beds of sliders."""
+
+    response: Dataset
+    pressure: np.ndarray  # (steps,), Pa
+    lowest: float  # pressure of the normal laws, Pa
+    slip: np.ndarray  # (realisations, steps, 2), m
+    traction: np.ndarray  # (realisations, steps, 2), Pa
+    laws: list[NormalLaw]
+    beds: list[Sliders]  # with a stiffness ratio and a friction of 1
+    openings: list[np.ndarray]  # (steps,) for each realisation, m
+
+
+def _sheared_cells(law: Dataset, response: Dataset, shear: Dataset) -> tuple[_Sheared, list[str]]:
+    """Return the cells that were sheared along their whole path, and cautions on the others."""
+    MICRO_RESPONSE.check(shear)
+    require_law(law, "pressure_min", "pressure_max", "seed")
+    low, high = float(law.attrs["pressure_min"]), float(law.attrs["pressure_max"])
+    shear, cautions = _whole_paths(shear)
+    _check_pairs(response, shear)
+    # the normal laws rest on the loading of the sheared cells, or of the same cells without shear
+    pressed = up_to_limit(loading_branch(shear), law)
+    if float(pressed["nominal_pressure"].min()) <= low * (1.0 + SAME):
+        shear = shear.isel(step=np.flatnonzero(shear["branch"] != LOADING))
+    else:
+        pressed = up_to_limit(response, law).sel(realisation=shear["realisation"].to_numpy())
+    pressure, laws = _pressures(shear, low, high), _normal_laws(law, pressed)
+    slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
+    loaded = np.maximum(pressure, RELEASED * pressure.max())
+    openings = [normal.gap_at(loaded) - normal.gap for normal in laws]
+    beds = [Sliders(normal, 1.0, 1.0, pressures=(low, high), slabs=SLABS) for normal in laws]
+    return _Sheared(shear, pressure, low, slip, traction, laws, beds, openings), cautions
+
+
+def _nearest_beds(cells: _Sheared) -> tuple[np.ndarray, np.ndarray]:
+    """Fit stiffness ratios along x and y, (realisations, 2), and the friction of every cell."""
+    # friction where all contact slips
+    loaded, size = cells.pressure > 0.0, np.linalg.norm(cells.traction, axis=-1)
+    per_pressure = 1.0 / np.where(loaded, cells.pressure, np.inf)
+    full = loaded & (cells.response["slip_fraction"].to_numpy() >= FULL_SLIP)
+    friction = np.sum(full * size * per_pressure, axis=1) / full.sum(axis=1)
+    # ratios from the steps below, without closed cycles
+    inside = loaded & (size < friction[:, None] * (cells.pressure - cells.lowest))
+    for _, (first, _, last) in closed_cycles(cells.slip.mean(axis=0), cells.pressure):
+        inside[:, first + 1 : last + 1] = False
+    fitted = zip(
+        cells.beds,
+        cells.openings,
+        cells.slip,
+        cells.traction,
+        friction,
+        inside * per_pressure,
+        strict=True,
+    )
+    return np.array([_nearest_ratio(*arguments) for arguments in fitted]), friction
+
+
+def _mean_path(
+    cells: _Sheared, ratio: np.ndarray, friction: float
+) -> tuple[dict[str, np.ndarray], Misfit]:
+    """Return the mean path of cells and beds, and the distance of both over full slip."""
+    slip, traction, n = cells.slip, cells.traction.mean(axis=0), len(cells.slip)
+    stretch = np.nan_to_num(ratio) / friction
+    bed = friction * np.mean(
+        [
+            bed_traction(bed, opening, u * stretch)
+            for bed, opening, u in zip(cells.beds, cells.openings, slip, strict=True)
+        ],
+        axis=0,
+    )
+    moved = np.any(np.abs(slip).max(axis=0) > STILL * np.abs(slip).max(), axis=-1)
+    sheared = (cells.pressure > 0.0) & moved
+    scale = friction * cells.pressure[sheared]
+    spread = np.linalg.norm(cells.traction.std(axis=0), axis=-1) / np.sqrt(max(n - 1, 1))
+    values = {
+        "shear_pressure": cells.pressure,
+        "shear_slip": slip.mean(axis=0),
+        "shear_traction": traction,
+        "shear_bed_traction": bed,
+    }
+    misfit = Misfit(
+        "the bed of sliders misses the sheared cells",
+        cells.pressure[sheared],
+        np.linalg.norm(traction - bed, axis=-1)[sheared] / scale,
+        spread[sheared] / scale,
+    )
+    return {name: value[sheared] for name, value in values.items()}, misfit
 
 
 def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndarray:
