@@ -39,29 +39,42 @@ def fit_command(
     ] = "",
 ) -> None:
     """Fit the interface law to a response, or to a table of measurements."""
+    check_dataset_file(out)
+    if response.suffix.lower() != ".csv":
+        if pressure:
+            raise CaseError(f"--pressure needs a table .csv, got {response}")
+        _fit_response(response, out, family or "convex_decreasing", shear, sliding, measured)
+        return
+    if shear or sliding or measured:
+        raise CaseError(
+            f"{response}: --shear, --sliding and --measured belong to a response, not to a table"
+        )
+    _fit_table(response, out, family, [to_si(text, "Pa") for text in pressure or ()])
+
+
+def _fit_table(table: Path, out: Path, family: str, pressures: list[float]) -> None:
+    """Fit a law to measured stiffnesses or gaps, and print its values at pressures, Pa."""
+    from multiscale.io import save_law
+    from multiscale.pipeline.specimen_law import fit_specimens
+
+    fitted = fit_specimens(table, family, pressures)
+    save_law(fitted.law, out)
+    warn_of(fitted.cautions)
+    print_table(fitted.title, *fitted.predictions)
+    typer.echo(f"law: {out}")
+
+
+def _fit_response(
+    response: Path, out: Path, family: str, shear: Path | None, sliding: Path | None, measured: str
+) -> None:
+    """Fit a law to cells, which the measurements of a case may calibrate, and print it."""
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.pipeline.calibrated_law import calibrate_case, calibration_tables
     from multiscale.pipeline.runner import job_in
-    from multiscale.pipeline.specimen_law import fit_specimens
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
     from multiscale.upscaling.branches import describe_shear
 
-    check_dataset_file(out)
-    if response.suffix.lower() == ".csv":
-        if shear or sliding or measured:
-            raise CaseError(
-                f"{response}: --shear, --sliding and --measured belong to a response, not to a "
-                f"table"
-            )
-        fitted = fit_specimens(response, family, [to_si(text, "Pa") for text in pressure or ()])
-        save_law(fitted.law, out)
-        warn_of(fitted.cautions)
-        print_table(fitted.title, *fitted.predictions)
-        typer.echo(f"law: {out}")
-        return
-    if pressure:
-        raise CaseError(f"--pressure needs a table .csv, got {response}")
     case = load_with("measured", measured) if measured else None
     options: dict[str, Any] = {}
     if case is not None:
@@ -71,15 +84,15 @@ def fit_command(
         open_response(response),
         shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
         sliding=None if sliding is None else open_dataset(sliding, SLIDING_RESPONSE),
-        family=family or "convex_decreasing",
+        family=family,
         **options,
     )
     if case is not None:
         law = calibrate_case(case, law, job_in(out.parent)).law
     save_law(law, out)
     warn_of(law.attrs["cautions"].splitlines())
-    for table in calibration_tables(law):
-        print_table(*table)
+    for calibration in calibration_tables(law):
+        print_table(*calibration)
     if case is not None:
         typer.echo(f"{law.attrs['effective_draws']:.3g} independent draws")
     typer.echo(law.attrs["branches"])

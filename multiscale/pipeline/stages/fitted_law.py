@@ -1,10 +1,11 @@
 """Stage: the interface law fitted to the cells of two rough bodies."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +54,12 @@ FLAT = (
     "adds no compliance to the bodies."
 )
 """Answers at a pressure, with an open and with a closed gap."""
+
+FITTED = (
+    *("n_realisations", "pressure_min", "pressure_max", "pressures_per_decade", "branches"),
+    *("cross_validated_error", "cross_validated_stiffness_error", "admissibility"),
+)
+"""Attributes of a law of cells that its description needs."""
 
 EXPORTED = 0.01  # relative error of the pressure between the points of the exported tables
 
@@ -106,19 +113,48 @@ def _on_grids(case: Case, datasets: Datasets) -> tuple[dict[float, Dataset], dic
     return pressed, laws
 
 
+class _Part(NamedTuple):
+    """Paragraphs and figures on a part of a law."""
+
+    lines: Sequence[str]
+    figures: Mapping[str, Callable[[Path], Path]]
+
+
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
+    """Describe the fit of every branch; downloads are tables for other codes."""
     response, law = datasets[MICRO_RESPONSE.name], datasets[FITTED_LAW.name]
-    upscaling.require_law(
-        law,
-        "n_realisations",
-        "pressure_min",
-        "pressure_max",
-        "pressures_per_decade",
-        "branches",
-        "cross_validated_error",
-        "cross_validated_stiffness_error",
-        "admissibility",
-    )
+    parts = [_describe_fit(law, response)]
+    if "unloading_stiffness_ratio" in law:
+        parts.append(_describe_unloading(law, response))
+    conducts = upscaling.conductances(law, law["fit_pressure"].to_numpy())
+    if conducts:
+        parts.append(_describe_conductance(law))
+    if "hydraulic_aperture" in law:
+        parts.append(_describe_leakage(law, out / "fields" / "fields.nc"))
+    if sheared := SHEARED_CELLS.name in datasets:
+        parts.append(_describe_shear(law, datasets[SHEARED_CELLS.name].attrs[POINT_FRICTION]))
+    files: dict[str, Callable[[Path], object]] = {
+        "law.csv": partial(upscaling.write_law_table, law)
+    }
+    for code in ("abaqus", "calculix"):
+        files[f"{code}.inp"] = partial(
+            upscaling.write_pressure_overclosure,
+            law,
+            tolerance=EXPORTED,
+            friction_for=code if sheared else None,
+            conductance_for=code if "thermal_conductance" in conducts else None,
+        )
+    lines = [line for part in parts for line in part.lines]
+    figures = dict(chain.from_iterable(part.figures.items() for part in parts))
+    yield Section("Interface law", lines, figures=figures, files=files)
+    for title, head, rows in calibration_tables(law):
+        drawn = f"The samples amount to {law.attrs['effective_draws']:.3g} independent draws."
+        yield Section(title, [*str(law.attrs["calibration"]).splitlines(), drawn], head, rows)
+
+
+def _describe_fit(law: Dataset, response: Dataset) -> _Part:
+    """Report data, branches, errors at pressures left out, and admissibility."""
+    upscaling.require_law(law, *FITTED)
     attributes, branches = law.attrs, branch_origins(law).items()
     count = int(attributes["n_realisations"])
     sources = ", ".join(f"{branch} is {how}" for branch, how in branches)
@@ -144,58 +180,47 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
         "gap_law": on_axes(law_figures.plot_gap_law, response, law),
         "area_law": on_axes(law_figures.plot_area_law, response, law),
     }
-    if "unloading_stiffness_ratio" in law:
-        figures["unloading"] = on_axes(law_figures.plot_unloading, response, law)
-        error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
-        lines.append(
-            "At the start of unloading the interface is "
-            f"{float(law['unloading_stiffness_ratio']):.3g} times as stiff as under loading, and "
-            f"its gap recovers with the exponent {float(law['unloading_exponent']):.3g}; at "
-            f"pressures left out of the fit the error of the recovery is {100.0 * error:.2g} %."
-        )
-    if conducts := upscaling.conductances(law, law["fit_pressure"].to_numpy()):
-        figures["conductance"] = on_axes(law_figures.plot_conductance, law)
-        lines.append(
-            f"The conductance follows from the stiffness at the start of "
-            f"{attributes['conductance_branch']}, by the analogy of conduction and incremental "
-            f"compliance of contact spots (J. R. Barber, doi:10.1098/rspa.2002.1038). It includes "
-            f"neither conduction through the gap nor films on the contact spots."
-        )
-    if "hydraulic_aperture" in law:
-        figures["leakage"] = on_axes(law_figures.plot_leakage, law)
-        fields = out / "fields" / "fields.nc"
-        figures |= {f"flow_along_{axis}": on_axes(_flow, fields, axis) for axis in "xy"}
-        lines.append(
-            f"The hydraulic aperture is the distance of parallel walls with the same flow rate, by "
-            f"Reynolds' equation on the open area of the gap; the interface is a patchwork of the "
-            f"cells. {upscaling.say_sealing(law)} {attributes.get('leakage_intervals', '')} The "
-            f"pressure of the liquid does not deform the bodies."
-        )
-    if sheared := SHEARED_CELLS.name in datasets:
-        figures["shear_law"] = on_axes(law_figures.plot_shear_law, law)
-        lines += _shear(law, datasets[SHEARED_CELLS.name].attrs[POINT_FRICTION])
-    files: dict[str, Callable[[Path], object]] = {
-        "law.csv": partial(upscaling.write_law_table, law)
-    }
-    for code in ("abaqus", "calculix"):
-        files[f"{code}.inp"] = partial(
-            upscaling.write_pressure_overclosure,
-            law,
-            tolerance=EXPORTED,
-            friction_for=code if sheared else None,
-            conductance_for=code if "thermal_conductance" in conducts else None,
-        )
-    yield Section("Interface law", lines, figures=figures, files=files)
-    for title, head, rows in calibration_tables(law):
-        drawn = f"The samples amount to {attributes['effective_draws']:.3g} independent draws."
-        yield Section(title, [*str(attributes["calibration"]).splitlines(), drawn], head, rows)
+    return _Part(lines, figures)
+
+
+def _describe_unloading(law: Dataset, response: Dataset) -> _Part:
+    error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
+    line = (
+        "At the start of unloading the interface is "
+        f"{float(law['unloading_stiffness_ratio']):.3g} times as stiff as under loading, and "
+        f"its gap recovers with the exponent {float(law['unloading_exponent']):.3g}; at "
+        f"pressures left out of the fit the error of the recovery is {100.0 * error:.2g} %."
+    )
+    return _Part([line], {"unloading": on_axes(law_figures.plot_unloading, response, law)})
+
+
+def _describe_conductance(law: Dataset) -> _Part:
+    line = (
+        f"The conductance follows from the stiffness at the start of "
+        f"{law.attrs['conductance_branch']}, by the analogy of conduction and incremental "
+        f"compliance of contact spots (J. R. Barber, doi:10.1098/rspa.2002.1038). It includes "
+        f"neither conduction through the gap nor films on the contact spots."
+    )
+    return _Part([line], {"conductance": on_axes(law_figures.plot_conductance, law)})
+
+
+def _describe_leakage(law: Dataset, fields: Path) -> _Part:
+    line = (
+        f"The hydraulic aperture is the distance of parallel walls with the same flow rate, by "
+        f"Reynolds' equation on the open area of the gap; the interface is a patchwork of the "
+        f"cells. {upscaling.say_sealing(law)} {law.attrs.get('leakage_intervals', '')} The "
+        f"pressure of the liquid does not deform the bodies."
+    )
+    figures = {"leakage": on_axes(law_figures.plot_leakage, law)}
+    figures |= {f"flow_along_{axis}": on_axes(_flow, fields, axis) for axis in "xy"}
+    return _Part([line], figures)
 
 
 def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
     return plot_flow_channels(open_dataset(fields, FIELDS), direction=axis, ax=ax)
 
 
-def _shear(law: Dataset, of_points: float) -> list[str]:
+def _describe_shear(law: Dataset, of_points: float) -> _Part:
     """Report the tangential stiffness and the friction of the sheared cells."""
     x, y = _format_ratio(law, 0), _format_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
@@ -213,7 +238,7 @@ def _shear(law: Dataset, of_points: float) -> list[str]:
     ]
     if "shear_loss_ratio" in law:
         lines.append(f"{loss_terms(law)[BED].how.capitalize()}.")
-    return lines
+    return _Part(lines, {"shear_law": on_axes(law_figures.plot_shear_law, law)})
 
 
 def _format_ratio(law: Dataset, axis: int) -> str:
