@@ -1,7 +1,7 @@
 """Stage: two blocks pressed together through the law of their interface."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,7 +13,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import real_contact, showing
-from multiscale.pipeline.body_budget import STIFFNESSES, UNKNOWN_LAW
+from multiscale.pipeline.body_sources import UNKNOWN_LAW
 from multiscale.pipeline.case_cells import joint_scales
 from multiscale.pipeline.stage import Datasets, Section, Stage, list_cautions, with_sample_band
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -30,7 +30,10 @@ from multiscale.upscaling.reading import TABLE
 from multiscale.upscaling.scales import compare_scales
 from multiscale.upscaling.shear_budget import shear_errors
 
-TANGENTIAL = "tangential_stiffness"
+TANGENTIAL, AREA = "tangential_stiffness", "area_pressure"
+
+STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
+"""Stiffnesses of the joint with its bodies, of the interface and of the bodies, with a budget."""
 
 STIFFNESS = (
     "joint_stiffness",
@@ -75,97 +78,131 @@ SENTENCES = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class _PressedBlocks:
+    """Blocks of a case with the law of their interface, and what follows from its stiffness."""
+
+    joint: macro.RoughJoint
+    law: Dataset
+    ratio: float | None  # tangential over normal stiffness, none without friction
+    conducts: Mapping[str, float]  # conductances over the stiffness
+
+    @classmethod
+    def of(cls, case: Case, law: Dataset) -> "_PressedBlocks":
+        """Build the blocks of a case."""
+        blocks = cast(Blocks, case.structure)
+        lower, upper = (
+            macro.Block(blocks.height, body.youngs_modulus, body.poissons_ratio)
+            for body in case.bodies
+        )
+        shears = upscaling.tangential_values(law)
+        # without friction there are no tangential springs
+        ratio = None if shears.get("friction") == 0.0 else shears.get("stiffness_ratio")
+        joint = macro.RoughJoint((blocks.width, blocks.width), lower, upper)
+        return cls(joint, law, ratio, upscaling.conductance_ratios(law))
+
+    def from_stiffness(self, K: np.ndarray, ratio: float | None) -> dict[str, np.ndarray]:
+        """Return the answers that follow from the stiffness of the interface, Pa/m."""
+        values = {name: share * K for name, share in self.conducts.items()}
+        if ratio is None:
+            return values
+        # kappa K in series with blocks in even shear, without slip
+        blocks = self.joint.lower.shear_compliance + self.joint.upper.shear_compliance  # m/Pa
+        return {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + blocks)} | values
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the answers with an error budget."""
+        shear = [TANGENTIAL] * (self.ratio is not None)
+        return (*STIFFNESSES, *shear, *self.conducts, *["real_pressure"] * (AREA in self.law))
+
+    def answers(self, preload: np.ndarray, law: NormalLaw, ratio: float | None) -> np.ndarray:
+        """Press the blocks through another law: answers over preloads; the real pressure stays."""
+        pressed = macro.press_joint(self.joint, law, preload, extrapolate=True)
+        values = {name: pressed[name].to_numpy() for name in STIFFNESSES}
+        values |= self.from_stiffness(values["interface_stiffness"], ratio)
+        return np.stack([values.get(name, np.ones(preload.size)) for name in self.names])
+
+
 def solve_joint(case: Case, law: Dataset) -> Dataset:
     """Press two blocks together through the law and its samples."""
-    blocks = cast(Blocks, case.structure)
-    lower, upper = (
-        macro.Block(blocks.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
-    )
-    joint = macro.RoughJoint((blocks.width, blocks.width), lower, upper)
-    preload, extrapolate = np.array(case.statics.preloads), case.extrapolate
+    blocks, preload = _PressedBlocks.of(case, law), np.array(case.statics.preloads)
     samples = upscaling.fitted_laws(law, range(law.sizes.get("sample", 0)))
-    mean = upscaling.law_from_dataset(law)
-    result = macro.press_joint(joint, mean, preload, samples=samples, extrapolate=extrapolate)
+    result = macro.press_joint(
+        blocks.joint,
+        upscaling.law_from_dataset(law),
+        preload,
+        samples=samples,
+        extrapolate=case.extrapolate,
+    )
+    # real contact, unloading, shear and conduction
     fraction = np.full(preload.shape, np.nan)
-    if "area_pressure" in law:
+    if AREA in law:
         fraction = upscaling.area_from_dataset(law).contact_fraction(preload)
     areas = {
         "contact_fraction": fraction,
         "real_pressure": real_contact.real_pressure(preload, fraction),
     }
-    solved = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
-    shears = upscaling.tangential_values(law)
-    # without friction there are no tangential springs
-    ratio = None if shears.get("friction") == 0.0 else shears.get("stiffness_ratio")
-    sheared = lower.shear_compliance + upper.shear_compliance  # m/Pa
-
-    conducts = upscaling.conductance_ratios(law)
-
-    def from_stiffness(K: np.ndarray, ratio: float | None = ratio) -> dict[str, np.ndarray]:
-        """Answers that follow from the stiffness of the interface."""
-        values = {name: share * K for name, share in conducts.items()}
-        if ratio is None:
-            return values
-        # kappa K in series with blocks in even shear, without slip
-        return {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + sheared)} | values
-
-    areas |= from_stiffness(result["interface_stiffness"].to_numpy())
+    areas |= blocks.from_stiffness(result["interface_stiffness"].to_numpy(), blocks.ratio)
+    solved = np.isfinite(result["joint_stiffness"].to_numpy())
     areas = {name: np.where(solved, value, np.nan) for name, value in areas.items()}
-    law, cautions, share = _compare(case, blocks.width, law)
+    # scales of cells and joint, cautions and facts
+    law, cautions, share = _compare(case, blocks.joint.section[0], law)
     cautions = [*cautions, *real_contact.zero_of_gap(law)]
     if not has_budget(law) and law.attrs.get("family") != TABLE:  # a table has this caution already
         cautions = [*cautions, UNKNOWN_LAW.format(number=0)]
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
     below = real_contact.negative_gap(result["mean_gap"].to_numpy(), law)
-    facts = [*real_contact.behaviour(law), *share, *below, *_tangential_facts(law, ratio)]
+    facts = [*real_contact.behaviour(law), *share, *below, *_tangential_facts(law, blocks.ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(solved & (result["known"].values == 1))
     if not steps.size or not has_budget(law):
         return result
+    budget = _budget(replace(blocks, law=law), samples, result.isel(step=steps), preload[steps])
+    return upscaling.with_intervals(
+        upscaling.with_budget(result, upscaling.over_steps(budget, steps, preload.size))
+    )
 
-    shear = [TANGENTIAL] if ratio is not None else []
-    real = ["real_pressure"] if "area_pressure" in law else []
-    names = (*STIFFNESSES, *shear, *conducts, *real)
 
-    def answers(changed: NormalLaw, ratio: float | None = ratio) -> np.ndarray:
-        pressed = macro.press_joint(joint, changed, preload[steps], extrapolate=True)
-        normal = {name: pressed[name].to_numpy() for name in STIFFNESSES}
-        rows = normal | from_stiffness(normal["interface_stiffness"], ratio)
-        return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
-
-    known = result.isel(step=steps)
+def _budget(
+    blocks: _PressedBlocks, samples: Sequence[NormalLaw], known: Dataset, preload: np.ndarray
+) -> Dataset:
+    """Return the error budget of the known answers at their preloads, Pa."""
+    law, names, ratio = blocks.law, blocks.names, blocks.ratio
     # samples of the same number of normal law and stiffness ratio were drawn together
-    jointly = bool(shear) and len(samples) == law.sizes.get("shear_sample", 0)
+    jointly = ratio is not None and len(samples) == law.sizes.get("shear_sample", 0)
     ratios = [ratio] * len(samples)
     if jointly:
         ratios = [float(np.nanmean(row)) for row in law["shear_stiffness_ratio_sample"].values]
-    drawn = [answers(*sample) for sample in zip(samples, ratios, strict=True)] or None
-    answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
-    at = preload[steps]
+    drawn = [blocks.answers(preload, *pair) for pair in zip(samples, ratios, strict=True)] or None
+    real = np.array(names) == "real_pressure"
+    answer = np.stack([known[name].to_numpy() for name in names])
+    answer[real] = 1.0
     exact = "none: blocks and law in series have a closed form under uniform pressure"
     sources: list[upscaling.Source] = [
-        *upscaling.law_sources(law, at, drawn=drawn),
-        real_contact.contact_source(law, at, np.array(names) == "real_pressure"),
+        *upscaling.law_sources(law, preload, drawn=drawn),
+        real_contact.contact_source(law, preload, real),
         upscaling.Bound(name="closed form", bounds={MACRO: Term(exact, np.zeros(answer.shape))}),
     ]
-    if conducts:
-        conducting = np.isin(names, list(upscaling.CONDUCTANCES))[:, None] * np.ones(steps.size)
+    if blocks.conducts:
+        conducting = np.isin(names, list(blocks.conducts))[:, None] * np.ones(preload.size)
         sources.append(upscaling.elastic_source(law, conducting))
-    if shear and branch_origins(law).get("shear") == "measured":
+    if ratio is not None and branch_origins(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         rate = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
-        errors = shear_errors(law, at).get("stiffness_ratio", {})
+        errors = shear_errors(law, preload).get("stiffness_ratio", {})
         half_width = {term: errors[term] for term in known_terms(law) if term in errors}
         if jointly:
             half_width.pop("sampling", None)
         sources.append(
             upscaling.Uncertainty(name="stiffness ratio", half_width=half_width, rate=rate)
         )
-    budget = upscaling.propagate(names, sources, answers, answer)
-    return upscaling.with_intervals(
-        upscaling.with_budget(result, upscaling.over_steps(budget, steps, preload.size))
-    )
+
+    def again(changed: NormalLaw) -> np.ndarray:
+        return blocks.answers(preload, changed, ratio)
+
+    return upscaling.propagate(names, sources, again, answer)
 
 
 def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
