@@ -14,7 +14,8 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
 from multiscale.macro.data_range import ROUNDS
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import BodiesWithLaws, Change
+from multiscale.pipeline.body_budget import FirstOrder, JointAnswers
+from multiscale.pipeline.body_sources import BodiesWithLaws, Change
 from multiscale.pipeline.showing import Rows, Table, list_cycles, list_facts
 from multiscale.pipeline.stage import (
     Datasets,
@@ -233,6 +234,21 @@ class ReadyBodies:
         return with_too_far(
             macro.bodies.add_body_fields(result, self.parts.assembly.bodies, damage=damages)
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathAnswers:
+    """Answers of bodies on a kind of path: how they are completed, shown and compared."""
+
+    question: str
+    complete: Callable[[Dataset, ReadyBodies], Dataset]  # adds answers beyond those of the path
+    facts: Callable[[Dataset, ReadyBodies], Iterable[str]]
+    with_errors: "Callable[[Dataset, substructures.LoadPath, FirstOrder], JointAnswers]"
+    """Return the answers that have an error budget."""
+    tabulate: Callable[[Dataset], Rows]
+    sentences: Callable[[Dataset], Iterable[str]]
+    sections: Callable[[Dataset], Iterable[Section]]
+    compared: Callable[[Dataset], Dataset]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.whole import assemble
 from multiscale.macro.vibration import Amplitudes, follow_backbone, structure_mass
 from multiscale.pipeline import load_case
-from multiscale.pipeline.body_budget import BodiesWithLaws, Change
+from multiscale.pipeline.body_sources import BodiesWithLaws, Change
 from multiscale.pipeline.stages.vibrating_bodies import _laws, _press
 from multiscale.plotting.vibration_figures import plot_vibrating_joint
 

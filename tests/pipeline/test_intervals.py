@@ -13,7 +13,7 @@ from multiscale.io import save_law
 from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import joint_path, load_joint
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.body_budget import (
+from multiscale.pipeline.body_sources import (
     BodiesWithLaws,
     Change,
     ErrorSources,
@@ -21,7 +21,7 @@ from multiscale.pipeline.body_budget import (
 )
 from multiscale.pipeline.showing import list_cycles, round_by
 from multiscale.pipeline.stage import Job
-from multiscale.pipeline.stages.body_answers import CYCLES as CYCLE_TABLE
+from multiscale.pipeline.stages.joint_answers import CYCLES as CYCLE_TABLE
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import error_budget, fit_law, sliders_from_dataset, with_budget

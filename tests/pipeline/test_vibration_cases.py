@@ -11,7 +11,7 @@ from multiscale.fe.mesh_file import box_mesh
 from multiscale.io import open_law
 from multiscale.macro.substructures.whole import assemble
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.body_budget import BodiesWithLaws, Change
+from multiscale.pipeline.body_sources import BodiesWithLaws, Change
 from multiscale.pipeline.calibrated_law import _read, calibrate_case
 from multiscale.pipeline.runner import job_in
 from multiscale.pipeline.stage import Job

@@ -1,8 +1,9 @@
-"""Paths of loads: named loads step by step, then closed cycles of a load."""
+"""Paths of loads, step by step and then in closed cycles, and the answers at their steps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -34,9 +35,6 @@ class LoadPath:
         Amplitudes of the shear of a joint, rising: a closed cycle of each at the end of every step,
         next to the path.
     amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
-    of_joint : bool
-        Whether the loads are preload and shear of a joint, 1 Pa on faces with these forces as
-        areas, so that its answers have their own names; see :func:`joint_path`.
 
     Raises
     ------
@@ -54,7 +52,8 @@ class LoadPath:
     cycle_steps: int = 10
     amplitudes: tuple[float, ...] = ()
     amplitude_steps: int = FEW_STEPS
-    of_joint: bool = False
+
+    kind: ClassVar[str] = "loads"  # of the answers, the attribute ``path`` of a result
 
     def __post_init__(self) -> None:
         if not self.steps or any(len(step) != len(self.names) for step in self.steps):
@@ -138,6 +137,75 @@ class LoadPath:
         number[last] = np.arange(len(self.steps))
         return number
 
+    def labels(self) -> dict[str, list[str]]:
+        """Return the labels of the loads in a result."""
+        return {"load": list(self.names)}
+
+    def rise(self, step: int) -> np.ndarray | None:
+        """Signs of a small rise of every load away from zero at a load step, for its tangents."""
+        return np.where(self.factors()[step] < 0.0, -1.0, 1.0)
+
+    def describe(self) -> list[str]:
+        """Describe the loads with a factor other than zero, at every load step."""
+        return [
+            f"the loads {', '.join(f'{name} {factor:.4g}' for name, factor in acting) or 'zero'}"
+            for acting in (
+                [load for load in zip(self.names, row, strict=True) if load[1]]
+                for row in self.factors()
+            )
+        ]
+
+    def answers(self, moved: np.ndarray, work: np.ndarray, jointed: bool) -> dict[str, Any]:
+        """Return factors, displacements and stiffnesses of the loads.
+
+        They follow from displacements, shape (steps, loads), m, and
+        :attr:`~.measures.FollowedLoads.work`, with or without interfaces.
+        """
+        factors, forces = self.factors(), np.array(self.forces)
+        (stuck, *_), (whole, of_interfaces, _) = work
+        free = np.isinf(whole)
+        return {
+            "factor": factors,
+            "load_displacement": moved,
+            "load_secant": _secants(factors, moved, forces, not jointed),
+            "load_stiffness": forces**2 / whole,
+            "stuck_stiffness": forces**2 / stuck,
+            "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
+        }
+
+
+class JointPath(LoadPath):
+    """Preload and shear of a joint, 1 Pa on faces with the forces as areas, m²."""
+
+    kind = "joint"
+
+    def labels(self) -> dict[str, list[str]]:
+        """Return no labels: the answers name preload and shear."""
+        return {}
+
+    def rise(self, step: int) -> None:
+        """Return no rise: the stiffnesses of joints are without slip."""
+
+    def describe(self) -> list[str]:
+        """Return no descriptions: a step is described by its preload."""
+        return []
+
+    def answers(self, moved: np.ndarray, work: np.ndarray, jointed: bool) -> dict[str, Any]:
+        """Return loads, displacements and stiffnesses per area of the pressed and sheared faces."""
+        (preload, shear), (approach, along) = self.factors().T, moved.T
+        pressed, sheared = self.forces
+        whole, of_joints, of_bodies = work[0]
+        return {
+            "preload": preload,
+            "shear": shear,
+            "approach": approach,
+            "shear_displacement": along,
+            "joint_stiffness": pressed / whole[:, 0],
+            "tangential_stiffness": sheared / whole[:, 1],
+            "interface_stiffness": pressed / of_joints[:, 0],
+            "solid_stiffness": pressed / of_bodies[:, 0],
+        }
+
 
 def joint_path(
     preloads: Sequence[float],
@@ -171,7 +239,7 @@ def joint_path(
         )
     if not np.all(np.diff(amplitudes, prepend=0.0) > 0.0):
         raise CaseError(f"amplitudes must be positive and rise (Pa), got {list(amplitudes)}")
-    return LoadPath(
+    return JointPath(
         ("preload", "shear"),
         (1.0, 1.0),
         tuple((preload, 0.0) for preload in preloads),
@@ -180,7 +248,6 @@ def joint_path(
         cycles=cycles,
         cycle_steps=steps,
         amplitudes=tuple(amplitudes),
-        of_joint=True,
     )
 
 
@@ -201,3 +268,23 @@ def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.nd
     work = np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)
     rounding = ROUNDING * np.abs(amplitude) * np.ptp(displacement, axis=-1)
     return np.where(np.abs(work) < rounding, 0.0, work)
+
+
+def _secants(
+    factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
+) -> np.ndarray:
+    """Stiffness of every load since it was zero, N/m; NaN if another load has changed since."""
+    first = np.zeros((int(at_rest), len(forces)))
+    factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])
+    secant = np.full(factor.shape, np.nan)
+    for case, force in enumerate(forces):
+        others = np.delete(factor, case, axis=1)
+        for step in range(1, len(factor)):
+            zero = np.flatnonzero(factor[:step, case] == 0.0)
+            if not zero.size or factor[step, case] == 0.0:
+                continue
+            begin = zero[-1]
+            if np.all(others[begin : step + 1] == others[begin]):
+                change = force * factor[step, case]
+                secant[step, case] = change / (moved[step, case] - moved[begin, case])
+    return secant[len(first) :]

@@ -146,8 +146,7 @@ def follow_loads(
 
     def note(step: int, state: JointState) -> None:
         if ends[step] >= 0:
-            rise = None if path.of_joint else np.where(factors[step] < 0.0, -1.0, 1.0)
-            work[:, :, step] = tangents.work(state, rise)
+            work[:, :, step] = tangents.work(state, path.rise(step))
             ended.append(state)
 
     start = PreparedStructure(problem, method)
@@ -222,13 +221,12 @@ def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Data
     """
     path, problem, run = followed.loads, followed.path.problem, followed.path
     moved = np.asarray(run.unknowns @ followed.load / np.array(path.forces))
-    values = _of_faces(followed, moved) if path.of_joint else _of_loads(followed, moved)
+    values = path.answers(moved, followed.work, bool(problem.joints))
     joints = contact_measures(run) if problem.joints else {}
     result = MACRO_RESULT.assign(run.result, {"path_step": path.ends()} | values | joints)
     if joints:
-        rows = () if path.of_joint else path.factors()
-        loads = [_format_factors(path.names, row) for row in rows]
         shares, data = joint_shares(problem, result)
+        loads = path.describe()
         result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=loads)
         known = extrapolate | (result["known"].to_numpy() == 1)
         moved = np.where(known[:, None], moved, np.nan)
@@ -239,39 +237,7 @@ def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Data
         result = MACRO_RESULT.assign(result, _of_interfaces(result, path))
     if path.amplitudes:
         result = _with_amplitudes(result, followed, extrapolate)
-    return result if path.of_joint else result.assign_coords(load=list(path.names))
-
-
-def _of_faces(followed: FollowedLoads, moved: np.ndarray) -> dict[str, np.ndarray]:
-    """Return loads, displacements and stiffnesses per area of the pressed and sheared faces."""
-    (preload, shear), (approach, along) = followed.loads.factors().T, moved.T
-    pressed, sheared = followed.loads.forces
-    whole, of_joints, of_bodies = followed.work[0]
-    return {
-        "preload": preload,
-        "shear": shear,
-        "approach": approach,
-        "shear_displacement": along,
-        "joint_stiffness": pressed / whole[:, 0],
-        "tangential_stiffness": sheared / whole[:, 1],
-        "interface_stiffness": pressed / of_joints[:, 0],
-        "solid_stiffness": pressed / of_bodies[:, 0],
-    }
-
-
-def _of_loads(followed: FollowedLoads, moved: np.ndarray) -> dict[str, np.ndarray]:
-    """Return factors, displacements and stiffnesses of named loads."""
-    factors, forces = followed.loads.factors(), np.array(followed.loads.forces)
-    (stuck, *_), (whole, of_interfaces, _) = followed.work
-    free = np.isinf(whole)
-    return {
-        "factor": factors,
-        "load_displacement": moved,
-        "load_secant": _secants(factors, moved, forces, not followed.path.problem.joints),
-        "load_stiffness": forces**2 / whole,
-        "stuck_stiffness": forces**2 / stuck,
-        "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
-    }
+    return result.assign_coords(path.labels()).assign_attrs(path=path.kind)
 
 
 def _with_amplitudes(result: Dataset, followed: FollowedLoads, extrapolate: bool) -> Dataset:
@@ -382,12 +348,6 @@ def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
     return law.normal_law
 
 
-def _format_factors(names: Sequence[str], factors: np.ndarray) -> str:
-    """Format the loads with a factor other than zero."""
-    acting = [f"{name} {factor:.4g}" for name, factor in zip(names, factors, strict=True) if factor]
-    return "the loads " + (", ".join(acting) or "zero")
-
-
 def _by_interface(result: Dataset, values: np.ndarray) -> np.ndarray:
     """Sum over the points of every interface, shape (steps, interfaces)."""
     number = result["point_joint"].to_numpy()
@@ -412,23 +372,3 @@ def _of_interfaces(result: Dataset, path: LoadPath) -> dict[str, np.ndarray]:
         energy = result["cycle_energy"].to_numpy()
         values["interface_energy"] = slipped / np.where(total > 0.0, total, 1.0) * energy[:, None]
     return values
-
-
-def _secants(
-    factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
-) -> np.ndarray:
-    """Stiffness of every load since it was zero, N/m; NaN if another load has changed since."""
-    first = np.zeros((int(at_rest), len(forces)))
-    factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])
-    secant = np.full(factor.shape, np.nan)
-    for case, force in enumerate(forces):
-        others = np.delete(factor, case, axis=1)
-        for step in range(1, len(factor)):
-            zero = np.flatnonzero(factor[:step, case] == 0.0)
-            if not zero.size or factor[step, case] == 0.0:
-                continue
-            begin = zero[-1]
-            if np.all(others[begin : step + 1] == others[begin]):
-                change = force * factor[step, case]
-                secant[step, case] = change / (moved[step, case] - moved[begin, case])
-    return secant[len(first) :]

@@ -22,7 +22,7 @@ from multiscale.micro.damage.element_fatigue import (
 )
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import BodiesWithLaws, Change, ErrorSources
+from multiscale.pipeline.body_sources import BodiesWithLaws, Change, ErrorSources
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES

@@ -2,48 +2,51 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import cast
 
 import numpy as np
 
+from multiscale.errors import SchemaError
 from multiscale.io.fields import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline import body_budget, showing, structure_stage
+from multiscale.pipeline import showing, structure_stage
+from multiscale.pipeline.body_budget import with_joint_budget
+from multiscale.pipeline.body_sources import ErrorSources
 from multiscale.pipeline.case_knobs import body_knobs
-from multiscale.pipeline.real_contact import with_contact, with_interface_contact
 from multiscale.pipeline.stage import Datasets, Job
-from multiscale.pipeline.stages.body_answers import answers_of, list_forces, list_interfaces
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.joint_answers import JOINT_ANSWERS
+from multiscale.pipeline.stages.load_answers import LOAD_ANSWERS
 from multiscale.pipeline.stages.third_body import THIRD_BODY_LAW
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.solved_bodies import SolvedBodies
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 
+ANSWERS = {"joint": JOINT_ANSWERS, "loads": LOAD_ANSWERS}
+"""Answers by the kind of the path, which results have as attribute ``path``."""
+
+
+def answers_of(result: Dataset) -> structure_stage.PathAnswers:
+    """Return the answers of a result."""
+    try:
+        return ANSWERS[result.attrs["path"]]
+    except KeyError:
+        raise SchemaError(
+            f"the attribute 'path' of the 'macro_result' dataset is {result.attrs.get('path')!r}, "
+            f"not 'joint' or 'loads', as in files of earlier versions; run the case again"
+        ) from None
+
 
 def _load(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Follow the path of the loads; answers have the error budgets of the laws."""
     ready = structure_stage.ReadyBodies.of(structure, case, datasets, job)
-    path, parts, laws = ready.parts.path, ready.parts, ready.jointed.laws
     followed, result = ready.solve(datasets, job)
-    if path.of_joint:
-        result = with_contact(result, cast(Dataset, laws[0]))  # all joints share this law
-    elif laws:
-        result = with_interface_contact(result, laws)
-    result = _with_budget(result, ready, followed, job)
-    facts = showing.list_facts(result)
-    if path.of_joint:
-        facts += list_forces(case.statics.preloads, path.forces)
-    else:
-        result = result.assign_attrs(bodies=" ".join(body.name for body in structure.bodies))
-        if not laws:
-            moved = np.linalg.norm(result["displacement"].to_numpy(), axis=2).max(axis=1)
-            result = MACRO_RESULT.assign(result, {"largest_displacement": moved})
-        facts += ["Displacements are relative to step 0."] if laws else []
-        facts += [*parts.facts, *list_interfaces(result)]
-    if parts.assembly.bolts:
-        facts += showing.list_bolts(result, path.factors()[:, 0])
+    answers = answers_of(result)
+    result = _with_budget(answers.complete(result, ready), ready, followed, job)
+    facts = [*showing.list_facts(result), *answers.facts(result, ready)]
+    if ready.parts.assembly.bolts:
+        facts += showing.list_bolts(result, ready.parts.path.factors()[:, 0])
     return ready.finish(result, facts)
 
 
@@ -55,7 +58,7 @@ def _with_budget(
 ) -> Dataset:
     """Propagate the budgets of all laws to stiffnesses, real pressures and cycles."""
     jointed, path = ready.jointed, ready.parts.path
-    sources = body_budget.ErrorSources.of(jointed)
+    sources = ErrorSources.of(jointed)
     result = with_cautions(result, "" if sources.meshes else jointed.bodies.no_coarser)
     if not (sources and job.intervals):
         return result
@@ -66,12 +69,9 @@ def _with_budget(
     if not solved:
         return result
     near = ready.near(followed, path.shortened(solved, bool(converged.all())))
-    if path.of_joint:
-        asked = body_budget.joint_answers(result, path, partial(ready.first_order, near))
-    else:
-        asked = body_budget.load_answers(result, path)
+    asked = answers_of(result).with_errors(result, path, partial(ready.first_order, near))
     solve = structure_stage.SolveAgain(jointed, ready.structure.small, ready.method, near)
-    return body_budget.with_joint_budget(result, sources, solve, asked, job)
+    return with_joint_budget(result, sources, solve, asked, job)
 
 
 def _needs(bodies: SolvedBodies, case: Case) -> Needs:

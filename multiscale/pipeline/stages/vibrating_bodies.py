@@ -13,7 +13,7 @@ from multiscale.io.fields import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline import body_budget
+from multiscale.pipeline import body_budget, body_sources
 from multiscale.pipeline.case_knobs import body_knobs
 from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
@@ -103,7 +103,7 @@ class _Vibrating:
 
 
 def _press(
-    jointed: body_budget.BodiesWithLaws,
+    jointed: body_sources.BodiesWithLaws,
     laws: Sequence[InterfaceLaw],
     near: "macro.vibration.Preloaded | None" = None,
 ) -> tuple[_Vibrating, list[str]]:
@@ -131,7 +131,7 @@ def _press(
     return _Vibrating(parts.assembly.bodies, rest, modes, mass), list(parts.facts)
 
 
-def _laws(jointed: body_budget.BodiesWithLaws, change: body_budget.Change) -> list[InterfaceLaw]:
+def _laws(jointed: body_sources.BodiesWithLaws, change: body_sources.Change) -> list[InterfaceLaw]:
     """Build slider beds, on the unloading curve of the cells if it was measured."""
     made = jointed.sliders(change, jointed.case.vibration.slabs)
     for number, law in enumerate(jointed.laws):
@@ -148,8 +148,8 @@ def _laws(jointed: body_budget.BodiesWithLaws, change: body_budget.Change) -> li
 def _solve(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
-    jointed = body_budget.BodiesWithLaws.of(structure, case, datasets, job)
-    still, facts = _press(jointed, _laws(jointed, body_budget.Change()))
+    jointed = body_sources.BodiesWithLaws.of(structure, case, datasets, job)
+    still, facts = _press(jointed, _laws(jointed, body_sources.Change()))
     modes, damping = still.modes, asked.material_damping
     result = still.vibrate(
         asked.reach(still.largest),
@@ -175,13 +175,13 @@ def _solve(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) ->
 
 
 def _with_budget(
-    result: Dataset, jointed: body_budget.BodiesWithLaws, still: _Vibrating, job: Job
+    result: Dataset, jointed: body_sources.BodiesWithLaws, still: _Vibrating, job: Job
 ) -> Dataset:
     """Propagate the budgets of all laws to frequency and damping at every amplitude."""
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
-    sources = body_budget.ErrorSources.of(jointed)
+    sources = body_sources.ErrorSources.of(jointed)
     result = with_cautions(result, "" if sources.meshes else jointed.bodies.no_coarser)
     if not (sources and job.intervals):
         return result
@@ -221,7 +221,7 @@ def _with_budget(
 
 
 def _solve_changed(
-    jointed: body_budget.BodiesWithLaws, near: _Vibrating, change: body_budget.Change
+    jointed: body_sources.BodiesWithLaws, near: _Vibrating, change: body_sources.Change
 ) -> Dataset:
     """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
     asked, other = jointed.case.vibration, jointed.changed(change)
@@ -246,7 +246,7 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
 
 
 def _vibrate_measured(
-    jointed: body_budget.BodiesWithLaws, beds: Sequence[InterfaceLaw], near: _Vibrating
+    jointed: body_sources.BodiesWithLaws, beds: Sequence[InterfaceLaw], near: _Vibrating
 ) -> np.ndarray:
     """Return frequencies, s-1, and damping ratios with laws of the interfaces."""
     asked = jointed.case.vibration
@@ -258,7 +258,7 @@ def _vibrate_measured(
 
 
 def _solve_law(
-    jointed: body_budget.BodiesWithLaws,
+    jointed: body_sources.BodiesWithLaws,
     near: _Vibrating,
     table: MeasuredJoint,
     interface: BedCurve,
@@ -267,7 +267,7 @@ def _solve_law(
     """Return frequencies, s-1, and damping ratios with a law of all interfaces."""
     laws = jointed.laws
     normal = normal_law(cast(Dataset, laws[0]), interface.curve)
-    change = body_budget.Change(tuple(range(len(laws))), normal)
+    change = body_sources.Change(tuple(range(len(laws))), normal)
     made = [cast(Sliders, bed) for bed in _laws(jointed, change)]
     mu, kappa = interface.friction, interface.ratio
     beds = [replace(bed, friction=mu, stiffness_ratio=kappa) for bed in made]
@@ -297,17 +297,17 @@ def modes_of_law(
     given = {"modes": asked.modes[:1], "amplitudes": tuple(rising), "modal_amplitudes": ()}
     case = case.model_copy(update={"vibration": asked.model_copy(update=given)})
     bodies = bodies.with_volumes(case, datasets, job.read_rve)
-    jointed = body_budget.BodiesWithLaws(bodies, case, [law] * len(bodies.interfaces))
-    near, _ = _press(jointed, _laws(jointed, body_budget.Change()))
+    jointed = body_sources.BodiesWithLaws(bodies, case, [law] * len(bodies.interfaces))
+    near, _ = _press(jointed, _laws(jointed, body_sources.Change()))
     pressure, area = near.rest.state.pressure, near.rest.path["point_area"].values
     mean = float(pressure @ area / area[pressure > 0.0].sum())
     # difference by half of the slabs, with the friction of the law in all interfaces
     known = tangential_values(law)
-    beds = [replace(cast(Any, bed), **known) for bed in _laws(jointed, body_budget.Change())]
-    halved = body_budget.Change(tuple(range(len(beds))), coarse_bed=True)
+    beds = [replace(cast(Any, bed), **known) for bed in _laws(jointed, body_sources.Change())]
+    halved = body_sources.Change(tuple(range(len(beds))), coarse_bed=True)
     fine, coarse = (
         _vibrate_measured(jointed, made, near)
-        for made in (beds, body_budget.change_friction(beds, halved))
+        for made in (beds, body_sources.change_friction(beds, halved))
     )
     near = near if job.executor is None else near.portable()
     solve = partial(_solve_law, jointed, near)

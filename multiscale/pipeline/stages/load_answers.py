@@ -1,128 +1,44 @@
-"""Answers of elastic bodies in tables, sentences and figures: of joints, and of named loads."""
+"""Answers of bodies under named loads: their error budget, tables, sentences and figures."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
+from multiscale.macro.substructures import LoadPath
 from multiscale.pipeline import showing
+from multiscale.pipeline.body_budget import CycleAnswers, JointAnswers, answer_at
+from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.stage import Section
-from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
-from multiscale.plotting import joint_pictures, load_pictures
+from multiscale.pipeline.stages.joint import budget_sections
+from multiscale.pipeline.structure_stage import PathAnswers, ReadyBodies
+from multiscale.plotting import load_pictures
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.plotting.joint_figures import plot_body_stress
-from multiscale.schema import Dataset
-
-IN_CYCLES = ("secant_stiffness", "cycle_loss", "cycle_slip")
-
-TABLE = showing.Table(
-    (
-        "preload",
-        *STIFFNESS[:3],
-        "slipping_load",
-        "tangential_stiffness:±",
-        *STIFFNESS[3:],
-        "slip_fraction",
-        "open_fraction",
-        "real_pressure:±",
-    ),
-    HEADS | {"tangential_stiffness": "tangential, no slip", "slipping_load": "sliding force"},
-    answer="approach",
-)
-"""Answers of the joints at their preloads."""
-
-CYCLES = showing.Table(
-    (
-        "cycle_preload",
-        "cycle_shear",
-        *(f"{name}{form}" for name in IN_CYCLES for form in ("", ":both")),
-    ),
-    {"cycle_shear": "amplitude", "secant_stiffness": "secant stiffness"},
-    answer="cycle_loss",
-    at=2,
-    along=("level", "amplitude"),
-)
-"""Answers of the closed cycles at every preload and amplitude."""
-
-STIFF = (
-    "At a preload of {preload} the joint has a normal stiffness of {joint_stiffness:±} and, before "
-    "it slips, a tangential stiffness of {tangential_stiffness:±}."
-)
-LOSES = (
-    "A cycle of shear between {most} and -{most} MPa dissipates {cycle_energy:±}; at its ends, "
-    f"{showing.SLIP}."
-)
-"""Sentences of the answer: at a preload, and in the last cycle."""
-
-
-def list_forces(preloads: Sequence[float], areas: Sequence[float]) -> Iterator[str]:
-    """Yield the forces of the preloads, and the forces over displacements of stiffnesses."""
-    pressed, sheared = (1e6 * area for area in areas)  # mm²
-    forces = ", ".join(f"{1e-9 * pressed * preload:.4g}" for preload in preloads)
-    yield f"The preloads are pressures on {pressed:.4g} mm², forces of {forces} kN."
-    yield (
-        f"Stiffness is pressure or shear over the displacement of its face: 1 MPa/µm is "
-        f"{pressed:.4g} N/µm of preload, and {sheared:.4g} N/µm of shear."
-    )
-
-
-def _tabulate_joints(result: Dataset) -> showing.Rows:
-    """Head and rows of joints at their preloads."""
-    return TABLE.rows(_pressed(result))
-
-
-def _answer_of_joints(result: Dataset) -> Iterator[str]:
-    """Report stiffness, slip and loss at the last of the preloads with an answer."""
-    known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
-    if not known.size:
-        return
-    view = showing.View(result)
-    yield from view.sentences(result.isel(step=known[-1]), STIFF)
-    if "cycle_energy" in result:
-        most = f"{1e-6 * float(np.abs(result['shear']).max()):.3g}"
-        yield from view.sentences(result.isel(step=-1, cycle=-1), LOSES, most=most)
-    yield from showing.list_missing(result)
-
-
-def _sections_of_joints(result: Dataset) -> Iterator[Section]:
-    """Show where the joints stick, slip and open, their loop, and their error budgets."""
-    caption = [
-        "Zones and pressure are seen along the normal of the first joint, at the last amplitude "
-        "that has an answer; a point slides if contacts with more than half of its pressure "
-        "slide, and is open below 1 % of the mean pressure; lines are the outlines of the bodies."
-    ]
-    figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
-    yield Section("Joint", caption, figures=figures)
-    if "cycle_loss" in result:
-        cycles = [
-            "At each preload the shear makes a closed cycle of each amplitude, in rising order. "
-            "The secant stiffness is the shear over the displacement of the sheared face between "
-            "both ends of a cycle. Bands are the 95 % intervals of the mean law and of one part."
-        ]
-        yield Section("Cycles of shear", cycles, *CYCLES.rows(result))
-    yield from budget_sections(result)
-
-
-def _pressed(result: Dataset) -> Dataset:
-    """Return the steps before any shear."""
-    sheared = np.flatnonzero(result["shear"].to_numpy())
-    return result.isel(step=slice(sheared[0])) if sheared.size else result
-
-
-def _compare_joints(result: Dataset) -> Dataset:
-    """Return the answers at the preloads and of cycles, with the slip at the end of the path."""
-    slip = [name for name in result if str(name).startswith("slipping_load")]
-    result = result.drop_vars("bolt_force", errors="ignore")  # the preloads
-    if not result["shear"].any():
-        return result.drop_vars(slip)
-    return _pressed(result).assign({name: result[name].isel(step=-1) for name in slip})
-
+from multiscale.schema import MACRO_RESULT, Dataset
+from multiscale.upscaling import over_steps, with_budget, with_intervals
 
 LOADED = ("factor", "load_displacement", "load_secant")
 SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
 """Columns of the table for each load, and for each interface after its pressure."""
 
 SLIPS = 1e-3  # change of a stiffness by slip, relative to it, from which both are reported
+
+
+def _complete(result: Dataset, ready: ReadyBodies) -> Dataset:
+    """Add names of bodies, and the real contact of their interfaces or else their motion."""
+    result = result.assign_attrs(bodies=" ".join(body.name for body in ready.jointed.bodies.bodies))
+    if ready.jointed.laws:
+        return with_interface_contact(result, ready.jointed.laws)
+    moved = np.linalg.norm(result["displacement"].to_numpy(), axis=2).max(axis=1)
+    return MACRO_RESULT.assign(result, {"largest_displacement": moved})
+
+
+def _facts(result: Dataset, ready: ReadyBodies) -> Iterator[str]:
+    """Yield the zero of displacements, the facts on the bodies, and the state of interfaces."""
+    if ready.jointed.laws:
+        yield "Displacements are relative to step 0."
+    yield from ready.parts.facts
+    yield from _list_interfaces(result)
 
 
 def _answer(result: Dataset) -> Iterator[str]:
@@ -175,7 +91,7 @@ def _secants(result: Dataset) -> Iterator[str]:
             )
 
 
-def list_interfaces(result: Dataset) -> Iterator[str]:
+def _list_interfaces(result: Dataset) -> Iterator[str]:
     """Report the real pressure of interfaces at the end of the path, and the loss of a cycle."""
     view = showing.View(result)
     for number in range(result.sizes.get("interface", 0)):
@@ -254,32 +170,55 @@ def _tabulate(result: Dataset) -> showing.Rows:
     return head, rows
 
 
-class Answers(NamedTuple):
-    """How the answers of a kind of path are shown and compared."""
+def _with_errors(result: Dataset, path: LoadPath) -> JointAnswers:
+    """Return the answers of bodies under named loads, then of the last cycle of their path."""
+    rise = path.cycle_steps if path.cycles and result["converged"].to_numpy().all() else 0
+    name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
+    loads = {f"{name} {load}": (name, k) for k, load in enumerate(map(str, result["load"].values))}
+    real = {}
+    if "interface_real_pressure" in result:
+        known_area = np.isfinite(result["interface_real_pressure"].to_numpy()).any(axis=0)
+        real = {
+            f"real pressure of interface {k}": ("interface_real_pressure", int(k))
+            for k in np.flatnonzero(known_area)
+        }
+    rests = np.flatnonzero(np.isfinite(stiffness).all(axis=1))
+    known, last = result["known"].to_numpy() == 1, np.array([result.sizes["step"] - 1])
+    lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
+    cycles = None
+    if rise and known[-1] and lost[-1] > 0.0:
+        share = result["slipping_load"].to_numpy()[-2:]
+        slope = np.full(1, np.nan)
+        if rise > 1 and share.min() > 0.0:
+            slope[:] = np.log(share[1] / share[0]) / np.log(rise / (rise - 1))
+        density = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0, keepdims=True)
+        read = {
+            name: answer_at(name, slice(-1, None)) for name in ("slipping_load", "cycle_energy")
+        }
+        cycles = CycleAnswers(
+            read, "slipping_load", "cycle_energy", last, slope, density, rise / path.few
+        )
 
-    question: str
-    tabulate: Callable[[Dataset], showing.Rows]
-    sentences: Callable[[Dataset], Iterable[str]]
-    sections: Callable[[Dataset], Iterable[Section]]
-    compared: Callable[[Dataset], Dataset]
+    def place(result: Dataset, budget: Dataset) -> Dataset:
+        """Add the budget at its steps."""
+        steps = np.append(rests[known[rests]], () if cycles is None else last).astype(int)
+        budget = over_steps(budget, steps, known.size)
+        return with_intervals(with_budget(result, budget), {**loads, **real})
+
+    read = {
+        **{key: answer_at(name, slice(None), k) for key, (name, k) in loads.items()},
+        **{key: answer_at("real_pressure") for key in real},
+    }
+    return JointAnswers(read, {key: (k,) for key, (_, k) in real.items()}, rests, place, cycles)
 
 
-OF_JOINTS = Answers(
-    "How stiff are the joints, where do they slip, and what does a cycle dissipate?",
-    _tabulate_joints,
-    _answer_of_joints,
-    _sections_of_joints,
-    _compare_joints,
+LOAD_ANSWERS = PathAnswers(
+    question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
+    complete=_complete,
+    facts=_facts,
+    with_errors=lambda result, path, first_order: _with_errors(result, path),
+    tabulate=_tabulate,
+    sentences=lambda result: [*_answer(result), *_secants(result)],
+    sections=_sections,
+    compared=_compared,
 )
-OF_LOADS = Answers(
-    "How do the bodies move under their loads, and what do their interfaces and bolts do?",
-    _tabulate,
-    lambda result: [*_answer(result), *_secants(result)],
-    _sections,
-    _compared,
-)
-
-
-def answers_of(result: Dataset) -> Answers:
-    """Return how the answers of a result are shown: with the names of a joint, or by load."""
-    return OF_LOADS if "load" in result.dims else OF_JOINTS
