@@ -11,11 +11,12 @@ difference shows the error that it leaves, as no cross term is missing there:
 The ratio :math:`r_k` of the spacings is 2, or less where a mesh hardly differs. The order
 :math:`p_k` is taken where two differences show it, or where its range is narrow; then
 :math:`\epsilon_k` is added to the answer, and half of its range is a bias. Otherwise
-:math:`|\Delta_k| / (r_k^{p_{\min}} - 1)` is. Between cells with other surfaces its
-half-width by chance is added, however small the difference is. The seconds of a stage grow with
-every knob by a power of two, measured by the same differences. The next setting is the cheapest of
-all steps of few rungs with an expected error below the target; the distance of its answer from the
-prediction is a bias, too.
+:math:`|\Delta_k| / (r_k^{p_{\min}} - 1)` is. Between cells with other surfaces no order is seen:
+:math:`\epsilon_k` lies between zero and its value for the lowest order, and the middle is added.
+The half-width of the difference by chance counts with it, however small it is; smaller cells are
+more, by their larger scatter. The seconds of a stage grow with every knob by a power of two,
+measured by the same differences. The next setting is the cheapest of all steps of few rungs with
+an expected error below the target; the distance of its answer from the prediction is a bias, too.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -246,7 +247,9 @@ class Planner:
             if old is not None and fixed and old.size < NEGLIGIBLE * bound:
                 left[name] = old.on(outcome.value)
                 continue
+            more = self._more(knob)
             below = {**setting, name: setting[name] - 1}
+            below |= {cells.name: setting[cells.name] + rungs for cells, rungs in more.items()}
             ratio = outcome.ratio.get(name, 2.0)
             if ratio <= 1.0:
                 raise CaseError(
@@ -262,8 +265,9 @@ class Planner:
                     f"finer settings"
                 )
             difference = 1.0 - coarse.value / outcome.value
-            left[name] = _left(knob, difference, setting[name], old, sampling, ratio)
-            growth |= _growth(knob, outcome.seconds, coarse.seconds)
+            chance = sampling * np.hypot(1.0, 1.0 if more else 2.0**knob.draws)
+            left[name] = _left(knob, difference, setting[name], old, chance, ratio)
+            growth |= self._growth(knob, outcome.seconds, coarse.seconds)
         falls = {} if before is None else self._falls(setting, outcome, before)
         state = State(setting, outcome, left, growth, replaced, falls)
         if before is None or any(
@@ -274,6 +278,29 @@ class Planner:
         bias = sum(np.max(old.bias) for old in before.left.values())
         away = np.max(np.abs(_on(state.value, before.value) / before.value - 1.0))
         return replace(state, prediction_error=max(float(away - bias), 0.0))
+
+    def _more(self, knob: Knob) -> dict[Knob, int]:
+        """Return the rungs by which cells of the rung below a knob are more: they scatter more.
+
+        So many have the scatter of the rung, and take less time.
+        """
+        adding = [cells for cells in self.knobs if cells.adds and knob.scatters]
+        return {cells: round(knob.draws / cells.orders[0]) for cells in adding}
+
+    def _time_of_more(self, knob: Knob, stage: str) -> float:
+        """Return the power of two by which these cells take more time."""
+        return sum(rungs * cells.costs.get(stage, 0.0) for cells, rungs in self._more(knob).items())
+
+    def _growth(
+        self, knob: Knob, fine: Mapping[str, float], coarse: Mapping[str, float]
+    ) -> dict[tuple[str, str], float]:
+        """Return the powers of two by which the seconds of stages grow with a knob."""
+        powers = {}
+        for stage, seconds in fine.items():
+            less = coarse.get(stage, 0.0) * 2.0 ** -self._time_of_more(knob, stage)
+            if seconds > 0.0 and less > 0.0:
+                powers[stage, knob.name] = float(np.clip(log2(seconds / less), 0.0, 4.0))
+        return powers
 
     def _falls(self, setting: Setting, outcome: Outcome, before: State) -> dict[str, float]:
         """Return the powers of two by which terms that knobs should lower fell, rung by rung."""
@@ -302,7 +329,7 @@ class Planner:
         for name, left in state.left.items():
             fall = _expected_order(rung[name], left) * up.get(name, 0)
             # a difference within its chance is expected to fall as the chance does
-            falls = np.where(left.bias <= left.noise, np.maximum(fall, chance), fall)
+            falls = np.where(left.bias <= 0.5 * left.noise, np.maximum(fall, chance), fall)
             bias = bias + 2.0**-falls * left.bias + 2.0**-chance * left.noise
         return total_error(bias, np.sqrt(square))
 
@@ -378,19 +405,17 @@ class Planner:
             there = now * 2.0 ** sum(power[name] * u for name, u in up.items())
             raised = [k for k in self.knobs if up[k.name] and power[k.name]]
             stored = any(knob.adds and stage in knob.costs for knob in self.knobs)
-            if stored and all(knob.adds for knob in raised):
-                total += there - now  # further cells only
-            else:
-                total += there
+            further = stored and all(knob.adds for knob in raised)
+            new = there - now if further else there  # further cells only, or all
+            total += new
             for knob in self.knobs:
                 small = knob.name in state.left and not up[knob.name]
                 if not knob.measured or (
                     small and state.left[knob.name].size < NEGLIGIBLE * min(self.target, 1.0)
                 ):
                     continue
-                if stored and (not power[knob.name] or not raised):
-                    continue
-                total += there * 2.0 ** -power[knob.name]
+                if power[knob.name] or not stored:
+                    total += new * 2.0 ** (self._time_of_more(knob, stage) - power[knob.name])
         return total
 
     def _power(self, state: State, stage: str, knob: Knob) -> float:
@@ -475,15 +500,15 @@ def _left(
     difference: np.ndarray,
     rung: int,
     old: KnobError | None,
-    sampling: np.ndarray,
+    chance: np.ndarray,
     ratio: float,
 ) -> KnobError:
     """Return the error that a knob leaves by (1)."""
     low, high = knob.orders
     nothing, first = np.zeros(difference.shape), 1.0 / (ratio**low - 1.0)
-    if knob.scatters:  # the rung below has as many cells, with a larger scatter
-        noise = first * sampling * np.sqrt(1.0 + 4.0**knob.draws)
-        return KnobError(nothing, first * np.abs(difference), noise, low, difference, rung)
+    if knob.scatters:
+        middle = 0.5 * first * difference
+        return KnobError(middle, np.abs(middle), first * chance, low, difference, rung)
     size = np.maximum(np.abs(difference), np.sqrt(np.mean(difference**2)))
     order = _order(knob, difference, rung, old, ratio)
     if not low - BELOW <= order <= high + ABOVE:
@@ -516,18 +541,6 @@ def _expected_order(knob: Knob, left: KnobError) -> float:
     """Return the order by which an error is expected to fall."""
     low, high = knob.orders
     return float(np.clip(left.order, low, high)) if isfinite(left.order) else 0.5 * (low + high)
-
-
-def _growth(
-    knob: Knob, fine: Mapping[str, float], coarse: Mapping[str, float]
-) -> dict[tuple[str, str], float]:
-    """Return the powers of two by which the seconds of stages grow with a knob."""
-    powers = {}
-    for stage, seconds in fine.items():
-        less = coarse.get(stage, 0.0)
-        if seconds > 0.0 and less > 0.0:
-            powers[stage, knob.name] = float(np.clip(log2(seconds / less), 0.0, 4.0))
-    return powers
 
 
 def _on(values: np.ndarray, others: np.ndarray) -> np.ndarray:
