@@ -73,7 +73,7 @@ TESTS = {
     "pipeline.showing": (
         "tests/pipeline/test_intervals.py tests/report tests/plotting/test_single_steps.py"
     ),
-    "pipeline.knobs": "tests/pipeline/test_planner.py",
+    "pipeline.plans.knobs": "tests/pipeline/test_planner.py",
     "plotting.lines": "tests/plotting",
     "report.page": "tests/report",
     "bench.measure": "tests/bench/test_measure.py",

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from multiscale.pipeline.knobs import Knob
-from multiscale.pipeline.planner import SourceCost, halving_seconds
+from multiscale.pipeline.plans.answers import SourceCost, halving_seconds
+from multiscale.pipeline.plans.knobs import Knob
 from multiscale.pipeline.showing import format_error
 from multiscale.pipeline.stage import Section, Shown, Stage
 from multiscale.pipeline.tables.settings import Case

@@ -15,7 +15,7 @@ from multiscale.upscaling.tables import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
-    from multiscale.pipeline.knobs import Knob
+    from multiscale.pipeline.plans.knobs import Knob
     from multiscale.pipeline.tables.toml_model import Settings
 
 Datasets: TypeAlias = "Mapping[str, Dataset]"  # dataset of every stage, by its name

@@ -11,7 +11,7 @@ from multiscale.macro.data_range import (
     pressures_of_points,
 )
 from multiscale.pipeline import load_case, run, run_macro
-from multiscale.pipeline.case_knobs import cell_knobs
+from multiscale.pipeline.plans.case_knobs import cell_knobs
 from multiscale.upscaling import law_from_dataset
 from multiscale.upscaling.response_observations import join_pressures
 from tests.support import case_text, response_of, small_steel, steel_text, write_law, write_scene

@@ -12,10 +12,11 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.datasets import open_run
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.case_knobs import body_knobs, cell_knobs
 from multiscale.pipeline.costs import cost_section
-from multiscale.pipeline.knobs import Knob, scaled
-from multiscale.pipeline.planner import KnobError, Outcome, Planner, SourceCost, halving_seconds
+from multiscale.pipeline.plans.answers import KnobError, Outcome, SourceCost, halving_seconds
+from multiscale.pipeline.plans.case_knobs import body_knobs, cell_knobs
+from multiscale.pipeline.plans.knobs import Knob, scaled
+from multiscale.pipeline.plans.planner import Planner
 from multiscale.pipeline.verification import verify_run
 from multiscale.upscaling.budget import MACRO, total_error
 from tests.support import case_text
@@ -153,7 +154,7 @@ def test_an_error_follows_from_the_ratio_of_the_spacings(ratio, order):
     planner = Planner([Knob("elements", NO_CASE)], solve, {"elements": 0})
     state = planner.measure({"elements": 2}, planner.measure({"elements": 1}, None))
     assert np.isfinite(state.left["elements"].order) == (ratio > 1.8)
-    np.testing.assert_array_less(abs(1.0 - 1.0 / state.value), 1.05 * planner.error(state))
+    np.testing.assert_array_less(abs(1.0 - 1.0 / state.value), 1.05 * state.error())
 
 
 def test_plans_of_a_lap_joint_begin_with_meshes_that_differ():
@@ -311,11 +312,11 @@ def test_an_answer_that_is_not_known_at_coarser_settings_has_no_error():
 
 
 def test_terms_without_a_knob_are_sources_that_no_time_halves():
-    planner, reached = Synthetic(0, slopes=0.01).plan(0.05)
-    assert planner.fixed(reached.state, 0.05) == {"small slopes": pytest.approx(0.01)}
+    _, reached = Synthetic(0, slopes=0.01).plan(0.05)
+    assert reached.state.fixed(0.05) == {"small slopes": pytest.approx(0.01)}
     times = {source.name: source.seconds for source in reached.sources}
     assert np.isnan(times["small slopes"])
-    assert planner.fixed(reached.state, 0.5) == {}  # hardly counts
+    assert reached.state.fixed(0.5) == {}  # hardly counts
     cells = Synthetic(0).seconds(reached.state.setting)["cells"]
     assert times["sampling"] == pytest.approx(3.0 * cells)  # four times as many
 
@@ -380,7 +381,7 @@ def test_a_refused_rung_does_not_end_other_ladders():
 
 
 def test_the_last_round_has_an_answer(monkeypatch):
-    monkeypatch.setattr("multiscale.pipeline.planner.MOST_ROUNDS", 2)
+    monkeypatch.setattr("multiscale.pipeline.plans.planner.MOST_ROUNDS", 2)
     _, reached = Synthetic(0).plan(0.01)
     assert len(reached.rounds) == 2
     assert reached.stopped.startswith(f"the error is {100.0 * reached.error.max():.3g} %")

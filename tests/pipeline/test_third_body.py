@@ -7,7 +7,7 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import save_law, write_dataset
 from multiscale.macro import granulate
 from multiscale.pipeline import run, run_macro
-from multiscale.pipeline.case_knobs import grain_knobs
+from multiscale.pipeline.plans.case_knobs import grain_knobs
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.third_body import (
     THIRD_BODY_CELLS,

@@ -13,10 +13,11 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io import make_folder, write_bytes
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_knobs import refuse_surfaces
 from multiscale.pipeline.costs import cost_section, knobs_of, stage_seconds
-from multiscale.pipeline.knobs import Knob, Setting
-from multiscale.pipeline.planner import Outcome, Planner, Reached, SourceCost
+from multiscale.pipeline.plans.answers import Outcome, SourceCost
+from multiscale.pipeline.plans.case_knobs import refuse_surfaces
+from multiscale.pipeline.plans.knobs import Knob, Setting
+from multiscale.pipeline.plans.planner import Planner, Reached
 from multiscale.pipeline.showing import format_error, round_by
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import CELLS
@@ -320,7 +321,7 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
     asked = campaign.answers[campaign.answer]
     replaced = {term for knob in campaign.knobs if knob.measured for term in knob.terms}
     missing = [term for term in campaign.missing if term not in replaced]
-    if fixed := planner.fixed(reached.state, float(reached.error.max())):
+    if fixed := reached.state.fixed(float(reached.error.max())):
         listed = ", ".join(f"{term} ({100.0 * half:.2g} %)" for term, half in fixed.items())
         lines.append(f"No setting reduces: {listed}.")
     if isfinite(planner.time):

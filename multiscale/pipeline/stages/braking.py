@@ -12,7 +12,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_knobs import tread_knobs
+from multiscale.pipeline.plans.case_knobs import tread_knobs
 from multiscale.pipeline.showing import Table, View, list_facts, list_missing, tabulate_budget
 from multiscale.pipeline.stage import Datasets, Section, Stage, with_sample_band
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW

@@ -14,8 +14,8 @@ from multiscale.micro import FlatCell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import case_cells
-from multiscale.pipeline.case_knobs import cell_knobs
 from multiscale.pipeline.measured_sides import STAGES, Measured
+from multiscale.pipeline.plans.case_knobs import cell_knobs
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import (

@@ -17,7 +17,7 @@ from multiscale.micro.averages import Keep
 from multiscale.micro.ensemble import record_realisation, run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells, smooth_pair, two_bodies, two_surfaces
-from multiscale.pipeline.knobs import as_read
+from multiscale.pipeline.plans.knobs import as_read
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.tables.case_tables import MicroSettings

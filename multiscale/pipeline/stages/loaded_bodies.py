@@ -12,7 +12,7 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline import showing, structure_stage
 from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.body_sources import ErrorSources
-from multiscale.pipeline.case_knobs import body_knobs
+from multiscale.pipeline.plans.case_knobs import body_knobs
 from multiscale.pipeline.stage import Datasets, Job
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint_answers import JOINT_ANSWERS

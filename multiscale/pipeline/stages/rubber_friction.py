@@ -13,7 +13,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.micro.elastic.viscoelastic import solve_sliding
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_knobs import road_knobs
+from multiscale.pipeline.plans.case_knobs import road_knobs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.tables.settings import Case

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.macro import granulate
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_knobs import grain_knobs, wider_grains
+from multiscale.pipeline.plans.case_knobs import grain_knobs, wider_grains
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tables.case_tables import doubt_scatter

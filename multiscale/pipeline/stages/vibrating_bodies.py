@@ -14,7 +14,7 @@ from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline import body_budget, body_sources
-from multiscale.pipeline.case_knobs import body_knobs
+from multiscale.pipeline.plans.case_knobs import body_knobs
 from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW

@@ -13,7 +13,7 @@ from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.case_knobs import volume_knobs
+from multiscale.pipeline.plans.case_knobs import volume_knobs
 from multiscale.pipeline.showing import Rows, Table, View, format_mean
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.tables.rve_settings import RveSettings

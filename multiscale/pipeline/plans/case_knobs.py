@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline.case_cells import longest_wave
-from multiscale.pipeline.knobs import Knob, as_read, scaled
+from multiscale.pipeline.plans.knobs import Knob, as_read, scaled
 from multiscale.pipeline.tables.settings import Case
 from multiscale.upscaling.budget import MACRO
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
