@@ -538,7 +538,8 @@ def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     assert "few cells" not in half_widths
     # answers of some steps have the errors of these steps: the others follow in shear
     shear = xr.DataArray(1.0 * (np.arange(preloads.size) > 1), dims="step")
-    sheared = {LOADED_BODIES.name: datasets[JOINT.name].assign(shear=shear)}
+    bodies = datasets[JOINT.name].assign(shear=shear).assign_attrs(path="joint")
+    sheared = {LOADED_BODIES.name: bodies}
     half_widths, _ = Asked(LOADED_BODIES, "joint_stiffness").errors(sheared, [0, 1])
     np.testing.assert_allclose(half_widths["fit"], half[:2])
     other = Asked(JOINT, "mean_gap")  # which has no budget
