@@ -22,8 +22,7 @@ from scipy.sparse import coo_array, csr_array
 
 from multiscale.fe.elasticity import Split
 from multiscale.macro.substructures.coarse import interface_motions
-from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import ProcessGroup, together
+from multiscale.macro.substructures.stack import Stack, together
 from multiscale.numerics.factorisation import Solve
 
 FLEXIBLE = 10.0
@@ -57,9 +56,8 @@ class Layout:
 
     shared: np.ndarray  # (substructures, w)
     n_shared: int
-    local: range  # the substructures
+    stack: Stack
     faces: Sequence[Face]
-    team: ProcessGroup
 
     def take(self, value: np.ndarray) -> np.ndarray:
         """Restrict shared unknowns to every substructure, shape (substructures, w, 1)."""
@@ -68,15 +66,13 @@ class Layout:
     def add(self, value: np.ndarray) -> np.ndarray:
         """Add up over the substructures of all processes, shape (shared,)."""
         force = np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)
-        return self.team.total(force[:-1])
+        return self.stack.team.total(force[:-1])
 
 
-def lay_out(
-    split: Split, slot: np.ndarray, problem: CutProblem, local: range, team: ProcessGroup
-) -> Layout:
-    """Tabulate the shared unknowns of the substructures of this process, ``local``."""
-    count = split.edge_start.size - 1
-    interfaces = problem.interfaces
+def lay_out(split: Split, slot: np.ndarray, stack: Stack) -> Layout:
+    """Tabulate the shared unknowns of the substructures of this process."""
+    count, local = split.edge_start.size - 1, stack.local
+    interfaces = stack.problem.interfaces
     first = np.cumsum([0, *(face.size for face in interfaces)])
     shared = np.full((count, int(np.diff(split.edge_start).max(initial=0))), first[-1])
     shared[split.owner, split.column] = slot
@@ -95,9 +91,9 @@ def lay_out(
             for row in (owner - local.start for owner in face.sides if owner in local)
         }
         at = {owner: columns[: face.size] for owner, columns in tied.items()}
-        averages = interface_motions(face, problem)
+        averages = interface_motions(face, stack.problem)
         faces.append(Face(number, face.sides, averages, at, tied, both.size - face.size))
-    return Layout(shared, int(first[-1]), local, faces, team)
+    return Layout(shared, int(first[-1]), stack, faces)
 
 
 class Balancing:
@@ -134,7 +130,7 @@ class Balancing:
 
     def renew(self, blocks: dict[int, np.ndarray], factorise: Callable[[csr_array], Solve]) -> None:
         """Replace the Schur complements, N/m, of some substructures of this process."""
-        team = self.layout.team
+        team = self.layout.stack.team
         together(team, lambda: self._support(blocks))
         # interfaces next to them: stiffness of the sides, balanced motions, shares of the sides
         chosen = np.zeros(len(self.supported))
@@ -158,7 +154,7 @@ class Balancing:
 
     def _sum_sides(self, faces: Sequence[Face]) -> np.ndarray:
         """Stiffness of the sides, and flexibility of the jump, of all processes, in turn."""
-        parts, first = [np.zeros(0)], self.layout.local.start
+        parts, first = [np.zeros(0)], self.layout.stack.local.start
         for face in faces:
             size = len(face.averages)
             stiffness = np.zeros((2 if face.adapts else 1, size, size))
@@ -169,7 +165,7 @@ class Balancing:
                 tied = face.tied[owner]
                 flexibility += self.flexibility[owner][np.ix_(tied, tied)]
             parts += [stiffness.ravel(), flexibility.ravel()][: 1 + face.adapts]
-        return self.layout.team.total(np.concatenate(parts))
+        return self.layout.stack.team.total(np.concatenate(parts))
 
     def _balance(self, faces: Sequence[Face], sums: np.ndarray) -> None:
         """Choose the balanced motions of interfaces, and share their motions out by (3)."""
@@ -215,10 +211,10 @@ class Balancing:
 
     def _assemble(self, factorise: Callable[[csr_array], Solve]) -> None:
         """Collect (3) in tables, and factorise the coarse matrix on the first process."""
-        team, layout = self.layout.team, self.layout
+        team, layout = self.layout.stack.team, self.layout
         counts = np.zeros(len(layout.faces))
         for face in layout.faces:
-            if face.sides[0] in layout.local:
+            if face.sides[0] in layout.stack.local:
                 counts[face.number] = self.motions[face.number].shape[1]
         start = np.append(0, np.cumsum(team.total(counts))).astype(int)
         self.n_coarse = int(start[-1])
@@ -263,7 +259,7 @@ class Balancing:
         if self.n_coarse:
             amount = (self.left @ shares)[:, :, 0]
             total = np.bincount(self.coarse.ravel(), amount.ravel(), self.n_coarse + 1)[:-1]
-            w = np.append(self.solve(layout.team.total(total)), 0.0)
+            w = np.append(self.solve(layout.stack.team.total(total)), 0.0)
             u += self.right @ w[self.coarse][:, :, None]
         return layout.add(u)
 

@@ -157,7 +157,7 @@ def _jumps(problem: CutProblem, modes: np.ndarray) -> list[list[np.ndarray]]:
 
 def _free_motions(problem: CutProblem) -> np.ndarray:
     """Rigid motions that no support, link or shank resists, shape (unknowns, motions)."""
-    stacked = stack_substructures(problem, range(len(problem.substructures)))
+    stacked = stack_substructures(problem)
     K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
     motions = problem.motions[problem.numbers]
     free = free_motions(K, motions[:, np.any(motions != 0.0, axis=0)])

@@ -12,10 +12,7 @@ from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import (
     LENT,
     Factors,
-    ProcessGroup,
-    Sides,
     Stack,
-    lay_out_sides,
     split_columns,
     stack_substructures,
 )
@@ -60,23 +57,15 @@ class Coarse:
 
 
 def prepare_coarse(
-    basis: csr_array,
-    side_stiffness: csr_array,
-    stack: Stack,
-    sides: Sides,
-    local: range,
-    solve: Solve,
-    factors: Factors,
-    team: ProcessGroup,
+    basis: csr_array, side_stiffness: csr_array, stack: Stack, solve: Solve, factors: Factors
 ) -> Coarse:
     """Condense the linear stage onto the coarse unknowns."""
     # H T^T k_0 P: column j of a substructure is the answer to its coarse motion j
     # L = sum P^T k_0 P - (k_0 P)^T T H T^T k_0 P, with the inverse H of every substructure (1); all
     # are blocks of a diagonal matrix, so that one solve with several right sides serves them
-    on_sides = csr_array(basis[sides.slot])
+    on_sides = csr_array(basis[stack.sides.slot])
     push = csr_array(side_stiffness @ on_sides)
-    first = sides.start[local.start] if len(local) else 0
-    local_push = csr_array(stack.trace.T @ push[first : first + stack.trace.shape[0]])
+    local_push = csr_array(stack.trace.T @ push[stack.rows])
     columns, pushes = split_columns(local_push, stack.start)
     width = max((used.size for used in columns), default=0)
     right = np.zeros((stack.n, width))
@@ -92,7 +81,7 @@ def prepare_coarse(
         product = -block.T @ answer[a:b, : used.size]
         triplets.append((np.repeat(used, used.size), np.tile(used, used.size), product.ravel()))
     rows, cols, values = (
-        np.concatenate(item) for item in zip(*team.collect(triplets), strict=True)
+        np.concatenate(item) for item in zip(*stack.team.collect(triplets), strict=True)
     )
     matrix = coo_array((values, (rows, cols)), shape=(basis.shape[1],) * 2)
     try:
@@ -147,8 +136,8 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
     """
     # coarse motions of each substructure, C_E^T, and its rigid motions
     slack = _slack_links(problem, result, step)
-    stack = stack_substructures(problem, range(len(problem.substructures)))
-    motions = csr_array(stack.trace.T @ coarse_basis(problem)[lay_out_sides(problem).slot])
+    stack = stack_substructures(problem)
+    motions = csr_array(stack.trace.T @ coarse_basis(problem)[stack.sides.slot])
     used, columns = split_columns(motions, stack.start)
     width = max((item.size for item in used), default=0)
     number = np.full((len(used), width), -1)
@@ -168,8 +157,8 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
             "coarse_unknown": number,
             "rigid_motion": rigid,
             "slack_links": [
-                int(slack[substructure.links.number].sum()) if substructure.links else 0
-                for substructure in problem.substructures
+                int(slack[each.links.number].sum()) if each.links else 0
+                for each in problem.substructures
             ],
         },
         coarse_unknowns=int(number.max(initial=-1)) + 1,

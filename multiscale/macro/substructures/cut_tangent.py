@@ -17,8 +17,6 @@ from multiscale.macro.substructures.stack import (
     LENT,
     Factors,
     ProcessGroup,
-    lay_out_sides,
-    share,
     stack_substructures,
     together,
 )
@@ -58,14 +56,14 @@ class CutTangent:
     def __init__(self, problem: CutProblem, team: ProcessGroup) -> None:
         self.team, self.n, self.softens = team, problem.n, bool(problem.joints)
         perfect, inner = _move_joints_inside(problem)
-        local = self.local = share(len(perfect.substructures), team)
-        self.stack = stack_substructures(perfect, local)
+        self.stack = stack_substructures(perfect, team)
+        local = self.local = self.stack.local
         self.unknown = np.concatenate([perfect.substructures[owner].unknown for owner in local])
 
         # rows of every substructure: unknowns, shared unknowns, links
         shared, links = split(self.stack.start, self.stack.shared), self.stack.links
         bodies = [perfect.substructures[owner] for owner in local]
-        sizes = [each.links.number.size if each.links else 0 for each in bodies]
+        sizes = [each.n_links for each in bodies]
         self.spans, self.edges, self.rows = (
             [slice(a, b) for a, b in pairwise(start.tolist())]
             for start in (self.stack.start, shared.edge_start, np.cumsum([0, *sizes]))
@@ -90,10 +88,10 @@ class CutTangent:
         self.jump = stack_jumps(placed, self.stack.n)
 
         # preconditioner
-        sides, slot = lay_out_sides(perfect), np.zeros(self.stack.n, dtype=int)
-        slot[self.stack.trace.indices] = sides.slot[sides.start[local[0]] : sides.start[local.stop]]
+        slot = np.zeros(self.stack.n, dtype=int)
+        slot[self.stack.trace.indices] = self.stack.sides.slot[self.stack.rows]
         self.slot = slot[shared.edge]
-        layout = lay_out(shared, self.slot, perfect, local, team)
+        layout = lay_out(shared, self.slot, self.stack)
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         added = np.zeros(layout.shared.shape)
         lent = WITH_JOINTS if problem.joints else REGULAR

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.fe.elasticity import condense, split
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
-from multiscale.macro.substructures.stack import Factors, ProcessGroup, Sides, Stack
+from multiscale.macro.substructures.stack import Factors, ProcessGroup, Stack
 
 SOFTEST = 1e-9
 """Stiffness of the softest motions of an interface, relative to the stiffest."""
@@ -42,24 +42,20 @@ class SideStiffness:
 
 
 def interface_stiffness(
-    problem: CutProblem,
-    schur: list[tuple[np.ndarray, np.ndarray]],
-    owned: range,
-    team: ProcessGroup,
-    start: dict[int, np.ndarray],
+    stack: Stack, schur: list[tuple[np.ndarray, np.ndarray]], start: dict[int, np.ndarray]
 ) -> dict[int, np.ndarray]:
     """Stiffness of the substructures behind every perfect interface."""
     # unknowns of every interface in the Schur complements of this process
-    faces = [(i, face) for i, face in enumerate(problem.interfaces) if face.law is None]
+    interfaces, sides = stack.problem.interfaces, stack.problem.sides
     local = [
         {
-            index: np.searchsorted(unknown, face.trace[face.sides.index(owner)].indices)
-            for index, face in faces
-            if owner in face.sides
+            index: np.searchsorted(unknown, interfaces[index].trace[side].indices)
+            for index, side in sides[owner]
+            if interfaces[index].law is None
         }
-        for owner, (unknown, _) in zip(owned, schur, strict=True)
+        for owner, (unknown, _) in zip(stack.local, schur, strict=True)
     ]
-    counts = {index: len(face.sides) for index, face in faces}
+    counts, team = [len(face.sides) for face in interfaces], stack.team
     fixed = [
         {index: S[np.ix_(at, at)] for index, at in places.items()}
         for places, (_, S) in zip(local, schur, strict=True)
@@ -98,7 +94,7 @@ def _stiffness_behind(
 
 
 def _mean(
-    blocks: Sequence[dict[int, np.ndarray]], counts: dict[int, int], team: ProcessGroup
+    blocks: Sequence[dict[int, np.ndarray]], counts: Sequence[int], team: ProcessGroup
 ) -> dict[int, np.ndarray]:
     """Average over the sides of every interface, on all processes."""
     shares = [(i, block / counts[i]) for sides in blocks for i, block in sides.items()]
@@ -124,15 +120,13 @@ def schur_complements(
 
 
 def side_stiffness(
-    problem: CutProblem,
-    sides: Sides,
-    perfect: dict[int, np.ndarray],
-    joints: dict[int, tuple[np.ndarray, ...]],
+    stack: Stack, perfect: dict[int, np.ndarray], joints: dict[int, tuple[np.ndarray, ...]]
 ) -> SideStiffness:
     """Stiffness of all sides: a matrix on perfect interfaces, a diagonal on joints."""
     rows, columns = [np.zeros(0, int)], [np.zeros(0, int)]
     values, roots = [np.zeros(0)], [np.zeros(0)]
-    for index, (face, places) in enumerate(zip(problem.interfaces, sides.place, strict=True)):
+    interfaces, sides = stack.problem.interfaces, stack.sides
+    for index, (face, places) in enumerate(zip(interfaces, sides.place, strict=True)):
         each = np.arange(face.size)
         if index in perfect:  # with the softest motions stiffened
             size, motion = np.linalg.eigh(perfect[index])

@@ -9,7 +9,7 @@ with taut links the inside follows, eqs (12) and (13) of the source:
     \qquad K^H = V^T (K + B^T k B) V.    \tag{1}
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
@@ -18,7 +18,13 @@ from scipy.sparse import coo_array, csr_array, diags_array, eye_array, hstack, v
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.data_range import without_steps
-from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
+from multiscale.macro.substructures.problem import (
+    CutInterface,
+    CutProblem,
+    Links,
+    Substructure,
+    join_links,
+)
 from multiscale.macro.substructures.stepping import FIELDS
 from multiscale.numerics.factorisation import factorise
 from multiscale.schema import MACRO_RESULT, Dataset
@@ -84,11 +90,10 @@ def solve_homogenised(
     >>> result.converged.item(), result.resolved
     (1, 0)
     """
-    _check(problem)
-    cells, every = _Cells(problem), every_link(problem.substructures)
+    every = join_links(problem.substructures)
+    _check(problem, every)
+    cells = _Cells(problem, every)
     resolved = np.zeros(len(problem.substructures), dtype=bool)
-    sizes = [each.links.number.size if each.links else 0 for each in problem.substructures]
-    owner = np.repeat(np.arange(resolved.size), sizes)
     while True:
         coarse = problem if resolved.all() else cells.assemble(resolved)
         result = solve(coarse)
@@ -98,10 +103,10 @@ def solve_homogenised(
         tension = np.clip(elastic, every.lower, every.upper)
         excess = np.abs(tension - elastic)
         beyond = excess > ROUNDING * np.abs(elastic).max(initial=0.0)
-        beyond &= ~resolved[owner]
+        beyond &= ~resolved[cells.owner]
         if not adaptive or not beyond.any():
             break
-        resolved[owner[beyond.any(axis=0)]] = True
+        resolved[cells.owner[beyond.any(axis=0)]] = True
         resolved |= resolved.mean() > MOST_SLACK
 
     # tension and slack of all links, in their order
@@ -116,19 +121,14 @@ def solve_homogenised(
     return _refuse_slack(result, solved, beyond)
 
 
-def _check(problem: CutProblem) -> None:
+def _check(problem: CutProblem, links: Links) -> None:
     """Refuse joints, structures without links, and prestress without equilibrium."""
     if problem.joints or not problem.n_links:
         raise CaseError(
             "homogenised substructures consist of links, without joints; leave out model"
         )
-    force = problem.sum_up(
-        [
-            each.links.operator.T @ each.links.prestress if each.links else np.zeros(each.n)
-            for each in problem.substructures
-        ]
-    )
-    largest = np.abs(every_link(problem.substructures).prestress).max()
+    force = problem.sum_up([links.operator.T @ links.prestress])
+    largest = np.abs(links.prestress).max()
     if np.abs(force).max(initial=0.0) > 1e-6 * largest:
         raise CaseError(
             f"homogenised substructures need a prestress in equilibrium, and a node has a force of "
@@ -150,21 +150,10 @@ def _refuse_slack(result: Dataset, solved: np.ndarray, beyond: np.ndarray) -> Da
     )
 
 
-def every_link(substructures: Sequence[Substructure]) -> Links:
-    """Links of substructures in turn, without an operator."""
-    links = [each.links for each in substructures if each.links]
-    names = ("stiffness", "prestress", "lower", "upper", "number")
-    arrays = (np.concatenate([getattr(each, name) for each in links]) for name in names)
-    return Links(csr_array((0, 0)), *arrays)
-
-
 def _elastic(problem: CutProblem, every: Links, displacement: np.ndarray) -> np.ndarray:
     """Tension without slack, N, of the links in turn, from displacements (steps, nodes, c), m."""
-    u = problem.unknowns(displacement)
-    stretch = [
-        each.links.operator @ u[:, each.unknown].T for each in problem.substructures if each.links
-    ]
-    return np.asarray(every.prestress + every.stiffness * np.concatenate(stretch).T)
+    u = problem.unknowns(displacement)[:, problem.numbers]
+    return np.asarray(every.prestress + every.stiffness * (every.operator @ u.T).T)
 
 
 class _Cell(NamedTuple):
@@ -179,13 +168,15 @@ class _Cell(NamedTuple):
 class _Cells:
     """Condensed substructures of a structure; equal substructures are condensed once."""
 
-    def __init__(self, problem: CutProblem) -> None:
-        self.problem = problem
+    def __init__(self, problem: CutProblem, links: Links) -> None:
+        self.problem, self.links = problem, links
+        counts = [each.n_links for each in problem.substructures]
+        self.owner = np.repeat(np.arange(len(counts)), counts)
         self.known: dict[bytes, Any] = {}
-        self.faces: list[list[tuple[int, np.ndarray]]] = [[] for _ in problem.substructures]
-        for number, face in enumerate(problem.interfaces):
-            for side, trace in zip(face.sides, face.trace, strict=True):
-                self.faces[side].append((number, trace.indices))
+        self.faces = [
+            [(number, problem.interfaces[number].trace[side].indices) for number, side in sides]
+            for sides in problem.sides
+        ]
         self.edges = [self._edge(face) for face in problem.interfaces]
 
     def _remember(self, key: tuple[np.ndarray, ...], evaluate: Callable[[], Value]) -> Value:
@@ -250,17 +241,13 @@ class _Cells:
 
     def _links(self, resolved: np.ndarray, expansion: csr_array, taut: csr_array) -> Links:
         """Links by their change of tension, as prestress balances: taut, then resolved links."""
-        chosen = [self.problem.substructures[owner] for owner in np.flatnonzero(resolved)]
-        rows = [each.links.operator @ expansion[each.unknown] for each in chosen if each.links]
-        zero = np.zeros(taut.shape[0])
-        stiffness, lower, upper = zero + 1.0, zero - np.inf, zero + np.inf
-        if rows:
-            part = every_link(chosen)
-            stiffness = np.append(stiffness, part.stiffness)
-            lower = np.append(lower, part.lower - part.prestress)
-            upper = np.append(upper, part.upper - part.prestress)
+        links, zero, rows = self.links, np.zeros(taut.shape[0]), resolved[self.owner]
+        stretch = csr_array(links.operator[rows]) @ expansion[self.problem.numbers]
+        operator = csr_array(vstack([taut, stretch]))
+        stiffness = np.append(zero + 1.0, links.stiffness[rows])
+        lower = np.append(zero - np.inf, (links.lower - links.prestress)[rows])
+        upper = np.append(zero + np.inf, (links.upper - links.prestress)[rows])
         count = stiffness.size
-        operator = csr_array(vstack([taut, *rows]))
         return Links(operator, stiffness, np.zeros(count), lower, upper, np.arange(count))
 
     def _place(self, owner: int, motions: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

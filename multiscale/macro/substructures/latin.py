@@ -19,11 +19,9 @@ from multiscale.macro.substructures.directions import (
 )
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import (
-    Alone,
+    ALONE,
     Factors,
     ProcessGroup,
-    lay_out_sides,
-    share,
     stack_substructures,
 )
 from multiscale.macro.substructures.stepping import JointState
@@ -73,21 +71,11 @@ class Latin:
     """
 
     def __init__(
-        self,
-        problem: CutProblem,
-        *,
-        coarse: bool = True,
-        updated: bool = True,
-        team: ProcessGroup | None = None,
+        self, problem: CutProblem, team: ProcessGroup = ALONE, *, coarse: bool = True
     ) -> None:
-        self.problem, self.team = problem, team or Alone()
-        self.coarse_wanted, self.updated = coarse, updated
-        # substructures of this process, and the rows of their sides
-        self.local = share(len(problem.substructures), self.team)
-        self.sides, self.stack = lay_out_sides(problem), stack_substructures(problem, self.local)
-        self.basis = coarse_basis(problem)
-        first = self.sides.start[self.local.start]
-        self.rows = slice(first, first + self.stack.trace.shape[0])
+        self.problem, self.team, self.coarse_wanted = problem, team, coarse
+        self.stack, self.basis = stack_substructures(problem, team), coarse_basis(problem)
+        self.sides, self.rows = self.stack.sides, self.stack.rows
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
         self.diagonal = self.stack.stiffness.diagonal()
@@ -116,7 +104,7 @@ class Latin:
         """Start from another state, without forces on perfect interfaces."""
         self.state, self.largest = state, 0.0
         substructures = self.problem.substructures
-        u = [state.unknowns[substructures[owner].unknown] for owner in self.local]
+        u = [state.unknowns[substructures[owner].unknown] for owner in self.stack.local]
         moved = self.stack.trace @ np.concatenate(u)
         self.r = self.k0.matrix @ self.team.concatenate(moved)
         first, second = self.sides.joints
@@ -137,15 +125,13 @@ class Latin:
         schur = schur_complements(
             self.stack, carries, diags_array(ground[self.rows]), self.factors[0]
         )
-        self.perfect_k = interface_stiffness(
-            self.problem, schur, self.local, self.team, self.perfect_k
-        )
+        self.perfect_k = interface_stiffness(self.stack, schur, self.perfect_k)
 
     def set_directions(self, relative: np.ndarray) -> None:
         """Set the search directions and factorise substructures and coarse problem."""
         links = self.stack.links
         self.across = relative * links.stiffness  # l
-        self.k0 = side_stiffness(self.problem, self.sides, self.perfect_k, self.joint_k)
+        self.k0 = side_stiffness(self.stack, self.perfect_k, self.joint_k)
         self.compliance = 1.0 / self.k0.matrix.diagonal()[self.sides.joints]  # of sides of joints
         k, across = links.stiffness, self.across
         effective = np.where(self.stack.one_sided, k * across / (k + across), k)
@@ -154,14 +140,7 @@ class Latin:
         self.coarse = None
         if self.coarse_wanted and self.n_coarse:
             self.coarse = prepare_coarse(
-                self.basis,
-                self.k0.matrix,
-                self.stack,
-                self.sides,
-                self.local,
-                self.solve,
-                self.factors[2],
-                self.team,
+                self.basis, self.k0.matrix, self.stack, self.solve, self.factors[2]
             )
 
     def iterate(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, LatinIterate]:

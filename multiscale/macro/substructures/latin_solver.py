@@ -14,7 +14,7 @@ from multiscale.fe.elasticity import count_free_motions
 from multiscale.macro.substructures.error import Admissible, ErrorBound, ForceError, indicate_error
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import ProcessGroup
+from multiscale.macro.substructures.stack import ALONE, ProcessGroup
 from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
 from multiscale.numerics.krylov import Anderson
 from multiscale.schema import MACRO_RESULT, Dataset
@@ -46,8 +46,6 @@ class LatinMethod(Method):
     coarse : bool
         Whether a coarse problem balances the resultants of the interfaces in every iteration.
         Without it the number of iterations grows with the number of substructures.
-    updated : bool
-        Whether the search directions follow the status of the links and the laws of joints.
     team : ProcessGroup, optional
         Processes that share the substructures; all take part, and all get the result.
     callback : callable, optional, called as ``callback(iteration, residual, iterate)``
@@ -57,7 +55,6 @@ class LatinMethod(Method):
     tolerance: float = 1e-8
     max_iterations: int = 400
     coarse: bool = True
-    updated: bool = True
     team: ProcessGroup | None = None
     callback: Callable[[int, float, LatinIterate], None] | None = None
 
@@ -131,12 +128,8 @@ class LatinSolver:
     def __init__(self, problem: CutProblem, method: LatinMethod, *, judged: bool = True) -> None:
         _refuse_floating(problem)
         self.method = method
-        self.iteration = Latin(
-            problem,
-            coarse=method.coarse and problem.divided,
-            updated=method.updated,
-            team=method.team,
-        )
+        coarse = method.coarse and problem.divided
+        self.iteration = Latin(problem, method.team or ALONE, coarse=coarse)
         self.judge: Callable[[LatinIterate], ForceError] | None = None
         if judged and method.coarse:
             admissible = Admissible(self.iteration)
@@ -208,7 +201,7 @@ class LatinSolver:
             # next iterate, and search directions that follow the status of links and joints
             x = acceleration.next(np.append(latin.z, latin.r), np.append(z, r), change, size)
             latin.z, latin.r = x[: z.size], x[z.size :]
-            if latin.updated and iteration >= due:
+            if iteration >= due:
                 renewed = latin.update()
                 if renewed is not None:
                     acceleration.renew(renewed, np.append(latin.z, latin.r))
@@ -300,7 +293,7 @@ def simulate_latin(
     )
     solver = LatinSolver(replace(problem, substructures=stiffened), method, judged=False)
     latin = solver.iteration
-    local = np.concatenate([problem.substructures[owner].unknown for owner in latin.local])
+    local = np.concatenate([problem.substructures[owner].unknown for owner in latin.stack.local])
     force = problem.sum_up([substructure.load[:, 0] for substructure in problem.substructures])
 
     # initial state

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw, SideBySide, lay_side_by_side
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import factorise, on_diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,11 @@ class Substructure:
     def n(self) -> int:
         """Number of unknowns."""
         return self.unknown.size
+
+    @property
+    def n_links(self) -> int:
+        """Number of links."""
+        return self.links.number.size if self.links else 0
 
     @cached_property
     def rigid_motions(self) -> np.ndarray:
@@ -164,6 +169,15 @@ class CutProblem:
     def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then interfaces with a law."""
         return (*_perfect_interfaces(self.substructures), *self.joints)
+
+    @cached_property
+    def sides(self) -> list[list[tuple[int, int]]]:
+        """Interfaces of every substructure, by their numbers, and its side of each."""
+        sides: list[list[tuple[int, int]]] = [[] for _ in self.substructures]
+        for number, face in enumerate(self.interfaces):
+            for side, owner in enumerate(face.sides):
+                sides[owner].append((number, side))
+        return sides
 
     @cached_property
     def points(self) -> list[slice]:
@@ -311,7 +325,19 @@ class CutProblem:
     @property
     def n_links(self) -> int:
         """Number of links."""
-        return sum(each.links.number.size for each in self.substructures if each.links)
+        return sum(each.n_links for each in self.substructures)
+
+
+def join_links(substructures: Sequence[Substructure]) -> Links:
+    """Links of substructures in turn, with a block-diagonal operator."""
+    none = np.zeros(0)
+    links = [
+        each.links or Links(csr_array((0, each.n)), none, none, none, none, none.astype(int))
+        for each in substructures
+    ]
+    names = ("stiffness", "prestress", "lower", "upper", "number")
+    arrays = (np.concatenate([getattr(item, name) for item in links]) for name in names)
+    return Links(on_diagonal(item.operator for item in links), *arrays)
 
 
 def expand_numbers(number: np.ndarray) -> csr_array:

@@ -17,7 +17,7 @@ from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_tangent import KRYLOV, CutTangent
 from multiscale.macro.substructures.latin_solver import LatinMethod, LatinSolver
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Alone, Factors, ProcessGroup
+from multiscale.macro.substructures.stack import ALONE, Factors, ProcessGroup
 from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
 from multiscale.numerics.newton import Limits, NewtonRun, step_length
 
@@ -91,7 +91,7 @@ class SchurSolver:
     """Newton-Schur on a structure, step by step; each process has some of the substructures."""
 
     def __init__(self, problem: CutProblem, method: NewtonSchur) -> None:
-        self.problem, self.method, self.team = problem, method, method.team or Alone()
+        self.problem, self.method, self.team = problem, method, method.team or ALONE
         tangent = self.tangent = CutTangent(problem, self.team)
         self.stack, self.points = tangent.stack, tangent.points
         joints, links = [problem.joints[place] for place in tangent.joints], self.stack.links
@@ -357,7 +357,7 @@ class _CutEquilibrium(Equilibrium):
                 span, rows = tangent.spans[owner], tangent.rows[owner]
                 work = float(force[span] @ direction[span])
                 curvature = float(direction[span] @ linear[span])
-                step[owner] = self._step_of(rows, elastic, growth, curvature, work, Alone())
+                step[owner] = self._step_of(rows, elastic, growth, curvature, work, ALONE)
                 lending[owner].adapt(step[owner])
             value += step[tangent.of_unknown] * direction
             elastic += step[tangent.of_link] * growth

@@ -28,6 +28,7 @@ from multiscale.macro.substructures import (
     solve_latin,
 )
 from multiscale.macro.substructures.capacity import find_slide
+from multiscale.macro.substructures.latin import Latin
 from tests.cut_methods import solve_schur
 from tests.support import slow
 
@@ -322,9 +323,11 @@ def test_a_joint_that_opens_on_one_side_is_the_monolithic_joint(ratio):
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
 
 
-def test_directions_that_follow_a_soft_law_save_iterations():
+def test_directions_that_follow_a_soft_law_save_iterations(monkeypatch):
     problem = stacked_blocks(law_of_stiffness(1e-2), 2)
-    updated, fixed = (solve_latin(problem, updated=status) for status in (True, False))
+    updated = solve_latin(problem)
+    monkeypatch.setattr(Latin, "update", lambda self: None)
+    fixed = solve_latin(problem)
     assert 1.5 * updated.iterations.item() < fixed.iterations.item()
 
 
