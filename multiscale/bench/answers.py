@@ -109,20 +109,11 @@ def wave_answer(scene: str, points: int) -> float:
 
 
 def wave_exact(scene: str) -> float:
-    r"""Return the closed form of a scene, by the gap and the mean gap of the wave.
-
-    With :math:`y = |\sin (\pi x/\lambda)|` outside the contact, :math:`y^2 > s = p/p^*` [1]_,
-
-    .. math::
-        g = 2 \Delta [y \sqrt{y^2 - s} - s \operatorname{arcosh}(y / \sqrt s)], \qquad
-        \bar g = \Delta (1 - s + s \ln s), \qquad K = p^* / (\Delta \ln (1/s)).
-
-    References
-    ----------
-    .. [1] H. M. Westergaard, J. Appl. Mech. 6 (1939) A49-A53.
-    """
+    """Return the closed form of a scene (H. M. Westergaard, J. Appl. Mech. 6 (1939) A49-A53)."""
     from scipy.integrate import quad
 
+    # y = |sin(pi x / lambda)|, y² > s = p / p*: g = 2 D [y sqrt(y² - s) - s arcosh(y / sqrt s)],
+    # mean gap D (1 - s + s ln s), K = p* / (D ln(1/s))
     s = PRESSED
     stiffness = CLOSING / (AMPLITUDE * np.log(1.0 / s))
     if scene == "stiffness of a wave":

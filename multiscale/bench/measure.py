@@ -212,10 +212,8 @@ def judge(rows: Sequence[Row], exact: float, uncertainty: float = nan) -> Sequen
 
 
 def extrapolate(values: np.ndarray, order: float | None = None) -> float:
-    r"""Extrapolate a result from its last three grids, each twice as fine as the grid before.
+    """Extrapolate a result from its last three grids, each twice as fine as the grid before.
 
-    Examples
-    --------
     >>> extrapolate(1.0 + 0.25 ** np.arange(3.0))
     1.0
     """

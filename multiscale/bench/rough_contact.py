@@ -1,9 +1,4 @@
-r"""Rough contact: this package and boundary-element codes on the same heights and pressures.
-
-The surface is self-affine with the wavelengths 1/4 to 1/16 of a square cell, so that 32 points
-along an edge do not resolve it and 64 are the coarsest grid. All grids sample the same
-band-limited surface.
-"""
+"""Rough contact: this package and boundary-element codes on the same heights and pressures."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -224,8 +219,6 @@ def _compared(ladders: Mapping[str, Sequence[Row]]) -> list[Row]:
 def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, float]:
     """Return the limit with the smallest extrapolation, and the largest distance of the others.
 
-    Examples
-    --------
     >>> common_reference(np.array([1.0, 1.25]), np.array([1.5, 1.125]))
     (1.25, 0.25)
     """

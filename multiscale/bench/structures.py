@@ -1,8 +1,4 @@
-r"""Tensegrity grids of growing size: time, memory and accuracy of their statics.
-
-The prestress grows with the square of the size, as the moment of the load does, so that the share
-of slack cables stays about the same.
-"""
+"""Tensegrity grids of growing size: time, memory and accuracy of their statics."""
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -75,11 +71,7 @@ def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
 
 
 def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> float:
-    r"""Return the relative distance of tensions (links,), N, in the norm of their energy.
-
-    :math:`\sqrt{\sum (\tau - \hat\tau)^2 / k}` over :math:`\sqrt{\sum \hat\tau^2 / k}` of the
-    reference.
-    """
+    """Return the distance of tensions, N, over the reference, in the norm sqrt(sum t² / k)."""
     change, size = (np.sum(t**2 / system.stiffness) for t in (tension - reference, reference))
     return float(np.sqrt(change / size))
 

@@ -102,13 +102,7 @@ class PressedCells:
 
 
 def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job]:
-    """Return datasets and job with laws that have data for the structure at rest.
-
-    The adaptive way presses cells beyond an end of the data that more than 1 % of the load of an
-    interface leaves, and between data of which the law has a larger error by its form than by all
-    else, of these in a round at most as many as the case gives pressures; the concurrent way
-    presses them near the pressure of every point.
-    """
+    """Return datasets and job with laws that have data for the structure at rest."""
     if job.team is not None and job.team.size > 1:
         raise CaseError(
             f'{case.title}: way = "{case.way}" in [interface] presses cells between solves of the '

@@ -254,12 +254,9 @@ def _shared_by_cells(
 def _uneven_slip(
     law: Dataset, pressure: np.ndarray, rate: np.ndarray, name: str
 ) -> upscaling.Source:
-    """Return the scatter of stiffness between the cells of one joint as a source of its slip.
-
-    Where one cell is stiffer than others, it carries more of the shear and slips more; a law that
-    is stiffer everywhere has no such effect. The shear of a point rises at most in proportion to
-    its stiffness, and its slip by the logarithmic slope of slip over shear times this change.
-    """
+    """Return the scatter of stiffness between the cells of one joint as a source of its slip."""
+    # a stiffer cell carries more shear and slips more, at most in proportion to its stiffness, and
+    # by the logarithmic slope of slip over shear
     half_width = {}
     if FEW_CELLS in known_terms(law):
         few = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)

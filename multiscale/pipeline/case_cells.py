@@ -30,12 +30,9 @@ ALIKE = 1e-3  # relative error of the compliance of a mode below which a single 
 
 
 def composite_material(case: Case) -> tuple[float, float]:
-    r"""Young's modulus, Pa, and Poisson's ratio of the composite body, which replaces both.
-
-    Its contact modulus belongs to the pair, :math:`1/E^* = \sum (1-\nu_i^2)/E_i`. For small slopes
-    and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
-    weighted by compliance. Coatings do not count.
-    """
+    """Young's modulus, Pa, and Poisson's ratio of the composite body, without coatings."""
+    # 1/E* = sum (1 - nu²)/E is of the pair; nu, the mean by compliance, does not matter at small
+    # slopes
     return _composite(*((body.youngs_modulus, body.poissons_ratio) for body in case.bodies))
 
 

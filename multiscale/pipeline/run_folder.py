@@ -83,13 +83,7 @@ def _keys(case: Case) -> dict[str, object]:
 
 
 def read_up_to_date(stage: Stage, case: Case, out: Path) -> Dataset | None:
-    """Return the dataset of a stage if it is valid and computed from the same inputs.
-
-    Raises
-    ------
-    SchemaError
-        If the dataset has a newer schema version: a run must not replace it.
-    """
+    """Return the dataset of a stage if it is valid and computed from the same inputs."""
     try:
         stored = open_dataset(out / stage.file, stage.schema)
     except NewerSchemaError as error:

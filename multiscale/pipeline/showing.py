@@ -1,8 +1,4 @@
-"""Tables, sentences and lists of a dataset, with labels, units and digits of its variables.
-
-Labels, units and digits are in :data:`multiscale.schema.SHOWN`. A table is a list of columns, which
-are names of variables with formats; a sentence has variables in braces, ``{joint_stiffness:±}``.
-"""
+"""Tables, sentences and lists of a dataset, with labels, units and digits of its variables."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -56,12 +52,9 @@ class View:
         return label if unit == "1" else f"{label} ({unit})"
 
     def text(self, step: Dataset, name: str, form: str = "") -> str:
-        """Write a variable at a step of the dataset.
-
-        Forms are the value with the digits that its interval allows (empty), followed by its error
-        (``±``) or by its intervals in brackets (``()``), only the error (``error``), an interval
-        (``mean_law``, ``one_part``), and both intervals, or one if they are equal (``both``).
-        """
+        """Write a variable at a step, with the digits that its interval allows, in a form."""
+        # forms: error behind it (±), its intervals in brackets (()), only the error (error), an
+        # interval (mean_law, one_part), both intervals, or one if they are equal (both)
         if name not in step:
             return ""
         unit, bound = self.unit(name), _bound(step, name)
@@ -217,8 +210,6 @@ def some_steps(count: int, most: int) -> list[int]:
 def round_by(value: float, half_width: float) -> str:
     """Write a value with the digits that its error allows: two for an error up to 3.5, else one.
 
-    Examples
-    --------
     >>> round_by(18.7, 0.14), round_by(18.56, 0.14), round_by(17.893, 0.8), round_by(18.7034, 0.0)
     ('18.70', '18.56', '17.9', '18.7')
     """
@@ -252,8 +243,6 @@ def format_error(total: float) -> str:
 def format_share(share: float) -> str:
     """Write a share in per cent with three digits, or fewer where only rounding is left.
 
-    Examples
-    --------
     >>> format_share(0.20931), format_share(5e-8), format_share(1.3e-17)
     ('20.9', '< 0.001', '0')
     """
@@ -272,15 +261,7 @@ def format_total_error(step: Dataset, name: str) -> str:
 
 
 def format_sides(value: float, ends: np.ndarray, bound: str = "") -> str:
-    """Error of a value, per cent, by its interval: its larger side, or both if they differ.
-
-    Both sides are written if the larger is more than twice the smaller, or than the value.
-
-    Examples
-    --------
-    >>> format_sides(20.0, np.array([19.0, 21.1])), format_sides(23.0, np.array([0.0, 24.0]))
-    ('5.5', '-100, +4.3')
-    """
+    """Error of a value, per cent, by its interval: its larger side, or both if far apart."""
     sides = np.abs(np.asarray(ends) / value - 1.0)
     if not sides.max() > min(2.0 * sides.min(), 1.0):
         return f"{format_error(sides.max())}{bound}"

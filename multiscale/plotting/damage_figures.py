@@ -1,7 +1,4 @@
-"""Figures of damage, stiffness and fatigue.
-
-``sections`` follow ``DAMAGE_SECTIONS``, a ``curve`` ``WOEHLER`` and a ``life`` ``FATIGUE_LIFE``.
-"""
+"""Figures of damage, stiffness and fatigue."""
 
 from typing import TYPE_CHECKING
 

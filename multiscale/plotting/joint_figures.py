@@ -1,7 +1,4 @@
-"""Figures of rough joints, and of bodies under named loads.
-
-A ``result`` follows ``MACRO_RESULT``.
-"""
+"""Figures of rough joints, and of bodies under named loads, of a ``MACRO_RESULT``."""
 
 from collections.abc import Callable
 from functools import partial

@@ -1,8 +1,4 @@
-"""Figures of laws of interfaces and of rubber, of the stiffness of joints and of footprints.
-
-A ``response`` follows ``MICRO_RESPONSE``, a ``law`` ``INTERFACE_LAW``, a ``result``
-``MACRO_RESULT``.
-"""
+"""Figures of laws of interfaces and of rubber, of the stiffness of joints and of footprints."""
 
 from collections.abc import Sequence
 from dataclasses import replace

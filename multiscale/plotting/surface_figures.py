@@ -1,7 +1,4 @@
-"""Figures of measured surfaces, and of heights, contact pressure and leakage of cells.
-
-``statistics`` follow ``SURFACE_STATISTICS`` and ``fields`` ``FIELDS``.
-"""
+"""Figures of measured surfaces, and of heights, contact pressure and leakage of cells."""
 
 from typing import TYPE_CHECKING, Any
 

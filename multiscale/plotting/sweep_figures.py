@@ -12,8 +12,6 @@ DECADE = 10.0  # largest over smallest value of a key from which its axis is log
 def key_in_words(key: str) -> str:
     """Return a key of a case in words.
 
-    Examples
-    --------
     >>> key_in_words("body_1.surface.rms_height")
     'rms height of surface of body 1'
     """

@@ -1,7 +1,4 @@
-"""Figures of vibration: shapes of modes, frequency and damping, pressure and slip at amplitudes.
-
-A ``result`` follows ``VIBRATION``.
-"""
+"""Figures of a ``VIBRATION``: shapes of modes, frequency and damping, pressure and slip."""
 
 from collections.abc import Callable
 from functools import partial

@@ -229,13 +229,10 @@ def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def _limits_in_series(budget: Dataset, name: str, spring: str) -> dict[str, np.ndarray]:
-    r"""Return both ends of both intervals of a stiffness k in series with an uncertain spring K.
-
-    The error of the mesh is of the bodies, an error of k. Other terms may be of the bodies too, by
-    their volumes and stated values: those of which K has at least half,
-    :math:`e_t \leq 2 s\, e_{K, t}` with its share :math:`s = k / K` of the compliance, are errors
-    of K, and the ends are of the series. Both add as squares.
-    """
+    """Return both ends of both intervals of a stiffness k in series with an uncertain spring K."""
+    # Terms of which K has at least half, e_t <= 2 s e_Kt with its share s = k / K of the
+    # compliance, are errors of K, and the ends are of the series; the mesh is of the bodies. Both
+    # add as squares.
     row, value = budget.sel(quantity=[name]), budget[name].to_numpy()
     share, half = value / budget[spring].to_numpy(), row["error_half_width"]
     of_spring = half <= 2.0 * share * budget["error_half_width"].sel(quantity=spring)

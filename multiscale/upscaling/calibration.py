@@ -1,13 +1,10 @@
 r"""The law of cells, corrected by measured joints, with its remaining uncertainty.
 
-The prior of the stiffness is the law of the cells,
+The prior of the stiffness is the law of the cells, with the leading modes :math:`\varphi_k` of the
+covariance of the logarithm, by its samples and a discrepancy between cells and joints, and the
+logarithm :math:`\sigma` of the factor of all heights:
 
-.. math:: \ln K(x) = m(x - \sigma) + \sum_k \theta_k \varphi_k(x), \qquad x = \ln p,    \tag{1}
-
-with the leading modes :math:`\varphi_k` of the covariance of the logarithm, by the samples of the
-law and by a discrepancy between cells and joints, and with the logarithm :math:`\sigma` of the
-factor of all heights, as :math:`p(g) = s\, p_0(g/s)`. Further parameters are the logarithms of
-stiffness ratio and friction, and the nuisances of every table.
+.. math:: \ln K(x) = m(x - \sigma) + \sum_k \theta_k \varphi_k(x), \qquad x = \ln p.    \tag{1}
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence

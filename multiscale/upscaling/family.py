@@ -80,12 +80,8 @@ def gaps_of(observations: Observations, values: np.ndarray) -> np.ndarray:
 
 
 def integrate_stiffness(pressure: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-    r"""Integrate gaps, m, from stiffnesses, Pa/m, that are powers of the pressure between the data.
-
-    .. math:: g(p) = \int_p^{p_{\max}} \frac{\mathrm{d}p'}{K(p')},    \tag{1}
-
-    zero at the largest pressure; arrays of shape (..., points), pressures rising.
-    """
+    """Integrate gaps, m, (..., points), from stiffnesses, Pa/m, powers of the rising pressure."""
+    # g(p) = integral of dp' / K(p') from p to the largest pressure (1)
     p, compliance = pressure, pressure / stiffness  # p / K: dg = (p / K) d ln p
     ratio = compliance[..., 1:] / compliance[..., :-1]
     flat = np.abs(ratio - 1.0) < 1e-6

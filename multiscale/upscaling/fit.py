@@ -240,17 +240,14 @@ def laws_of_each(observations: Observations, law: Dataset | None = None) -> list
 
 
 def stiffness_of_each(observations: Observations, law: Dataset | None = None) -> np.ndarray:
-    """Evaluate the stiffness of the laws of all realisations, Pa/m, NaN where it is missing.
-
-    Laws of free form pass through the observed gaps, where they are evaluated; laws of a family
-    are evaluated at the observed pressures.
-    """
+    """Evaluate the stiffness of the laws of all realisations, Pa/m, NaN where it is missing."""
     counted = observations.counted
     gap = np.where(counted, observations.values, observations.mean)
     stiffness = np.full(gap.shape, np.nan)
     smooth = law is not None and law.attrs["family"] != FREE_FORM["gap"]
     for k, law_k in enumerate(laws_of_each(observations, law)):
         if law_k is not None:
+            # laws of free form pass through the observed gaps
             at = law_k.gap_at(observations.pressure) if smooth else gap[k]
             stiffness[k] = law_k.stiffness(at)
     return np.where(counted, stiffness, np.nan)

@@ -29,20 +29,14 @@ FEWEST_PRESSURES = 3
 def place_knots(
     pressure: np.ndarray, gap: np.ndarray, n_terms: int, largest_gap: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Place knots evenly in the logarithm of the pressure.
-
-    Notes
-    -----
-    Three fifths of the knots lie in the range of the data, where the gap is interpolated. Beyond,
-    the decay length :math:`-\mathrm{d}g/\mathrm{d}\ln p` is taken proportional to :math:`p^\beta`
-    with :math:`0 \le \beta \le 1` from the data: zero for an exponential law, 1/m for a power
-    law of exponent m, so that the last knot comes close to the end of a compact support.
-    """
+    """Place knots evenly in the logarithm of the pressure, three fifths of them in the data."""
     from scipy.interpolate import PchipInterpolator
 
     x = np.log(pressure)
     decay = -np.diff(gap) / np.diff(x)
     middle = 0.5 * (x[1:] + x[:-1])
+    # beyond, -dg / d ln p ~ p^beta: beta is 0 for an exponential law, 1/m for a power law, so that
+    # the last knot comes close to the end of a compact support
     beta = float(np.clip(np.polyfit(middle, np.log(decay), 1)[0], 1e-6, 1.0))
 
     n_tail = (2 * n_terms) // 5
@@ -68,21 +62,15 @@ def fit_spline(
 ) -> np.ndarray:
     r"""Fit convex decreasing laws to samples of a response by non-negative least squares.
 
-    Notes
-    -----
     The curvature :math:`p''(g)` is linear between the knots, :math:`\theta_k \ge 0` at the knots
-    and zero from the last knot on: any such :math:`\theta` gives a positive, decreasing, convex
-    and twice differentiable law of compact support. With the pressure :math:`A_{jk}` at
-    :math:`g_j` of a unit curvature at knot k, the fit minimises
+    and zero beyond: the law is positive, decreasing, convex and smooth. With the pressure
+    :math:`A_{jk}` at :math:`g_j` of a unit curvature at knot k and :math:`\rho =` :data:`RIDGE`,
+    the fit minimises
 
     .. math::
         \sum_j w_j \Big( \frac{1}{p_j} \sum_k A_{jk} \theta_k - 1 \Big)^2
         + \rho^2 \int \Big( \frac{\mathrm{d}^3 \ln \theta}{\mathrm{d} x^3} \Big)^2 \mathrm{d}x,
-        \qquad x = \ln p,    \tag{1}
-
-    with :math:`\rho =` :data:`RIDGE`, and :math:`\ln\theta` linearised about the pass before. The
-    second term decides between curvatures that fit the data equally; it vanishes for exponential
-    and for power laws.
+        \qquad x = \ln p.    \tag{1}
     """
     from scipy.optimize import nnls
 
@@ -97,6 +85,7 @@ def fit_spline(
     for sample, (g_sample, counts) in enumerate(zip(g, weight, strict=True)):
         at_data = np.maximum(0.0, s - g_sample[:, None]) ** 3 @ powers  # A_jk
         at_data *= (counts * unit / pressure)[:, None]
+        # the second term vanishes for exponential and for power laws
         # (1), linear in the relative change of theta
         theta = start
         for _ in range(PASSES):
@@ -187,12 +176,7 @@ def fit_convex_decreasing(
 def representable(
     observations: Observations, weights: np.ndarray, *, n_terms: int
 ) -> tuple[int, list[str]]:
-    """Count the pressures, from the lowest on, that a convex law follows; a caution if not all.
-
-    Gaps of cells give the stiffness of the interface too. A convex law that ends at a pressure has
-    at least the mean stiffness of the interval below: it does not follow a softer interval above.
-    Measured values with independent errors are all used.
-    """
+    """Count the pressures, from the lowest on, that a convex law follows; a caution if not all."""
     p = observations.pressure
     _check_falls(p, gaps_of(observations, observations.mean[None])[0])
     if observations.independent:
@@ -210,6 +194,7 @@ def representable(
             continue
         if k == n:
             return all_pressures.size, []
+        # a convex law that ends there has at least the mean stiffness of the interval below
         stiffness = p[k - 1] / observations.scale[k - 1]  # from the gaps on both sides
         if law.stiffness(gap[k - 1]) <= (1.0 + ALLOWED) * stiffness:
             return int(np.sum(all_pressures <= p[k - 1])), [
@@ -258,19 +243,12 @@ def left_out(n: int) -> tuple[np.ndarray, np.ndarray]:
 def decay_share(
     error: np.ndarray, n: int, least: float, noise: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    r"""Return the share of the root mean square error at unseen points that remains between points.
-
-    Notes
-    -----
-    Leaving a point out makes a hole of two spacings; among every second point, a hole of four.
-    With the root mean squares :math:`e_2, e_4` of their errors, noise apart, the share is
-    :math:`e_2 / e_4`, the decay over another halving, but at most 1. A hole of four spacings may
-    be a decade, where errors do not decay by their order yet: the order of a value is limited to 2,
-    the order of its derivative to 1. Below five points no decay is seen, and the share is 1: of
-    mean gaps of four flat cells at four pressures over 0.9 to 1.9 decades, against 33 pressures of
-    these cells, the root mean square error over :math:`e_2` was 0.24 to 0.36 in the median, but
-    1.7 to 4.5 in a twentieth of the cases, as two errors are small by chance.
-    """
+    """Return the share of the rms error at unseen points that remains between the points."""
+    # A point left out makes a hole of two spacings, every second point a hole of four: e_2 / e_4 is
+    # the decay over another halving, with the order limited to 2 for a value, 1 for a derivative.
+    # Below five points the share is 1: of four gaps of flat cells over 0.9 to 1.9 decades, against
+    # 33, the rms error over e_2 was 0.24 to 0.36 in the median, but 1.7 to 4.5 in a twentieth of
+    # the cases.
     finite = np.isfinite(error)
     square = np.where(finite, error**2 - noise, 0.0)
     holes = slice(n - 2), slice(n - 2, None)  # of two spacings, and of four

@@ -1,7 +1,4 @@
-"""The error budget of a law, each term from computed quantities: half-widths over the value.
-
-Half-widths have the shape (3, steps): gap, contact fraction and stiffness.
-"""
+"""The error budget of a law: half-widths over gap, contact fraction and stiffness, (3, steps)."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -186,12 +183,7 @@ class Sampling:
 
 
 def sampling_term(response: Dataset, law: Dataset, control: Dataset | None = None) -> Sampling:
-    """Estimate the half-widths from the scatter of the realisations.
-
-    Student's interval of the mean of gap, contact fraction and compliance :math:`1/K`; the squares
-    of the intervals of residuals of pairs and of cheap cells, see :class:`~.sampling.Control`, add
-    up.
-    """
+    """Estimate the half-widths by Student's interval of mean gap, contact fraction and 1/K."""
     gap = normal_observations(response, control)
     quantities = _ensembles(response, control, law)
     quantities[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in quantities[2]]
@@ -232,15 +224,9 @@ def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np
 
 
 def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
-    """Estimate the half-widths from the errors at left out steps.
-
-    Their root mean square times the share that the decay with the spacing leaves, see
-    :func:`~.free_form.decay_share`, and Student's factor; fewer than :data:`FEWEST_UNSEEN` count
-    whole. At the ends the error of the gap at the next step counts whole, and so does the distance
-    of the stiffness from the continued slopes of the gap, see :func:`_end_error`. Where some gaps
-    are negative, errors are relative to the distance in which the pressure changes by a factor e.
-    """
+    """Estimate the half-widths from the errors at left out steps and their decay."""
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
+    # where gaps are negative, errors are over the distance in which p changes by a factor e
     rows, errors = [], []
     gap, normal = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
     size = np.abs(gap) if np.all(gap > 0.0) else np.abs(np.gradient(gap, np.log(p)))
@@ -270,17 +256,12 @@ def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
 
 
 def _end_error(gap: np.ndarray, x: np.ndarray, log_compliance: np.ndarray) -> float:
-    r"""Return the distance of the last compliance of a law from the continued means of intervals.
-
-    Let :math:`c_1, c_2, c_3` be the logarithms of the mean slopes :math:`|\Delta g / \Delta x|`,
-    :math:`x = \ln p`, of the last three intervals, in reverse order. If their differences grow
-    by a factor :math:`\gamma`, Newton's series of backward differences, half a step on, gives
-
-    .. math:: c = c_1 + (c_1 - c_2)\, \frac{(1 - r)^{-1/2} - 1}{r}, \qquad
-        r = 1 - 1/\gamma, \quad \gamma = \frac{c_1 - c_2}{c_2 - c_3},
-
-    with :math:`1 \le \gamma \le` :data:`GROWTH`; :math:`\gamma = 1` continues a power law.
-    """
+    """Return the distance of the last compliance of a law from the continued means of intervals."""
+    # Newton's series of backward differences, half a step on, of the logarithms c_1, c_2, c_3 of
+    # mean slopes |dg / dx|, x = ln p, of the last intervals, of differences that grow by gamma (1:
+    # power law):
+    #     c = c_1 + (c_1 - c_2) ((1 - r)^(-1/2) - 1) / r,
+    #     r = 1 - 1/gamma,  gamma = (c_1 - c_2) / (c_2 - c_3) from 1 to GROWTH
     c = np.log(np.abs(np.diff(gap) / np.diff(x)))[::-1]
     last, before = c[0] - c[1], c[1] - c[2] if c.size > 2 else 0.0
     growth = last / before if last * before > 0.0 else 1.0
@@ -289,12 +270,7 @@ def _end_error(gap: np.ndarray, x: np.ndarray, log_compliance: np.ndarray) -> fl
 
 
 def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
-    """Estimate bias and half-widths from the same realisations on several grids.
-
-    The bias is the sum of the mean differences between neighbouring grids, down to the finest; the
-    half-width is the error of the finest grid by the observed order, with the intervals of the
-    differences, without the variance that the square of a mean difference contains.
-    """
+    """Estimate bias and half-widths from the same realisations on several grids."""
     # gap, contact fraction and stiffness of every cell, (3, realisations, steps), by the ratio
     by_ratio = {
         ratio: np.array([values for ((values, _),) in _ensembles(grid)])
@@ -308,6 +284,9 @@ def grid_term(response: Dataset, resolutions: Mapping[float, Dataset]) -> Term:
                 f"{fine.shape[1]}; solve the same realisations on every grid"
             )
     near = ratios[np.argmin(np.abs(np.log(ratios)))]
+    # bias: sum of the mean differences between grids; half-width: error of the finest grid by the
+    # order, without the variance in the square of a mean difference, and the intervals of the
+    # differences
     rows, biases, how = [], [], ""
     for values in zip(*by_ratio.values(), strict=True):
         # mean differences between grids, and the error of the finest by Richardson
@@ -387,16 +366,13 @@ def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
 
 
 def discrepancy_term(law: Dataset, p: np.ndarray, level: float) -> Term:
-    r"""Return the discrepancy of the stiffness of joints from the law of their cells.
-
-    With the half-width w of the level, the logarithm of the stiffness has the independent errors
-    :math:`w` and :math:`w\, (x - \bar x) / 2`, :math:`x = \ln p`, and the gap their integrals from
-    the largest pressure, :math:`\int e\, \mathrm{d}p / K`.
-    """
+    """Return the discrepancy of the stiffness of joints from the law of their cells."""
     if not level:
         return Term("not in a law with a discrepancy of 0")
     fine = np.geomspace(p.min(), p.max(), 200)
     normal, x = law_from_dataset(law), np.log(fine)
+    # half-width w of the level: errors w and w (x - mean) / 2 of ln K, x = ln p, and of the gap the
+    # integrals of e dp / K from the largest pressure
     errors = level * np.array([np.ones(fine.size), EXPONENT / DISCREPANCY * (x - x.mean())])
     closing = -np.diff(normal.gap_at(fine)) * 0.5 * (errors[:, 1:] + errors[:, :-1])
     total = np.cumsum(np.pad(closing, ((0, 0), (0, 1)))[:, ::-1], axis=1)[:, ::-1]
@@ -411,20 +387,12 @@ def discrepancy_term(law: Dataset, p: np.ndarray, level: float) -> Term:
 
 
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    r"""Estimate the half-widths from the few cells of edge L in an interface of :math:`\ell`.
-
-    They are :math:`1.96\, \mathrm{CoV}\, L/\ell` with the coefficients of variation of cells,
-    (3, steps); a scatter that is not finite, as of a single realisation, counts as zero.
-    """
+    """Estimate the half-widths of an interface of few cells, 1.96 CoV L / l, 0 if infinite."""
     return np.asarray(NORMAL * np.nan_to_num(scatter, posinf=0.0) * scales.cell_ratio)
 
 
 def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    r"""Estimate the half-widths from a pressure that varies over the longest wavelength.
-
-    They are :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of each quantity :math:`f`, with
-    :math:`\varepsilon = \lambda_l/\ell`.
-    """
+    """Estimate the half-widths from a pressure that varies over the longest wavelength."""
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,
@@ -436,6 +404,7 @@ def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.
         low, middle, high = (evaluate(p * np.exp(s)) for s in (-step, 0.0, step))
         first = (high - low) / (2.0 * step)  # d/d ln p
         second = (high - 2.0 * middle + low) / step**2
+        # 1/2 f''(p) (eps p)² / 12 with eps = longest wavelength over l
         uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
         rows.append(uneven / np.abs(middle))
     return np.array(rows)

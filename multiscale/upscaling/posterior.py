@@ -1,9 +1,7 @@
 r"""Posterior of whitened parameters: its mode, its covariance and weighted draws.
 
-The prior of the parameters :math:`\theta` is :math:`\mathcal{N}(0, 1)`, and the residuals
-:math:`r(\theta)` are over the standard deviations of the data, which have Student's distribution
-with :math:`\nu` degrees of freedom, so that single wrong data have little weight, to the power
-:math:`\nu / (\nu + 1)`, so that no value has more than its stated weight. The mode minimises
+Residuals are over the deviations of the data, with Student's distribution of :math:`\nu` degrees of
+freedom to the power :math:`\nu / (\nu + 1)`, so that no value has more than its stated weight:
 
 .. math:: |\theta|^2 + \nu \sum_i \ln (1 + r_i^2 / \nu).    \tag{1}
 """
@@ -142,11 +140,7 @@ def draw(
 
 
 def smooth_weights(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
-    """Replace the largest log weights by quantiles of a Pareto tail; return its shape, too.
-
-    A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72; the tail is fitted by J. Zhang and
-    M. A. Stephens, Technometrics 51 (2009) 316-325.
-    """
+    """Replace the largest log weights by quantiles of a Pareto tail; return its shape, too."""
     log_weight = log_weight - log_weight.max()
     n = log_weight.size
     m = int(min(0.2 * n, 3.0 * np.sqrt(n)))
@@ -157,6 +151,8 @@ def smooth_weights(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
     excess = np.exp(log_weight[tail]) - cut
     if m < 5 or not excess.min() > 0.0:
         return log_weight, -np.inf
+    # A. Vehtari et al., J. Mach. Learn. Res. 25 (2024) 72; J. Zhang, M. A. Stephens, Technometrics
+    # 51 (2009) 316-325
     # profile likelihood of the scale on a grid, averaged
     count = 30 + int(np.sqrt(m))
     b = (1.0 - np.sqrt(count / (np.arange(count) + 0.5))) / (3.0 * excess[int(m / 4 + 0.5) - 1])

@@ -1,8 +1,7 @@
 r"""From the sources of error of a computation to the error budget of its answers.
 
-With the relative change :math:`s_{k}` of an answer over the change of a parameter :math:`k`, and
-the half-width :math:`w_{kt}` of the parameter by the term :math:`t`, the half-width of the answer
-by that term is
+With the relative change :math:`s_{k}` of an answer by a parameter :math:`k`, and the half-width
+:math:`w_{kt}` of the parameter by the term :math:`t`,
 
 .. math:: w_t^2 = \sum_k (s_k\, w_{kt})^2.    \tag{1}
 """

@@ -28,17 +28,10 @@ NONE = "none: too few realisations or no samples asked for, so the scatter is no
 class Regression:
     r"""The fit of a family to a set of conditions; built by :func:`regression_of`.
 
-    Notes
-    -----
-    Minimises, with the prediction :math:`f`, the mean values :math:`y_j` and the scales
-    :math:`s_j` of the observations,
+    The method of Levenberg and Marquardt in MINPACK minimises, with a zero gap at the largest
+    pressure as a further term where a measured stiffness leaves the datum of the gap open,
 
-    .. math:: \sum_j w_j \Big(\frac{f(x_j; \theta) - y_j}{s_j}\Big)^2    \tag{1}
-
-    by the method of Levenberg and Marquardt in MINPACK. A parameter with a lower end :math:`a` of
-    its range is :math:`a + (\theta_0 - a) e^x`, so that :math:`x` is free and has no unit. A
-    measured stiffness leaves the datum of the gap open: a further term sets a zero gap at the
-    largest pressure.
+    .. math:: \sum_j w_j \Big(\frac{f(x_j; \theta) - y_j}{s_j}\Big)^2.    \tag{1}
     """
 
     family: Family
@@ -232,12 +225,7 @@ def _sample_means(
 def _errors(
     observations: Observations, regression: Regression, best: Mapping[str, float], mean: np.ndarray
 ) -> FitResult:
-    r"""Evaluate the errors of the fit and of fits with a left out point; Akaike's criterion.
-
-    With the correction for few points, of the weighted residuals as independent errors, it is
-
-    .. math:: n \ln(R/n) + 2 (k+1) + \frac{2 (k+1)(k+2)}{n - k - 2}.    \tag{1}
-    """
+    """Evaluate the errors of the fit and of fits with a left out point; Akaike's criterion."""
     n, k = mean.size, len(regression.free)
     normal = observations.quantity in ("gap", "normal_stiffness")
     judged = np.arange(1, n - 1) if normal else np.arange(n)
@@ -246,6 +234,8 @@ def _errors(
     blind = [dict(best) if parameters is None else parameters for parameters in fits]
     fit = (regression.predict(best) - mean) / regression.scale
     total = max(float(np.sum(regression.weights * fit**2)), 1e-24 * n)
+    # n ln(R/n) + 2 (k+1) + 2 (k+1)(k+2) / (n-k-2), corrected for few points, of weighted residuals
+    # (1)
     criterion = float("nan")
     if n - k - 2 > 0:
         criterion = float(n * np.log(total / n) + 2 * (k + 1) + 2 * (k + 1) * (k + 2) / (n - k - 2))

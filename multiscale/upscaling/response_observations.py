@@ -224,24 +224,15 @@ def _check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> N
 
 
 def _odd_gaps(response: Dataset, gaps: Observations) -> Iterator[str]:
-    r"""Write cautions on mean gaps that contradict heights and contact fractions, by (1).
-
-    Notes
-    -----
-    Where heights of zero mean and root mean square h end at g, in a share A of the area, and at -v
-    below, the inequalities of Cantelli and of Bhatia and Davis are
-
-    .. math:: g \le h \sqrt{1/A - 1}, \qquad g \ge h^2 / v.    \tag{1}
-
-    Contact flattens a surface, so that h without load serves for the first, and light contact for
-    the second. Mean gaps beyond either are a caution: units differ, for instance.
-    """
+    """Write cautions on mean gaps that contradict heights and contact fractions, by (1)."""
     if "rms_height" not in response.variables:
         return
     steps = response.isel(step=gaps.order)
     area = steps["contact_fraction"].where(steps["converged"] == 1).mean("realisation").to_numpy()
     share = gaps.mean / float(response["rms_height"].mean())
     p = [readable(f"{pressure:.3g} Pa") for pressure in gaps.pressure]
+    # heights of rms h that end at g, in a share A of the area, and at -v, by Cantelli, and by
+    # Bhatia and Davis: g <= h sqrt(1/A - 1), g >= h² / v (1); h without load, or in light contact
     most = np.sqrt(1.0 / np.where(area > 0.0, area, np.nan) - 1.0)
     if np.any(share > most + ROUND_OFF):
         j = int(np.nanargmax(share / np.maximum(most, ROUND_OFF)))

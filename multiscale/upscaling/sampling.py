@@ -39,27 +39,19 @@ def student(freedom: np.ndarray | int, probability: float = 0.975) -> np.ndarray
 
 
 def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:
-    r"""Return the factor from the width of a percentile interval of few data to Student's.
-
-    .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}    \tag{1}
-
-    for :math:`\nu` degrees of freedom and the confidence c; the root only if n, the number N of
-    independent data, is given: the variance of a bootstrap has the divisor N.
-    """
+    """Return the factor from the width of a percentile interval of few data to Student's."""
     from scipy.special import ndtri
 
+    # sqrt(N / (N-1)) t / z (1); the root if n = N is given: the variance of a bootstrap has the
+    # divisor N
     tail = 0.5 * (1.0 + confidence)
     factor = float(student(freedom, tail) / ndtri(tail))
     return factor if n is None else float(np.sqrt(n / max(n - 1.0, 1.0))) * factor
 
 
 def most_confident(n_realisations: int) -> float:
-    r"""Return the largest confidence of an interval of percentiles of resampled realisations.
-
-    The rarest of the extreme samples draws the same realisation N times, with probability
-    :math:`N^{-N}`; a tail of less than that has no percentile, so that
-    :math:`(1-c)/2 \ge N^{-N}`.
-    """
+    """Return the largest confidence of an interval of percentiles of resampled realisations."""
+    # the rarest of the extreme samples draws a realisation N times: (1 - c) / 2 >= N^-N
     return 1.0 - 2.0 * float(n_realisations) ** -n_realisations
 
 
@@ -70,34 +62,24 @@ def half_range(samples: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    r"""A mean over few dear and many cheap values, as a sum of two independent means.
+    r"""A mean over few dear and many cheap values, as a sum of two independent means [1]_, [2]_.
 
-    With the values :math:`y_i` of R dear cells and :math:`f_i` of M cheap cells, where the first
-    R have the surfaces of the dear cells, the mean is
+    With the values :math:`y_i` of R dear cells and :math:`f_i` of M cheap cells, where the first R
+    have the surfaces of the dear cells, and :math:`r_i = y_i - \bar y_R - \alpha (f_i - \bar f_R)`,
 
     .. math::
         \hat y = \bar y_R + \alpha\, (\bar f_M - \bar f_R), \qquad
         \alpha = \frac{\sum_i (f_i - \bar f_R)(y_i - \bar y_R)}{\sum_i (f_i - \bar f_R)^2},
         \tag{1}
 
-    and its error is the sum of two uncorrelated errors: of the mean of the residuals
-    :math:`r_i = y_i - \bar y_R - \alpha (f_i - \bar f_R)` of the pairs, and :math:`\alpha` times
-    the mean of the cheap cells,
-
     .. math::
         \operatorname{var} \hat y \approx \frac{1}{R (R - 2)} \sum_i r_i^2
         \left[1 + R\, \frac{(\bar f_M - \bar f_R)^2}{\sum_i (f_i - \bar f_R)^2}\right]
         + \frac{\alpha^2}{M (M - 1)} \sum_j (f_j - \bar f_M)^2.    \tag{2}
 
-    For a correlation :math:`\rho` that is known it is
-    :math:`[1 - \rho^2 (1 - R/M)]\, \sigma^2 / R`, see [1]_ and [2]_.
-
-    References
-    ----------
-    .. [1] M. B. Giles, Multilevel Monte Carlo methods, Acta Numerica 24 (2015) 259-328,
-       doi:10.1017/S096249291500001X.
-    .. [2] B. Peherstorfer, K. Willcox and M. Gunzburger, Survey of multifidelity methods, SIAM
-       Review 60 (2018) 550-591, doi:10.1137/16M1082469.
+    .. [1] M. B. Giles, Acta Numerica 24 (2015) 259-328, doi:10.1017/S096249291500001X.
+    .. [2] B. Peherstorfer, K. Willcox and M. Gunzburger, SIAM Review 60 (2018) 550-591,
+       doi:10.1137/16M1082469.
     """
 
     mean: np.ndarray  # (points,)
@@ -108,12 +90,7 @@ class Control:
 
     @classmethod
     def of(cls, dear: np.ndarray, cheap: np.ndarray) -> Self | None:
-        """Combine the values of both ensembles; None if they follow each other by chance only.
-
-        Control is of use where the correlation, in the median over the points, is larger than zero
-        with a confidence of 95 %, by Fisher's transformation, of at least four pairs. A rule that
-        took the narrower interval would have intervals that are too narrow.
-        """
+        """Combine the values of both ensembles; None if they follow each other by chance only."""
         paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
         n = paired.sum(axis=0)
         if n.min() < FEWEST_PAIRS:
@@ -129,6 +106,8 @@ class Control:
         scale = np.sqrt((1.0 + n * far) * (n - 1) / np.maximum(n - 2, 1))
         total = np.nansum(dy**2, axis=0)
         correlation = weight * np.sqrt(square / np.where(total > 0.0, total, 1.0))
+        # with 95 %, in the median over the points; to take the narrower interval would make it too
+        # narrow
         # Fisher's test of the correlation
         bounded = np.clip(correlation, -HIGHEST, HIGHEST)
         if np.median(np.arctanh(bounded) * np.sqrt(n - 3)) < CERTAIN:
@@ -172,16 +151,6 @@ class Control:
 
 
 def best_ratio(correlation: float, cost_ratio: float) -> float:
-    r"""Return the number of cheap cells to solve for each dear cell.
-
-    The variance for a given time is smallest at
-    :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}` for the correlation :math:`\rho` and c times the
-    time of a cheap cell for a dear cell; see [2]_ of :class:`Control`, (3.6).
-
-    Examples
-    --------
-    >>> round(best_ratio(0.9, 25.0), 1)
-    10.3
-    """
+    """Return the cheap cells for each dear cell, M/R = sqrt(c rho² / (1 - rho²)), (3.6) of [2]_."""
     square = min(correlation**2, 1.0 - 1e-6)
     return float(np.sqrt(cost_ratio * square / (1.0 - square)))

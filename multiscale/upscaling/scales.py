@@ -60,19 +60,10 @@ def compare_scales(
 
 
 def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> np.ndarray:
-    r"""Count the independent cells over which an answer of an interface averages.
-
-    Notes
-    -----
-    The law is a random field; its mean over a cell of the area :math:`a` has the coefficient of
-    variation c. An answer that changes by :math:`w\, \delta\, \mathrm{d}A` where the law changes by
-    the share :math:`\delta` has the relative scatter :math:`c / \sqrt n` with
-
-    .. math:: n = \frac{(\int w\, \mathrm{d}A)^2}{a \int w^2\, \mathrm{d}A},    \tag{1}
-
-    the area over a for an even weight. Variations of the weight shorter than a cell count too, and
-    make n too small.
-    """
+    """Count the independent cells over which an answer of an interface averages."""
+    # n = (∫ w dA)² / (a ∫ w² dA) (1) for the relative scatter c / sqrt n of an answer with the
+    # weight w and the coefficient of variation c of the mean over a cell a; shorter variations make
+    # n too small
     square = np.sum(weight**2 * area, axis=-1)
     whole = np.sum(weight * area, axis=-1)
     return np.asarray(whole**2 / np.where(square > 0.0, cell_size**2 * square, np.nan))
@@ -89,11 +80,7 @@ def cell_share(cell_size: float, extent: float) -> str:
 def pressure_length_of_points(
     position: np.ndarray, pressure: np.ndarray, area: np.ndarray
 ) -> float:
-    r"""Return the length over which a pressure at scattered points of a plane varies, m.
-
-    It is :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, with the gradient of the
-    plane that fits a point and its eight neighbours best; infinite for an even pressure.
-    """
+    """Return the length sqrt(∫ p² / ∫ |grad p|²) over which a pressure at points varies, m."""
     from scipy.spatial import cKDTree
 
     count = min(9, len(position))
@@ -103,6 +90,7 @@ def pressure_length_of_points(
     offset = position[near] - position[:, None]
     scale = float(np.max(np.abs(offset)))
     rows = np.concatenate([np.ones((*near.shape, 1)), offset / scale], axis=2)
+    # gradient of the best plane through a point and its eight neighbours
     plane = np.einsum("pij,pj->pi", np.linalg.pinv(rows), pressure[near])
     square = float(np.sum(area * np.sum((plane[:, 1:] / scale) ** 2, axis=1)))
     mean = float(np.sum(area * pressure**2))
@@ -144,20 +132,7 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
 
 
 def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
-    r"""Estimate the half-widths from the height and slope of measured maps that the cells lack.
-
-    The gap of an elastic surface over its height, and its contact fraction, are functions of
-    :math:`p / (E^* h'_\mathrm{rms})` and of the form of the spectrum. Cells with the shares
-    :math:`s_h` of the height and :math:`s_g` of the slope thus stand, at equal form, for
-
-    .. math::
-        \bar g(s_g\, p) / s_h, \qquad A(s_g\, p), \qquad
-        s_h\, k(s_g\, p) / s_g \qquad\text{instead of}\qquad
-        \bar g(p), \quad A(p), \quad k(p) = -\mathrm{d}p / \mathrm{d}\bar g.
-
-    The changes by :math:`s_h` and by :math:`s_g` are added, not set off against each other. As the
-    lost wavelengths change the form too, which similarity does not capture, they count twice.
-    """
+    """Estimate the half-widths from the height and slope of measured maps that the cells lack."""
     if "body_rms_height" not in response:
         nothing = np.zeros((3, p.size))
         return Term("nothing: the surfaces of the cells are not windows of maps", nothing)
@@ -173,6 +148,9 @@ def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
     if min(shares) < LEAST_SHARE:
         unknown = np.full((3, p.size), np.nan)
         return Term(f"not known: {how}, too little to infer the rest from", unknown)
+    # cells with shares s_h of the height and s_g of the slope stand, at equal form of the spectrum,
+    # for gap(s_g p) / s_h, A(s_g p) and s_h k(s_g p) / s_g; changes are added, and count twice for
+    # the form
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     gap, area = mean_law.gap_at, area_law.contact_fraction
     similar = mean_law.stiffness(gap(slope * p)) / slope

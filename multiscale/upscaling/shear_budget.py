@@ -28,19 +28,9 @@ def tangential_terms(
     p: np.ndarray,
     coarser: Mapping[float, Dataset],
 ) -> dict[str, Term]:
-    r"""Add the tangential traction to the terms of gap, contact fraction and stiffness.
-
-    Notes
-    -----
-    - *sampling*: from the bootstrap samples of normal law, :math:`\kappa` and :math:`\mu`;
-    - *friction bed*: the largest distance of the mean cell from the mean bed along its path, at the
-      sheared pressures, and in between over the logarithm of the pressure;
-    - *micro discretisation*: :func:`~.budget.estimate_grid_error` of :math:`\kappa`, with that
-      of the stiffness; not known without coarser grids;
-    - the others enter by their errors of the stiffness: as :math:`t \approx \mu p\,
-      (1 - e^{-x})` with :math:`x = \kappa K u / (\mu p)`, they change :math:`t / (\mu p)` by
-      :math:`x e^{-x} \le 1/e` of these.
-    """
+    """Add the tangential traction to the terms of gap, contact fraction and stiffness."""
+    # other terms enter by their stiffness: t = mu p (1 - exp(-x)), x = kappa K u / (mu p), changes
+    # by at most 1/e of their error
     by_grid = terms["micro discretisation"].half_width
     grid = np.full(p.size, np.nan)
     if coarser and by_grid is not None:
@@ -91,14 +81,7 @@ def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]
 
 
 def loss_terms(law: Dataset) -> dict[str, Term]:
-    """Estimate the errors of the loss of the bed in a closed cycle from the cells.
-
-    The terms are of a single answer at a single step. The bias of the bed is :math:`1 - r` with the
-    mean :math:`r` of the ratios of the losses at equal slip and at equal traction, since a joint
-    lies between the two. Its half-width combines half the distance of the two ratios and the
-    change over the pressures; further cells lower the half-width of :math:`r` by the samples. NaN
-    where no cells went through closed cycles.
-    """
+    """Estimate the errors of the loss of the bed in a closed cycle from the cells."""
     if "shear_loss_ratio" not in law.variables:
         how = "of the loss not known: no cells went through closed cycles; shear them so"
         return {BED: Term(how, np.full((1, 1), np.nan))}
@@ -110,6 +93,8 @@ def loss_terms(law: Dataset) -> dict[str, Term]:
     sampling = half_range(np.array(drawn)) if n_samples else np.nan
     each = law["shear_cycle_loss_ratio"].mean("control").groupby(law["shear_cycle_pressure"])
     between = law.get("shear_loss_pressure_error", 0.5 * float(np.ptp(each.mean().to_numpy())))
+    # bias 1 - r of the mean r of the ratios at equal slip and at equal traction, between which a
+    # joint lies; half-width: half their distance, and the change over the pressures
     widths = [0.5 * np.ptp(ratio), float(between)]
     amplitude = float(law["shear_cycle_amplitude"].mean())
     how = (

@@ -72,19 +72,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
 
 
 def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
-    r"""Return the law of measured specimens with its error budget: their scatter, and the fit.
-
-    The intervals of the mean law and of the next specimen have the upper ends of
-    :func:`predict`: with the standard deviation s of the logarithm of the factors between n
-    specimens and the law,
-
-    .. math:: 1 + h = \exp(t_{0.975, n-1}\, s / \sqrt n), \qquad
-        1 + h' = \exp(t_{0.975, n-1}\, s \sqrt{1 + 1/n})    \tag{1}
-
-    are the half-widths h of the mean law and :math:`h'` of the next specimen, over the value, which
-    contains the mean law. Gaps of a measured stiffness, from the largest pressure, are in inverse
-    proportion to the factor; measured gaps differ by distances.
-    """
+    """Return the law of measured specimens with its error budget: their scatter, and the fit."""
     p, normal, n = seen.pressure, fitted_law(law), seen.n_realisations
     gap = normal.gap_at(p)
     law = INTERFACE_LAW.assign(law, {"fit_mean_gap": law.get("fit_mean_gap", gap)})
@@ -96,6 +84,9 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     mean, following = np.full((2, 3, p.size), np.nan)
     if n > 1:
         t, widths = student(n - 1), np.sqrt([1.0 / n, 1.0 + 1.0 / n])[:, None]
+        # s of the logarithm of the factors, t of n - 1: 1 + h = exp(t s / sqrt n) of the mean, 1 +
+        # h' = exp(t s sqrt(1 + 1/n)) of the next specimen, which contains the mean (1); gaps of a
+        # stiffness, from the largest pressure, are in inverse proportion
         mean[2], following[2] = np.expm1(t * factor.std(ddof=1) * widths)  # (1)
         mean[0], following[0] = mean[2], following[2]
         if of_gap:

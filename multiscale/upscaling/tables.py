@@ -194,17 +194,14 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
 
 
 def read_law(path: str | PathLike[str]) -> Dataset:
-    """Read an interface law: a dataset, or a ``.csv`` table of pressures and overclosures.
-
-    The law is linear between rows, which begin at zero pressure and rise. Rows where it would
-    soften are left out, within 1 % of the pressure of the others, as in rounded tables.
-    """
+    """Read an interface law: a dataset, or a ``.csv`` table of pressures and overclosures."""
     path = Path(path)
     if path.suffix.lower() != ".csv":
         return open_law(path)
     columns, _, bare = read_columns(path, COLUMNS, signed=COLUMNS, bare=True)
     p, closed = columns.values()
     _refuse_rows(path, p, closed)
+    # linear between rows; rows where it would soften, as in rounded tables, are left out within 1 %
     p, closed = _convex(path, p, closed)
     caution = f"{path.name} has no unit of its {' and '.join(bare)} and is read in SI" * bool(bare)
     data = np.append(LOWEST * p[1], p[1:])

@@ -45,27 +45,14 @@ def with_conductance(
     *,
     flows: bool,
 ) -> Dataset:
-    r"""Return a law with the conductances of its interface.
-
-    Notes
-    -----
-    Spots of contact hinder a current as they hinder a small further displacement: the fields of
-    both problems are the same harmonic function [1]_. With the elastic stiffness
-    :math:`\beta K(p)` of the interface for a small change of the pressure,
-
-    .. math:: h(p) = \frac{2\, \beta K(p)}{E^* (1/k_1 + 1/k_2)}.    \tag{1}
-
-    Currents through the open gap, by radiation or through a fluid, add to these; films on the spots
-    hinder an electrical current further.
-
-    References
-    ----------
-    .. [1] J. R. Barber, Proc. R. Soc. Lond. A 459 (2003) 53-66, doi:10.1098/rspa.2002.1038.
-    """
+    """Return a law with the conductances of its interface."""
     if not conductivities:
         return law
     unloads = flows and "unloading_stiffness_ratio" in law
     beta = float(law["unloading_stiffness_ratio"]) if unloads else 1.0
+    # currents through the open gap add to these, films on the spots hinder a current further; same
+    # harmonic function as a small further displacement (J. R. Barber, Proc. R. Soc. Lond. A 459
+    # (2003) 53-66): h(p) = 2 beta K(p) / (E* (1/k_1 + 1/k_2)) (1)
     ratios = {
         f"{name}_ratio": 2.0 * beta / (contact_modulus * (1.0 / k1 + 1.0 / k2))  # (1)
         for name, (k1, k2) in conductivities.items()
@@ -116,24 +103,7 @@ def elastic_source(law: Dataset, answers: np.ndarray) -> Uncertainty:
 
 
 def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    r"""Return the permeability of an interface as a patchwork of cells, by Bruggeman's theory.
-
-    Notes
-    -----
-    A round patch in the effective medium of all others does not change the mean flow,
-
-    .. math:: \sum_i w_i \frac{k_i - k}{k_i + k} = 0,    \tag{1}
-
-    which in two dimensions is exact to the second order in the scatter [1]_, and exact for a
-    lognormal scatter: :math:`k` is then the geometric mean. Half of the cells of random surfaces
-    are tight where about .42 of the area touches [2]_.
-
-    References
-    ----------
-    .. [1] D. A. G. Bruggeman, Ann. Phys. 416 (1935) 636-664, doi:10.1002/andp.19354160705.
-    .. [2] W. B. Dapp, A. Lücke, B. N. J. Persson and M. H. Müser, Phys. Rev. Lett. 108 (2012)
-       244301, doi:10.1103/PhysRevLett.108.244301.
-    """
+    """Return the permeability of an interface as a patchwork of cells, by Bruggeman's theory."""
     opened = permeability > 0.0
     total = weight.sum(axis=1)
     share = np.sum(weight * opened, axis=1) / np.where(total > 0.0, total, np.nan)
@@ -141,6 +111,9 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     # with the least permeability in the open share f of the cells, k is (2 f - 1) times as large
     low = np.log(values.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0))
     high = np.full(share.shape, np.log(values.max()))
+    # sum w_i (k_i - k) / (k_i + k) = 0 (1): D. A. G. Bruggeman, Ann. Phys. 416 (1935) 636-664,
+    # exact for a lognormal scatter; half of random cells are tight where about .42 touches: W. B.
+    # Dapp, A. Lücke, B. N. J. Persson, M. H. Müser, Phys. Rev. Lett. 108 (2012) 244301
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         k = np.exp(middle)[:, None]

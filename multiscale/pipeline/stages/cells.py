@@ -176,14 +176,11 @@ def with_slope_errors(
     *,
     sparing: bool = False,
 ) -> Dataset:
-    """Return a response with its errors from slopes, estimated on one of its realisations.
-
-    Flat cells are solved to first and second order in the slope. The error of the second order is
-    about the difference times the root mean square slope, times 2 on a rigid flat and times
-    :data:`SLOPE_OF_PAIR` between two bodies; the error of the first order is the difference plus
-    that. Conforming cells solve the *composite* surface as a single body; its difference from the
-    *pair*, both to second order, is their error.
-    """
+    """Return a response with its errors from slopes, estimated on one of its realisations."""
+    # Flat cells, to first and second order: the error of the second is about the difference times
+    # the rms slope, twice on a rigid flat and SLOPE_OF_PAIR times between two bodies; of the first
+    # it is the difference plus that. Conforming cells: difference of the composite from the pair,
+    # of second order.
     names = ("mean_gap", "contact_fraction")
     path = LoadPath(pressure=tuple(response["nominal_pressure"].to_numpy()))
     try:

@@ -98,10 +98,7 @@ def strained(
     statics: Statics,
     counted: np.ndarray | None = None,
 ) -> Iterator[str]:
-    """Caution on links that stretch, or turn under tension, by more than their theory allows.
-
-    Tensions count with their sign, as self-stress balances, but without those that are counted.
-    """
+    """Caution on links that stretch, or turn under tension, by more than their theory allows."""
     first, second = system.ends.T
     apart = np.diff(system.position[system.ends], axis=1)[:, 0]
     moved = [result[name].values for name in ("displacement", "rotation") if name in result]

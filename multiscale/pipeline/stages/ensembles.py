@@ -101,11 +101,9 @@ def _as_sheared(case: Case) -> Case:
 
 
 def _pressed(micro: MicroSettings) -> list[float]:
-    """Return the pressures of sheared cells before the shear.
-
-    The loss of a bed is the area between the normal curve and its chord: with pressures near those
-    of the shear, its ratio to the loss of the cell scatters less.
-    """
+    """Return the pressures of sheared cells before the shear."""
+    # a loss is the area between the normal curve and its chord: it scatters less with near
+    # pressures
     near = {as_read(share * p) for p in micro.shear.pressures for share in NEAR}
     low, *_, high = micro.pressures
     return sorted({*micro.pressures, *(p for p in near if low < p < high)})

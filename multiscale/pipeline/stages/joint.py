@@ -232,11 +232,7 @@ def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[
 
 
 def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]:
-    r"""Stiffness of the joint at the start of unloading, and its samples, if cells were unloaded.
-
-    With the factor :math:`\beta` of the unloading branch, (1) of
-    :func:`~multiscale.macro.press_joint` for :math:`\beta K` instead of :math:`K`.
-    """
+    """Stiffness of the joint at the start of unloading, and its samples, if cells were unloaded."""
     if "unloading_stiffness_ratio" not in law:
         return {}
     K, solid = (result[name].to_numpy() for name in ("interface_stiffness", "solid_stiffness"))

@@ -168,16 +168,7 @@ FAINT = 0.01  # friction over its peak below which the law is not fitted
 
 
 def fit_friction(case: Case, response: Dataset) -> Dataset:
-    r"""Fit the friction of all temperatures at once.
-
-    Notes
-    -----
-    Rubber at a temperature T and a speed :math:`v` responds as at the reference temperature and
-    :math:`a_T v`, so that all temperatures form a single curve. The fit minimises absolute errors
-    of :math:`\mu`; a hundredth of the peak is below the resolution of a grid:
-
-    .. math:: \mu(p, v, T) = \mu_r(p, a_T v).    \tag{1}
-    """
+    r"""Fit the friction of all temperatures at once, :math:`\mu(p, v, T) = \mu_r(p, a_T v)` (1)."""
     shift = np.array([case.rubber.shift(T) for T in response["temperature"].values])
     speed = response["sliding_speed"]
     shifted = response.assign_coords(

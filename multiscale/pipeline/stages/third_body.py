@@ -119,15 +119,7 @@ def _fit(case: Case, datasets: Datasets, job: Job) -> Dataset:
 
 
 def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
-    r"""Return the errors of gap, area, stiffness and friction by the size of cells, relative.
-
-    An error that falls at least linearly with the periods is at most twice the difference from
-    cells of twice the periods. With the differences :math:`d_j` at all pressures, their variance
-    :math:`s_j^2` by the scatter of the cells, and the half-width w of the mean :math:`\bar d` by
-    the scatter of the means of the cells, the half-width is
-
-    .. math:: 2 \sqrt{\max(\overline{d_j^2 - s_j^2}, \bar d^2) + w^2}.    \tag{2}
-    """
+    """Return the errors of gap, area, stiffness and friction by the size of cells, relative."""
     of_both, rows = (response, wider), []
     first, second = (friction_observations(cells).pressure for cells in of_both)
     common = np.intersect1d(first, second)
@@ -142,6 +134,8 @@ def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
         each, variance, _ = _differences(*ratios)
         mean, of_mean, free = _differences(*(np.nanmean(r, axis=1)[:, None] for r in ratios))
         square = np.fmax(np.nanmean(each**2 - np.nan_to_num(variance)), mean[0] ** 2)
+        # at least linear in the periods: twice the difference from cells of twice the periods, 2
+        # sqrt(max(mean(d² - s²), mean(d)²) + w²) with scatter s and half-width w of the mean  (2)
         errors.append(2.0 * float(np.sqrt(square + student(free[0]) ** 2 * of_mean[0])))  # (2)
     return errors
 
@@ -159,14 +153,7 @@ def _differences(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...
 
 
 def _lack_of_fit(response: Dataset, law: Dataset) -> Term:
-    r"""Estimate the error of the formula of the law from misfits beyond the scatter of the layers.
-
-    With the misfits :math:`e_{kj}` of the laws of :math:`n` layers, and their mean over the layers,
-
-    .. math:: F = n (n - 1) \frac{\sum_j \bar e_j^2}{\sum_{kj} (e_{kj} - \bar e_j)^2}    \tag{1}
-
-    is 1 in the mean for a right formula, and the sampling error grows by :math:`\sqrt F` otherwise.
-    """
+    """Estimate the error of the formula of the law from misfits beyond the scatter of layers."""
     seen = normal_observations(response)
     laws, counted = laws_of_each(seen, law), seen.counted
     fitted = np.array(
@@ -178,6 +165,8 @@ def _lack_of_fit(response: Dataset, law: Dataset) -> Term:
     error = np.where(counted, seen.values - fitted, np.nan)
     n, mean = len(error), np.nanmean(error, axis=0)
     scatter = np.nansum((error - mean) ** 2)
+    # F = n (n - 1) sum_j mean(e_j)² / sum_kj (e_kj - mean(e_j))² (1) is 1 in the mean for a right
+    # formula; otherwise the sampling error grows by sqrt F
     excess = n * (n - 1) * np.nansum(mean**2) / scatter - 1.0 if scatter > 0.0 else np.nan
     half = np.sqrt(max(excess, 0.0)) * sampling_term(response, law, None).half_width
     half[1] = 0.0  # the contact fraction passes through its data

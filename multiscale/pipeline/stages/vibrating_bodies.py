@@ -288,10 +288,7 @@ def require_modes(case: Case) -> SolvedBodies:
 def modes_of_law(
     case: Case, law: Dataset, datasets: Datasets, job: Job, amplitudes: np.ndarray
 ) -> tuple[float, np.ndarray, Answer]:
-    """Return mean pressure, half-widths and answer of the first mode of a case with a law.
-
-    Half-widths are the differences by half of the slabs.
-    """
+    """Return mean pressure, half-widths by half of the slabs and first mode of a law."""
     asked, bodies = case.vibration, require_modes(case)
     rising, rows = np.unique(amplitudes, return_inverse=True)
     given = {"modes": asked.modes[:1], "amplitudes": tuple(rising), "modal_amplitudes": ()}

@@ -374,14 +374,7 @@ class SealSettings(toml.Settings):
             )
 
     def leak_rate(self, aperture: np.ndarray) -> np.ndarray:
-        r"""Volume that leaks in a time through a hydraulic aperture, m, in m3/s.
-
-        Notes
-        -----
-        With the length :math:`\pi D` of the ring across the flow and its width b along it,
-
-        .. math:: Q = \frac{h^3}{12\, \eta} \frac{\Delta p}{b} \pi D.    \tag{1}
-        """
+        """Volume that leaks through an aperture, m, in m3/s: h³ / (12 eta) dp / b pi D (1)."""
         gradient = self.pressure_difference / self.width
         return aperture**3 / (12.0 * self.viscosity) * gradient * np.pi * self.diameter
 

@@ -210,11 +210,7 @@ class RoughBody(toml.Settings):
 
     @property
     def yield_stress(self) -> float | None:
-        r"""Yield stress of conforming cells, Pa: :math:`\sigma_y = H/2.8 - 0.08\, h`.
-
-        The plastic strain under the indenter, .08 in the mean, raises the yield stress by the
-        hardening modulus :math:`h`.
-        """
+        """Yield stress of conforming cells, Pa: H / 2.8 - 0.08 h, at .08 indented strain."""
         if self.hardness is None:
             return None
         return self.hardness / TABOR - INDENTED * (self.hardening_modulus or 0.0)

@@ -43,19 +43,14 @@ class Face(NamedTuple):
 
 
 def highest_pressure(interface: Face, forces: Iterable[tuple[np.ndarray, Face]]) -> float:
-    r"""Estimate the largest pressure by forces on faces, each in its cone, and their moments, Pa.
-
-    .. math:: p = \sum_k \frac{|F_k| + 6 |r_k \times F_k| / w}{\min(A, A_k)}
-
-    has the area A and the width w of the interface, the arm r of the face from it, and the area
-    of the cone below the face at the height of the interface.
-    """
+    """Estimate the largest pressure by forces on faces, each in its cone, and their moments, Pa."""
     width, total = sqrt(interface.area), 0.0
     for force, face in forces:
         arm = face.centroid - interface.centroid
         moment = float(np.linalg.norm(np.cross(arm, force)))
         cone = pi * (sqrt(face.area / pi) + SPREAD * float(np.linalg.norm(arm))) ** 2
         pressing = float(np.linalg.norm(force)) + BENDING * moment / width
+        # sum of (|F| + 6 |r x F| / w) / min(A, A_cone) with area A and width w of the interface
         total += pressing / min(interface.area, cone)
     return total
 

@@ -1,9 +1,7 @@
 r"""Answers of measured joints by the law of their interface, with their gradients.
 
-The law is the normal stiffness :math:`K` over the pressure, with :math:`x = \ln p` and
-:math:`\ln K(x)` linear between the points of a grid, and a bed of sliders on it with the ratio
-:math:`\kappa` of tangential to normal stiffness and the friction :math:`\mu`. Bodies between the
-sensors and the frame of the machine are compliances :math:`c` in series.
+:math:`\ln K(x)`, :math:`x = \ln p`, is linear between the points of a grid; bodies and the frame of
+the machine are compliances :math:`c` in series.
 """
 
 from abc import ABC, abstractmethod
@@ -192,10 +190,7 @@ class MeasuredTangential(MeasuredStiffness):
 
 
 class MeasuredClosure(MeasuredJoint):
-    r"""Closure since the first row: :math:`\int_{p_0}^p \mathrm{d}p' / K(p') + c\, (p - p_0)`.
-
-    The displacement since the first row has the zero of that row as a nuisance.
-    """
+    """Closure since the first row: the integral of dp / K, and c (p - p_0) of the bodies."""
 
     unit = "m"
 
@@ -219,14 +214,12 @@ class MeasuredClosure(MeasuredJoint):
 class MeasuredLoop(MeasuredJoint):
     r"""Shear, Pa, over the tangential displacement of the joint, along loops at constant preloads.
 
-    The first loading :math:`B(\delta)` under the pressure p follows from
+    The first loading :math:`B(\delta)` of :class:`~multiscale.laws.Sliders` under the pressure p is
 
-    .. math::
-        t = \mu (p - q), \qquad
-        \delta = \frac\mu\kappa \int_q^p \frac{\mathrm{d}p'}{K(p')} + c\, t,    \tag{1}
+    .. math:: t = \mu (p - q), \qquad
+        \delta = \frac\mu\kappa \int_q^p \frac{\mathrm{d}p'}{K(p')} + c\, t;    \tag{1}
 
-    see :class:`~multiscale.laws.Sliders`; after each reversal the path follows Masing's rule,
-    :math:`t = t_r \pm 2 B(|\delta - \delta_r| / 2)`, and ends where it meets an earlier branch.
+    reversals follow Masing's rule, :math:`t = t_r \pm 2 B(|\delta - \delta_r| / 2)`.
     """
 
     displacement: np.ndarray = field(kw_only=True)  # (rows,), m

@@ -140,11 +140,9 @@ def read_measured(
 def usual_nuisances(
     frame: float | None, offset: float | None, compliance: np.ndarray, pressure: np.ndarray
 ) -> dict[str, float]:
-    """Return the deviations of frame and zero of the load, stated or by the measured values.
-
-    The frame has a share of the median compliance of the stiffest third of a table, m/Pa.
-    """
+    """Return the deviations of frame and zero of the load, stated or by the measured values."""
     compliance = np.sort(compliance[compliance > 0.0])
+    # the frame has a share of the median compliance of the stiffest third, m/Pa
     least = float(np.median(compliance[: int(np.ceil(STIFFEST * compliance.size))]))
     widths = {
         "frame": FRAME * least if frame is None else frame,

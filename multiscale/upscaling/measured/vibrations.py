@@ -45,19 +45,17 @@ class _Vibration(MeasuredJoint):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredVibration(_Vibration, MeasuredLoop):
-    r"""Frequency, s⁻¹, and damping ratio of tangential vibrations at constant preloads.
+    r"""Frequency, s⁻¹, then damping ratio, of tangential vibrations at constant preloads.
 
-    A mass m over the nominal area that vibrates with the amplitude a at its phase resonance, of the
-    frequency f without damping, with the damping ratio :math:`\zeta`, has the first harmonic of the
-    shear of a closed loop,
+    A mass m over the nominal area at its phase resonance, of the frequency f without damping and
+    the damping ratio :math:`\zeta`, has the first harmonic of the shear of a closed loop, with the
+    first loading B of :class:`MeasuredLoop` at :math:`a \sin^2(\theta/2)` and the work :math:`\pi
+    a^2 k''`,
 
     .. math::
         k' = m (2 \pi f)^2 = -\frac{4}{\pi a} \int_0^\pi B \cos\theta\, \mathrm{d}\theta, \qquad
         k'' = 2 \zeta k' =
-        \frac{4}{\pi a} \Bigl( \int_0^\pi B \sin\theta\, \mathrm{d}\theta - B(a) \Bigr),    \tag{1}
-
-    with the first loading B of :class:`MeasuredLoop` at :math:`a \sin^2(\theta/2)`; the work of a
-    loop is :math:`\pi a^2 k''`. The rows of f come first, then of :math:`\zeta`.
+        \frac{4}{\pi a} \Bigl( \int_0^\pi B \sin\theta\, \mathrm{d}\theta - B(a) \Bigr).    \tag{1}
     """
 
     mass: float = field(kw_only=True)  # kg/m²
