@@ -159,21 +159,7 @@ def _joint_faults(
     steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
     stiffness: float,
 ) -> float:
-    r"""Measure the distance of tractions and jumps from bodies and law.
-
-    Notes
-    -----
-    Errors are backward errors, as the jumps of a law that is much stiffer than the bodies do not
-    determine its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
-    :math:`t + k (B u - y)` for
-
-    .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
-
-    so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
-    tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
-    the jumps before, with the error :math:`|\hat t - t|`. They are evaluated by ``respond`` only;
-    the resolvent just gives the nearest jumps within the rounding.
-    """
+    """Measure the distance of tractions and jumps from bodies and law, as backward errors."""
     from scipy.sparse import csr_array, diags_array
 
     from multiscale.numerics.factorisation import factorise
@@ -184,10 +170,13 @@ def _joint_faults(
     before, faults = np.zeros((3, whole.weight.size)), []
     for factor, jump, traction in steps:
         y, t = jump.T, traction.T
+        # (K + k B^T w B) u = f + B^T w (k y - t): the bodies have the jumps B u under t + k (B u -
+        # y), and k |B u - y| is the error of both
         # the jumps of the bodies under the tractions
         u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
         faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
 
+        # by ``respond``; the resolvent only gives the nearest jumps
         # the tractions of the law at jumps within the rounding
         moved = y - before  # a bed depends on the change of the tangential jumps only
         moved[0] = y[0]

@@ -110,10 +110,7 @@ def impact(speed: float, friction: float, restitution: float) -> float:
 
 
 def third_body(speed: float, pressure: float) -> float:
-    """Shear grains between two plates at two speeds: change of traction over pressure.
-
-    The second has twice the speed and four times the pressure, and the same inertial number.
-    """
+    """Shear grains between plates at speed and pressure, and at 2 and 4 times: change of t / p."""
     from multiscale.macro.granulate import ContactLaw, Solver, shear_cells
 
     radii, size = np.full(30, 0.005), (0.04, 0.04)

@@ -40,10 +40,7 @@ def structure(bar_over_cable: float, prestress: float, load_factor: float) -> fl
 
 
 def equivalent_plate(bar_over_cable: float, prestress: float, load_factor: float) -> float:
-    """Solve the plate equivalent to a grid: distance of its motion by one load step and by two.
-
-    Its energy is convex, so that the path does not matter.
-    """
+    """Solve the plate equivalent to a grid: distance of its motion by one load step and by two."""
     from multiscale.laws.link import Bar
     from multiscale.macro import tensegrity_grid
     from multiscale.macro.links import EquivalentPlate, plate_cell, solve_plate

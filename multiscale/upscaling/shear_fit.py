@@ -47,26 +47,14 @@ NODES = np.polynomial.legendre.leggauss(48)  # of an integral over the amplitude
 def with_shear(
     law: Dataset, response: Dataset, shear: Dataset, *, apart: bool | None = None
 ) -> Dataset:
-    r"""Add the tangential branch to a normal law.
-
-    Notes
-    -----
-    For each realisation :math:`\mu` is the mean of :math:`|t| / p` over the steps at which all of
-    it slips, and :math:`\kappa` minimises the squares of the distance from (1), over the pressure,
-    on the normal law of the realisation: a realisation that is too stiff in shear is too stiff in
-    pressing, so that :math:`\kappa` scatters little. Steps count up to :math:`t = \mu (p -
-    p_\min)`; beyond, the springs that still stick lie outside the pressures of the law. Steps of
-    closed cycles do not count, since a single amplitude would weigh more than others. The law has
-    the means. The bootstrap draws whole realisations, the draws of the normal law if all
-    realisations are sheared, so that sample k belongs to sample k of the normal law. The path of
-    the bed is the mean over the realisations with the mean :math:`\kappa` and :math:`\mu`.
-    """
+    """Add the tangential branch to a normal law: the means of the nearest beds, and samples."""
     cells, cautions = _sheared_cells(law, response, shear)
     ratio, friction = _nearest_beds(cells)
     lay = _lay(ratio)
     if not (bool(lay) if apart is None else apart):
         cautions += lay
         ratio[:] = np.nanmean(ratio, axis=1, keepdims=True)
+    # whole realisations, and sample k with sample k of the normal law if all are sheared
     # means and samples of both numbers
     each, n = np.column_stack([ratio, friction]), len(ratio)
     counts = draw_counts(n, int(law.sizes.get("sample", 0)), int(law.attrs["seed"]))
@@ -145,6 +133,8 @@ def _nearest_beds(cells: _Sheared) -> tuple[np.ndarray, np.ndarray]:
     full = loaded & (cells.response["slip_fraction"].to_numpy() >= FULL_SLIP)
     friction = np.sum(full * size * per_pressure, axis=1) / full.sum(axis=1)
     # ratios from the steps below, without closed cycles
+    # least squares of the distance from (1), over p, on the normal law of the cell; beyond t = mu
+    # (p - p_min) springs that stick lie outside the pressures of the law
     inside = loaded & (size < friction[:, None] * (cells.pressure - cells.lowest))
     for _, (first, _, last) in closed_cycles(cells.slip.mean(axis=0), cells.pressure):
         inside[:, first + 1 : last + 1] = False
@@ -373,14 +363,10 @@ def between_pressures(lost: LossRatio) -> float:
 def bed_loss(
     law: NormalLaw, pressure: float, amplitude: float, stiffness_ratio: float, friction: float
 ) -> float:
-    r"""Integrate the loss of a bed of sliders in a closed cycle at a constant pressure, J/m2.
-
-    The first loading :math:`t(u) = \mu [p(g) - p(g + \kappa u / \mu)]` and Masing's rule give
-
-    .. math:: W = 8 \int_0^a t\, \mathrm{d}u - 4\, a\, t(a).    \tag{1}
-    """
+    """Integrate the loss of a bed of sliders in a closed cycle at a constant pressure, J/m2."""
     gap = float(law.gap_at(np.array(pressure)))
     u = 0.5 * amplitude * (1.0 + np.append(NODES[0], 1.0))
+    # first loading and Masing's rule: W = 8 ∫ t du - 4 a t(a) (1)
     t = friction * (pressure - law.pressure(gap + stiffness_ratio * u / friction))
     return float(4.0 * amplitude * (NODES[1] @ t[:-1] - t[-1]))  # (1)
 
