@@ -137,93 +137,129 @@ def write_pressure_overclosure(
     if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
         raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
     require_law(dataset, "pressure_min", "pressure_max", "n_realisations")
-    family = dataset.attrs.get("family", "convex_decreasing")
+    units = _Units(length_unit, pressure_unit)
     low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
-    law = law_from_dataset(dataset)
-    table = pressure_overclosure(law, (low, high), tolerance=tolerance)
-    p, overclosure, points = table.pressure, table.overclosure, table.pressure.size
-    most, reader = (FACE_POINTS, " face to face") if face_to_face else (MOST_POINTS, "")
-    if p.size >= most:
+    chords = pressure_overclosure(law_from_dataset(dataset), (low, high), tolerance=tolerance)
+    if chords.pressure.size >= (most := FACE_POINTS if face_to_face else MOST_POINTS):
         raise CaseError(
-            f"a table within {100.0 * tolerance:g} % takes {p.size + 1} points, and CalculiX holds "
-            f"{most}{reader}; allow a larger tolerance"
+            f"a table within {100.0 * tolerance:g} % takes {chords.pressure.size + 1} points, and "
+            f"CalculiX holds {most}{' face to face' * face_to_face}; allow a larger tolerance"
         )
-    slope = (overclosure[-1] - overclosure[-2]) / (p[-1] - p[-2])
-    p = np.append(p, BEYOND * p[-1])
-    overclosure = np.append(overclosure, overclosure[-1] + slope * (p[-1] - p[-2]))
-    length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
-    if face_to_face:
-        end = (p.size + 0.5) * length
-        if overclosure[-1] >= end:
-            raise CaseError(
-                f"the overclosures reach {overclosure[-1] / length:.3g} {length_unit}, and face to "
-                f"face CalculiX reads {p.size} points only of a table below {p.size} "
-                f"{length_unit}; use a larger length_unit"
-            )
-        further = np.linspace(overclosure[-1], end, FACE_TABLE - p.size + 1)[1:]
-        p = np.append(p, p[-1] + (further - overclosure[-1]) / slope)
-        overclosure = np.append(overclosure, further)
-    smallest = float(np.min(np.diff(overclosure))) / length
-    if smallest < SMALLEST_STEP:
-        raise CaseError(
-            f"two overclosures of the table differ by only {smallest:.1g} {length_unit}, less than "
-            f"the {SMALLEST_STEP:g} that CalculiX keeps apart; use a smaller length_unit"
-        )
+    table = _prolong(chords, units, face_to_face)
+    added, rows = len(table) - chords.pressure.size, table / (units.pressure, units.length)
     lines = [
         f"** pressure ({pressure_unit}), overclosure ({length_unit}) of a rough interface",
-        f"** {dataset.attrs.get('title', 'interface law')}, {family}, "
-        f"{count_realisations(dataset)}",
-        f"** zero overclosure: mean planes {table.first_contact / length:.6g} {length_unit} apart",
-        f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
-        f"{100.0 * tolerance:g} % of the law",
-        *_describe_reader(p.size - points, face_to_face),
+        f"** {dataset.attrs.get('title', 'interface law')}, "
+        f"{dataset.attrs.get('family', 'convex_decreasing')}, {count_realisations(dataset)}",
+        f"** zero overclosure: mean planes {chords.first_contact / units.length:.6g} "
+        f"{length_unit} apart",
+        f"** from {low / units.pressure:.4g} to {high / units.pressure:.4g} {pressure_unit}, "
+        f"chords within {100.0 * tolerance:g} % of the law",
+        *_describe_reader(added, face_to_face),
         f"*SURFACE INTERACTION, NAME={name}",
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
-        *(f"{a / pressure:.9e}, {b / length:.9e}" for a, b in zip(p, overclosure, strict=True)),
+        *(f"{pressure:.9e}, {overclosure:.9e}" for pressure, overclosure in rows),
     ]
     if friction_for is not None:
-        at = np.sqrt(low * high) if stick_pressure is None else stick_pressure
-        if friction_for not in ("abaqus", "calculix"):
-            raise CaseError(f"friction is written for abaqus or calculix, got {friction_for!r}")
-        if not low <= at <= high:
-            raise CaseError(
-                f"the law rests on data from {low:.3g} to {high:.3g} Pa, got a stick_pressure of "
-                f"{at:.3g} Pa; give a pressure between them"
-            )
-        bed = sliders_from_dataset(dataset)
-        if not bed.friction:
-            raise CaseError(
-                f"the law has no friction, and no stick stiffness, to be written for "
-                f"{friction_for}; leave the friction out"
-            )
-        stiffness = bed.stiffness_ratio * float(law.stiffness(law.gap_at(np.array(at))))
-        slip = bed.friction * at / stiffness
-        lines += [
-            f"** a slider as stiff as the interface at {at / pressure:.4g} {pressure_unit}; "
-            f"its micro-slip is left out",
-            *MORTAR_SHEAR * (friction_for == "calculix"),
-            *(
-                [f"*FRICTION, ELASTIC SLIP={slip / length:.9e}", f"{bed.friction:.9e}"]
-                if friction_for == "abaqus"
-                else ["*FRICTION", f"{bed.friction:.9e}, {stiffness * length / pressure:.9e}"]
-            ),
-        ]
+        at = float(np.sqrt(low * high)) if stick_pressure is None else stick_pressure
+        lines += _friction(dataset, at, friction_for, units)
     if conductance_for is not None:
-        if conductance_for not in ("abaqus", "calculix"):
-            raise CaseError(f"a conductance is for abaqus or calculix, got {conductance_for!r}")
-        ratio = conductance_ratios(dataset).get("thermal_conductance")
-        if ratio is None:
-            raise CaseError(
-                "the law has no thermal conductance; give thermal_conductivity of both bodies"
-            )
-        data = table.pressure[1:]
-        h = ratio * law.stiffness(law.gap_at(data)) / (pressure * length)
-        lines += [
-            "*GAP CONDUCTANCE" + (", PRESSURE" if conductance_for == "abaqus" else ""),
-            "0., 0., 0.",
-            *(f"{value:.9e}, {p / pressure:.9e}, 0." for value, p in zip(h, data, strict=True)),
-        ]
+        lines += _conductance(dataset, chords.pressure[1:], conductance_for, units)
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode("ascii", "replace"))
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Units of lengths and pressures in a file."""
+
+    length_name: str
+    pressure_name: str
+
+    @property
+    def length(self) -> float:
+        """Unit of lengths, m."""
+        return to_si(f"1 {self.length_name}", "m")
+
+    @property
+    def pressure(self) -> float:
+        """Unit of pressures, Pa."""
+        return to_si(f"1 {self.pressure_name}", "Pa")
+
+
+def _prolong(chords: ChordTable, units: _Units, face_to_face: bool) -> np.ndarray:
+    """Prolong the last chord: pressures, Pa, and overclosures, m, that CalculiX reads, (points, 2).
+
+    Face to face, further points give CalculiX 2.20 the number of points as 41st overclosure.
+    """
+    p, overclosure, unit = chords.pressure, chords.overclosure, units.length_name
+    slope = (overclosure[-1] - overclosure[-2]) / (p[-1] - p[-2])
+    last, count = BEYOND * p[-1], p.size + 1
+    overclosure = np.append(overclosure, overclosure[-1] + slope * (last - p[-1]))
+    p = np.append(p, last)
+    if face_to_face:
+        end = (count + 0.5) * units.length
+        if overclosure[-1] >= end:
+            raise CaseError(
+                f"the overclosures reach {overclosure[-1] / units.length:.3g} {unit}, and face to "
+                f"face CalculiX reads {count} points only of a table below {count} {unit}; use a "
+                f"larger length_unit"
+            )
+        further = np.linspace(overclosure[-1], end, FACE_TABLE - count + 1)[1:]
+        p = np.append(p, last + (further - overclosure[-1]) / slope)
+        overclosure = np.append(overclosure, further)
+    smallest = float(np.min(np.diff(overclosure))) / units.length
+    if smallest < SMALLEST_STEP:
+        raise CaseError(
+            f"two overclosures of the table differ by only {smallest:.1g} {unit}, less than the "
+            f"{SMALLEST_STEP:g} that CalculiX keeps apart; use a smaller length_unit"
+        )
+    return np.column_stack([p, overclosure])
+
+
+def _friction(dataset: Dataset, at: float, code: str, units: _Units) -> list[str]:
+    """Return the lines of friction, with the stick stiffness at a pressure, Pa."""
+    low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
+    if code not in ("abaqus", "calculix"):
+        raise CaseError(f"friction is written for abaqus or calculix, got {code!r}")
+    if not low <= at <= high:
+        raise CaseError(
+            f"the law rests on data from {low:.3g} to {high:.3g} Pa, got a stick_pressure of "
+            f"{at:.3g} Pa; give a pressure between them"
+        )
+    law, bed = law_from_dataset(dataset), sliders_from_dataset(dataset)
+    if not bed.friction:
+        raise CaseError(
+            f"the law has no friction, and no stick stiffness, to be written for {code}; leave the "
+            f"friction out"
+        )
+    stiffness = bed.stiffness_ratio * float(law.stiffness(law.gap_at(np.array(at))))
+    lines = [
+        f"** a slider as stiff as the interface at {at / units.pressure:.4g} "
+        f"{units.pressure_name}; its micro-slip is left out"
+    ]
+    if code == "abaqus":
+        slip = bed.friction * at / stiffness / units.length
+        return [*lines, f"*FRICTION, ELASTIC SLIP={slip:.9e}", f"{bed.friction:.9e}"]
+    stick = stiffness * units.length / units.pressure
+    return [*lines, *MORTAR_SHEAR, "*FRICTION", f"{bed.friction:.9e}, {stick:.9e}"]
+
+
+def _conductance(dataset: Dataset, data: np.ndarray, code: str, units: _Units) -> list[str]:
+    """Return the lines of thermal conductance at pressures, Pa."""
+    if code not in ("abaqus", "calculix"):
+        raise CaseError(f"a conductance is for abaqus or calculix, got {code!r}")
+    ratio = conductance_ratios(dataset).get("thermal_conductance")
+    if ratio is None:
+        raise CaseError(
+            "the law has no thermal conductance; give thermal_conductivity of both bodies"
+        )
+    law = law_from_dataset(dataset)
+    h = ratio * law.stiffness(law.gap_at(data)) / (units.pressure * units.length)
+    return [
+        "*GAP CONDUCTANCE" + (", PRESSURE" if code == "abaqus" else ""),
+        "0., 0., 0.",
+        *(f"{value:.9e}, {p:.9e}, 0." for value, p in zip(h, data / units.pressure, strict=True)),
+    ]
 
 
 def _describe_reader(added: int, face_to_face: bool) -> list[str]:
@@ -274,7 +310,8 @@ def write_law_table(
         p = dataset["fit_pressure"].to_numpy()
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)
-    length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
+    units = _Units(length_unit, pressure_unit)
+    length, pressure = units.length, units.pressure
     columns = {
         f"pressure ({pressure_unit})": p / pressure,
         f"gap ({length_unit})": gap / length,
