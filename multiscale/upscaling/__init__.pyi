@@ -36,7 +36,6 @@ from .propagation import Knob as Knob
 from .propagation import Samples as Samples
 from .propagation import Source as Source
 from .propagation import Uncertainty as Uncertainty
-from .propagation import law_sources as law_sources
 from .propagation import propagate as propagate
 from .reading import area_from_dataset as area_from_dataset
 from .reading import areas_from_dataset as areas_from_dataset
@@ -56,3 +55,4 @@ from .transport import conductance_ratios as conductance_ratios
 from .transport import conductances as conductances
 from .transport import elastic_source as elastic_source
 from .transport import say_sealing as say_sealing
+from .uncertain_law import law_sources as law_sources

@@ -14,9 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
-from multiscale.laws import ModifiedLaw, NormalLaw
 from multiscale.schema import ERROR_BUDGET, Dataset
 from multiscale.upscaling.budget import (
     ALWAYS,
@@ -30,34 +28,19 @@ from multiscale.upscaling.budget import (
     Term,
     assemble_budget,
     estimate_grid_error,
-    has_budget,
-    how_attribute,
     is_absent,
-    known_terms,
-    of_this_version,
 )
-from multiscale.upscaling.free_form import FEWEST_PRESSURES, fit_each
-from multiscale.upscaling.observations import observe
-from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.sampling import half_range
 
 STRETCH = 0.02
 """Relative change of a parameter with which the answers are solved again."""
 
-BEYOND = np.array(2.0)
-"""Error of answers by the form of a law beyond its data over their change without the last data.
-Every further pressure would change them by about half of the change by the pressure before it."""
-
 FEWEST_SAMPLES = 40  # for a percentile interval
-
-SOLVED_SAMPLES = 4
-"""Number of samples of a law with which answers are solved that no tangent gives."""
 
 FIRST_ORDER = 0.5
 """Relative half-width by samples above which changes of first order are no estimate: the samples of
 a law then differ too much at the pressures of an answer, such as beyond the data."""
 
-ALIKE = 0.05  # scatter of samples, over the largest, below which they span nothing more
 
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
     STATED: NO_STATED.how,
@@ -334,150 +317,3 @@ def _join(name: str, contributions: Sequence[tuple[str, Term]]) -> str:
         return next(iter(joined.values()))
     several = sum(map(bool, joined)) > 1
     return "; ".join(f"{of}: {how}" if of and several else how for of, how in joined.items())
-
-
-def law_sources(
-    law: Dataset,
-    pressure: np.ndarray | None = None,
-    *,
-    of: str = "",
-    change: Callable[[NormalLaw], Any] = lambda law: law,
-    samples: int = 0,
-    drawn: Sequence[np.ndarray] | None = None,
-    beyond: tuple[bool, bool] = (False, False),
-) -> list[Source]:
-    """Return the sources of error of an interface law, from its budget.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW`` and has its budget; see :func:`with_budget`
-    pressure : ndarray, shape (steps,), optional
-        Pressure of the interface at each step, Pa, where the errors of the law are evaluated; their
-        root mean square over the data if not given.
-    of : str, optional, name of the interface
-    change : callable, optional, from a changed normal law to the change of a :class:`Source`
-    samples : int
-        Number of bootstrap samples of the law to solve; with fewer than 40, sampling enters as the
-        other terms do.
-    drawn : sequence of ndarray, shape (answers, steps), optional
-        Known answers of all samples of the law; where one is NaN, a few samples are solved.
-    beyond : tuple of bool
-        Whether load lies below, and above the data: the change of the answers without the last data
-        at an end is then the error of the form of the law beyond it, a part of the term "fit",
-        which is unknown if the data are too few to leave any out.
-
-    Returns
-    -------
-    list of Source
-        The terms of the gap enter by the change of the answers where all gaps are larger, terms of
-        the stiffness where the law is softer about the mean pressure, biases by a law of free form
-        through the gaps without them.
-
-    Raises
-    ------
-    CaseError
-        If the law has no budget.
-    """
-    if not has_budget(law):
-        raise CaseError(
-            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
-        )
-    law = of_this_version(law)
-    require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
-    mean_law, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()
-    data, known = law["fit_pressure"].to_numpy(), known_terms(law)
-    count = min(samples, int(law.sizes.get("sample", 0)))
-    draws = fitted_laws(law, range(count if count >= FEWEST_SAMPLES else 0))
-    # sampling, by bootstrap samples of the law or as the other terms
-    sampled: list[Source] = []
-    if draws or (drawn is not None and len(drawn)):
-        count = len(draws) if drawn is None else len(drawn)
-        how = f"{count} bootstrap samples of the law"
-        changes = [change(sample) for sample in draws] if drawn is None else ()
-        inputs = Samples(name="samples", of=of, changes=changes, answers=drawn, how=how)
-        solved = np.asarray(False if drawn is None else np.isnan(drawn).any(axis=0))
-        if not solved.all():
-            sampled.append(replace(inputs, counts=~solved))
-        if solved.any():
-            few, weights = _spanning(fitted_laws(law, range(count)), mean_law, data)
-            few_how = f"{len(few)} of {how}, to first order"
-            changes = [change(sample) for sample in few]
-            inputs = Samples(name="few samples", of=of, changes=changes, how=few_how)
-            sampled.append(replace(inputs, weights=weights, counts=solved))
-
-    def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
-        """Return half-widths of a quantity of the law at the pressures, by known terms."""
-        widths: dict[str, np.ndarray | float] = {}
-        for term in known:
-            half = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * unit
-            widths[term] = float(np.sqrt(np.mean(half**2)))
-            if pressure is not None:
-                widths[term] = np.interp(np.log(pressure), np.log(data), half)
-        if sampled:
-            widths.pop("sampling", None)
-        return widths
-
-    # unknown terms, larger gaps, a softer law, and gaps without the biases
-    bounds = {}
-    for term in ERROR_TERMS[:-1]:  # the last term is not of a law
-        if not (sampled and term == "sampling"):
-            how = str(law.attrs[how_attribute(term)])
-            bounds[term] = Term(how, np.zeros(()) if term in known else None)
-    p = data if pressure is None else np.asarray(pressure)
-    middle = float(mean_law.gap_at(np.array(np.exp(np.nanmean(np.log(p))))))
-    shift = STRETCH * float(np.ptp(gap))
-    larger = ModifiedLaw(mean_law, shift=shift)
-    softer = ModifiedLaw(mean_law, factor=1.0 + STRETCH, centre=middle)
-    widths = {"gap": half_width("mean_gap", np.abs(gap)), "stiffness": half_width("stiffness", 1.0)}
-    corrections: list[Source] = []
-    for term in known:
-        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
-        if np.any(bias):
-            unbiased = observe("gap", data, gap * (1.0 - bias))
-            corrected = change(fit_each(unbiased, unbiased.values)[0])
-            corrections.append(
-                Correction(name=f"bias by {term}", of=of, changes=[corrected], term=term)
-            )
-    # errors of the law beyond its data
-    ends: list[Source] = []
-    for outside, name, left in (
-        (beyond[0], "lowest", slice(1, None)),
-        (beyond[1], "highest", slice(-1)),
-    ):
-        if not outside or "fit" not in known:
-            continue
-        if data[left].size < FEWEST_PRESSURES:
-            how = f"not known beyond {data.size} pressures, of which none can be left out"
-            ends.append(Bound(name="form of the law", of=of, bounds={"fit": Term(how)}))
-        else:
-            without = fit_each(observe("gap", data[left], gap[left]), gap[None, left])[0]
-            how = f"the law without its {name} pressure"
-            ends.append(
-                Knob(name=how, of=of, changes=[change(without)], term="fit", share=BEYOND, how=how)
-            )
-    return [
-        Bound(name="budget of the law", of=of, bounds=bounds),
-        Uncertainty(
-            name="gap", of=of, changes=[change(larger)], step=shift, half_width=widths["gap"]
-        ),
-        Uncertainty(
-            name="softness", of=of, changes=[change(softer)], half_width=widths["stiffness"]
-        ),
-        *corrections,
-        *ends,
-        *sampled,
-    ]
-
-
-def _spanning(
-    samples: Sequence[NormalLaw], mean: NormalLaw, pressure: np.ndarray
-) -> tuple[list[NormalLaw], np.ndarray]:
-    """Return samples of a law that span the scatter of all, and weights (samples, spanning)."""
-    from scipy.linalg import qr
-
-    stiffness = [law.stiffness(law.gap_at(pressure)) for law in (mean, *samples)]
-    scatter = np.log(stiffness[1:]) - np.log(stiffness[0])
-    # the most different samples, one after the other; others are sums of these
-    order = qr(scatter.T, mode="r", pivoting=True)[1][:SOLVED_SAMPLES]
-    weights = np.linalg.lstsq(scatter[order].T, scatter.T, rcond=ALIKE)[0].T
-    return [samples[k] for k in order], weights
