@@ -39,6 +39,9 @@ COLUMNS: dict[Kind, dict[str, str]] = {
 }
 """Columns of every kind in addition to the preload, the value last, and their units."""
 
+LOADS: dict[Kind, str] = {"closure": "pressure"}
+"""Column of the load of a kind, if it is not the preload."""
+
 
 def read_measured(
     path: str | PathLike[str],
@@ -76,10 +79,44 @@ def read_measured(
         If the table is refused, has no error, is not in order, or leaves the range of its kind.
     """
     path = Path(path)
-    given = units_of_columns(path)
-    load = "pressure" if kind == "closure" else "preload"
-    wanted = {load: "Pa"} | COLUMNS[kind]
     refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
+    columns, unit = _read_columns(path, kind, error)
+    pressure, value = columns[LOADS.get(kind, "preload")], columns[list(COLUMNS[kind])[-1]]
+    _refuse_rows(path, kind, pressure, columns)
+    # the value that an error is relative to, and must lie below
+    if kind == "closure":
+        value = value - value[0]
+    scale = np.abs(value)
+    for rows in split_loops(pressure) if kind == "loop" else ():
+        scale[rows] = scale[rows].max()
+    half = columns.get("error", np.full(value.size, error)) * (scale if unit == "1" else 1.0)
+    largest = np.full(value.size, scale.max()) if kind == "closure" else scale
+    if (above := np.flatnonzero(~(half < largest))).size:
+        k = int(above[0])
+        raise CaseError(
+            f"{path}, row {k + 1}: the error of {half[k]:.4g} {unit} is not below a value of "
+            f"{largest[k]:.4g}, so that the row has no information; give error and value in their "
+            f"units"
+        )
+    deviation = half / NORMAL
+    nuisances = usual_nuisances(frame, offset, _compliances(kind, columns, value), pressure)
+    if kind == "closure":
+        deviation = np.where(deviation > 0.0, deviation, deviation[deviation > 0.0].min())
+        nuisances = {"zero": float(deviation[0])} | nuisances
+    table = (path.name, pressure, value, deviation, nuisances, bodies)
+    if kind == "loop":
+        return MeasuredLoop(*table, displacement=columns["displacement"])
+    return {
+        "stiffness": MeasuredStiffness,
+        "tangential_stiffness": MeasuredTangential,
+        "closure": MeasuredClosure,
+    }[kind](*table)
+
+
+def _read_columns(path: Path, kind: Kind, error: float | None) -> tuple[dict[str, np.ndarray], str]:
+    """Read the columns of a kind, SI, and return also the unit of its errors."""
+    given = units_of_columns(path)
+    wanted = {LOADS.get(kind, "preload"): "Pa"} | COLUMNS[kind]
     if "error" in given and error is not None:
         raise CaseError(
             f"{path}: the table has a column error, and error = {error:g} is stated too; leave one "
@@ -93,48 +130,26 @@ def read_measured(
             f"column of this name"
         )
     columns, _, _ = read_columns(path, wanted, signed=("displacement", "shear", "closure"))
-    relative = wanted.get("error", "1") == "1"
-    if relative and "error" in columns and columns["error"].max() >= 1.0:
+    unit = wanted.get("error", "1")
+    if unit == "1" and "error" in columns and columns["error"].max() >= 1.0:
         raise CaseError(
             f"{path}: the column error has a share of {columns['error'].max():.4g}, and errors are "
             f"below the values; give its unit, such as error (%)"
         )
-    pressure, value = columns[load], columns[list(COLUMNS[kind])[-1]]
+    return columns, unit
+
+
+def _refuse_rows(
+    path: Path, kind: Kind, pressure: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> None:
+    """Refuse too few rows, and rows that are not in the order of their kind."""
     least = 2 if kind in ("closure", "loop") else 1
     if pressure.size < least:
         raise CaseError(f"{path}: {pressure.size} rows, and {kind} needs {least} or more")
     if kind == "closure":
-        _refuse_falling(path, pressure, value)
-        value = value - value[0]
-    scale = np.abs(value)
+        _refuse_falling(path, pressure, columns["closure"])
     if kind == "loop":
-        _refuse_loops(path, columns["displacement"], value, pressure)
-        for rows in split_loops(pressure):
-            scale[rows] = scale[rows].max()
-    half = columns.get("error", np.full(value.size, error)) * (scale if relative else 1.0)
-    largest = np.abs(value).max() * np.ones(value.size) if kind == "closure" else scale
-    if (above := np.flatnonzero(~(half < largest))).size:
-        k = int(above[0])
-        raise CaseError(
-            f"{path}, row {k + 1}: the error of {half[k]:.4g} {wanted['error']} is not below a "
-            f"value of {largest[k]:.4g}, so that the row has no information; give error and value "
-            f"in their units"
-        )
-    deviation = half / NORMAL
-    nuisances = {}
-    if kind == "closure":
-        deviation = np.where(deviation > 0.0, deviation, deviation[deviation > 0.0].min())
-        nuisances["zero"] = float(deviation[0])
-    compliance = _compliances(kind, columns, value)
-    nuisances |= usual_nuisances(frame, offset, compliance, pressure)
-    table = (path.name, pressure, value, deviation, nuisances, bodies)
-    if kind == "loop":
-        return MeasuredLoop(*table, displacement=columns["displacement"])
-    return {
-        "stiffness": MeasuredStiffness,
-        "tangential_stiffness": MeasuredTangential,
-        "closure": MeasuredClosure,
-    }[kind](*table)
+        _refuse_loops(path, columns["displacement"], columns["shear"], pressure)
 
 
 def usual_nuisances(
