@@ -54,44 +54,56 @@ def inspect_surfaces(
         topography = open_topography(file, channel=channel, size=size, unit=unit)
         if spikes == "remove":
             topography = topography.without_spikes()
-        undefined = np.count_nonzero(np.isnan(topography.heights)) - topography.spikes
-        surface = topography.to_surface(detrend_order=detrend_order, fill_undefined=True)
-        density = spectrum([surface], periodic=False)
-        statistics = describe_surface(surface, resolution=topography.resolution, waves=density)
         settings = InstrumentSurface(
             file=Path(realpath(file)),
             channel=channel,
             detrend_order=detrend_order,
-            fill_undefined=undefined > 0,
+            fill_undefined=bool(np.isnan(topography.heights).sum() > topography.spikes),
             spikes=spikes,
             profile="isotropic" if topography.is_profile else None,
         ).model_copy(update={"size": None if size is None else tuple(size), "unit": unit})
+        surface = topography.to_surface(detrend_order=detrend_order, fill_undefined=True)
+        density = spectrum([surface], periodic=False)
+        statistics = describe_surface(surface, resolution=topography.resolution, waves=density)
         ends = float(statistics["shortest_reliable"]), float(statistics["longest_reliable"])
         faces.append(MeasuredFace(surface, settings, density, ends))
-        cautions = [*topography.say_spikes(), *_doubts(statistics, topography)]
-        if topography.interpolated:
-            cautions.append("the points of the line scan are uneven, and heights were interpolated")
-        nx, ny = topography.heights.shape
-        described.append(
-            statistics.assign_attrs(
-                title=file.name,
-                format=topography.format,
-                channels="\n".join(topography.channels),
-                channel=topography.channel,
-                points=f"{nx} x {ny}" if ny > 1 else f"{nx} along a line",
-                trend=("mean", "plane", "curvature")[detrend_order],
-                resolution=topography.resolution or np.nan,
-                proposal="",
-                held="",
-                cautions="\n".join(cautions),
-            )
-        )
+        described.append(_described(statistics, topography, settings))
+    return _with_proposal(described, faces, further)
+
+
+def _described(statistics: Dataset, topography: Topography, settings: InstrumentSurface) -> Dataset:
+    """Return statistics with the facts on their file, cautions, and no proposal yet."""
+    cautions = [*topography.say_spikes(), *_doubts(statistics, topography)]
+    if topography.interpolated:
+        cautions.append("the points of the line scan are uneven, and heights were interpolated")
+    nx, ny = topography.heights.shape
+    return statistics.assign_attrs(
+        title=settings.file.name,
+        format=topography.format,
+        channels="\n".join(topography.channels),
+        channel=topography.channel,
+        points=f"{nx} x {ny}" if ny > 1 else f"{nx} along a line",
+        trend=("mean", "plane", "curvature")[settings.detrend_order],
+        resolution=topography.resolution or np.nan,
+        proposal="",
+        held="",
+        cautions="\n".join(cautions),
+    )
+
+
+def _with_proposal(
+    described: list[Dataset], faces: Sequence[MeasuredFace], further: str
+) -> list[Dataset]:
+    """Return statistics with the case that is proposed for all faces, or the reason of none."""
     try:
         proposal = propose_case(faces, further)
     except CaseError as error:
-        described[-1] = with_cautions(described[-1], f"no case is proposed: {error}")
-        return described
-    for k, face in enumerate(faces):
+        return [
+            *described[:-1],
+            with_cautions(described[-1], f"no case is proposed: {error}"),
+        ]
+    listed = []
+    for k, (statistics, face) in enumerate(zip(described, faces, strict=True)):
         height, slope = proposal.shares(k)
         cautions = [*proposal.measured[k].cautions]
         if max(height, slope) > 1.0 / HELD and face.settings.profile is None:
@@ -100,9 +112,9 @@ def inspect_surfaces(
                 "cover more of it"
             )
         shares = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
-        described[k] = with_cautions(described[k], *cautions).assign_attrs(held=shares)
-    described[-1] = described[-1].assign_attrs(proposal=proposal.text)
-    return described
+        listed.append(with_cautions(statistics, *cautions).assign_attrs(held=shares))
+    listed[-1] = listed[-1].assign_attrs(proposal=proposal.text)
+    return listed
 
 
 def _doubts(statistics: Dataset, topography: Topography) -> Iterator[str]:

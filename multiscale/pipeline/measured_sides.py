@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import ceil, floor, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,44 +72,22 @@ def cut_windows(
     other_map: bool = False,
 ) -> tuple[list[Surface], Measured]:
     """Cut separate windows from a measured map and make them periodic and band-limited."""
-    # size of a window in pixels
     cutoff, chosen = _cutoff(settings, cell, whole.spacing)
-    share = 0.5 if settings.periodic == "mirror" else 1.0
-    size = (share * cell.size[0], share * cell.size[1])
-    pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
-    if min(pixels) < FEWEST_PIXELS:
-        raise CaseError(
-            f"a window of {_lengths(size)} has only {min(pixels)} measured points across, and the "
-            f"spacing of {settings.file.name} is {_length(max(whole.spacing))}; make the cell at "
-            f"least {_length(FEWEST_PIXELS * max(whole.spacing) / share)} large"
-        )
-    # corners of separate windows; smaller windows may repeat if the other body has a map, too
-    corners, repeats = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed), 1
     of_map = of_map or spectrum([whole], periodic=False)
-    if len(corners) < needed:
-        refusal = _too_few(whole, settings, size, len(corners), needed)
-        # windows repeat along an edge on the grid, as long as they hold most modes
-        most = int(min(cell.size) / of_map.length_holding(HELD) * share) if other_map else 0
-        for repeats in (k for k in range(2, most + 1) if not any(n % k for n in cell.points)):
-            size = (share * cell.size[0] / repeats, share * cell.size[1] / repeats)
-            pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
-            corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
-            if min(pixels) < FEWEST_PIXELS or len(corners) >= needed:
-                break
-        if min(pixels) < FEWEST_PIXELS or len(corners) < needed:
-            raise CaseError(refusal)
-    # crop, make periodic, filter and resample
-    cropped = [crop(whole, corners[k], (pixels[0], pixels[1])) for k in which]
-    pieces = [detrend(Surface(patch.heights, size, patch.filled)) for patch in cropped]
+    mirrored = settings.periodic == "mirror"
+    places = _place_windows(whole, settings, cell, needed, seed, of_map if other_map else None)
+    # crop, make periodic, filter, resample and repeat
+    cropped = [crop(whole, places.corners[k], places.pixels) for k in which]
+    pieces = [detrend(Surface(patch.heights, places.size, patch.filled)) for patch in cropped]
     if any(np.ptp(piece.heights) == 0.0 for piece in pieces):
         raise CaseError(f"{settings.file.name} has a window of constant height; crop it")
-    periodic = [(mirror if settings.periodic == "mirror" else window)(piece) for piece in pieces]
+    periodic = [(mirror if mirrored else window)(piece) for piece in pieces]
+    repeats = places.repeats
     points = (cell.points[0] // repeats, cell.points[1] // repeats)
-    resampled = [resample(low_pass(piece, cutoff), points) for piece in periodic]
-    tiled = [
-        Surface(np.tile(surface.heights, (repeats, repeats)), cell.size) for surface in resampled
-    ]
-    surfaces = tiled if repeats > 1 else resampled
+    surfaces = [resample(low_pass(piece, cutoff), points) for piece in periodic]
+    if repeats > 1:
+        tiled = [np.tile(surface.heights, (repeats, repeats)) for surface in surfaces]
+        surfaces = [Surface(heights, cell.size) for heights in tiled]
     if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
         raise CaseError(
             f"{settings.file.name} has a window without wavelengths of {_length(cutoff)} and "
@@ -117,20 +96,70 @@ def cut_windows(
     # roughness of map, windows and cells, and its losses
     of_pieces = spectrum(pieces, periodic=False)
     # a window and its mirror image have the same spectrum
-    same = settings.periodic == "mirror" and not any(piece.filled_share for piece in pieces)
+    same = mirrored and not any(piece.filled_share for piece in pieces)
     of_periodic = of_pieces if same else spectrum(periodic)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
-    losses = _losses(stages, of_map, of_periodic, whole.size, cell, share / repeats, chosen)
+    share = (0.5 if mirrored else 1.0) / repeats
+    losses = _losses(stages, of_map, of_periodic, whole.size, cell, share, chosen)
     cautions = [*losses.values(), *_herringbone(settings, whole, cutoff)]
     if repeats > 1:
         cautions = [
-            f"its map is too small for the cells: windows of {_lengths(size)}, which hold most of "
-            f"its rms height, repeat {repeats} x {repeats} times in a cell",
+            f"its map is too small for the cells: windows of {_lengths(places.size)}, which hold "
+            f"most of its rms height, repeat {repeats} x {repeats} times in a cell",
             *cautions,
         ]
     filled = tuple(piece.filled_share for piece in pieces)
     shortest = f"{_length(cutoff)}, {chosen}"
     return surfaces, Measured(stages, whole.filled_share, filled, shortest, tuple(cautions), losses)
+
+
+class _Windows(NamedTuple):
+    """Separate windows of a map, and how often a cell repeats each of them along an edge."""
+
+    size: tuple[float, float]  # m
+    pixels: tuple[int, int]
+    corners: list[tuple[int, int]]  # first pixels
+    repeats: int = 1
+
+
+def _place_windows(
+    whole: Surface,
+    settings: InstrumentSurface,
+    cell: CellSettings,
+    needed: int,
+    seed: int,
+    repeated: Spectrum | None,
+) -> _Windows:
+    """Place windows of the size of a cell, or of its half with a mirror image.
+
+    With the spectrum of the map, smaller windows may repeat: the other body has a map, too.
+    """
+    share = 0.5 if settings.periodic == "mirror" else 1.0
+
+    def place(repeats: int) -> _Windows:
+        size = (share * cell.size[0] / repeats, share * cell.size[1] / repeats)
+        pixels = (round(size[0] / whole.spacing[0]), round(size[1] / whole.spacing[1]))
+        fits = min(pixels) >= FEWEST_PIXELS
+        corners = _corners(whole, pixels, settings.filled, seed) if fits else []
+        return _Windows(size, pixels, corners, repeats)
+
+    windows = place(1)
+    if min(windows.pixels) < FEWEST_PIXELS:
+        raise CaseError(
+            f"a window of {_lengths(windows.size)} has only {min(windows.pixels)} measured points "
+            f"across, and the spacing of {settings.file.name} is {_length(max(whole.spacing))}; "
+            f"make the cell at least {_length(FEWEST_PIXELS * max(whole.spacing) / share)} large"
+        )
+    if len(windows.corners) >= needed:
+        return windows
+    # windows repeat along an edge on the grid, as long as they hold most modes
+    longest = np.inf if repeated is None else repeated.length_holding(HELD)
+    most = int(min(cell.size) / longest * share)
+    for repeats in (k for k in range(2, most + 1) if not any(n % k for n in cell.points)):
+        smaller = place(repeats)
+        if len(smaller.corners) >= needed:
+            return smaller
+    raise CaseError(_too_few(whole, settings, windows.size, len(windows.corners), needed))
 
 
 def _cutoff(
