@@ -1,7 +1,7 @@
 """Commands that fit an interface law, and that write it for other codes."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -9,6 +9,14 @@ from multiscale.errors import CaseError
 from multiscale.options import check_dataset_file, load_with, out_option
 from multiscale.printing import print_lines, print_table, warn_of
 from multiscale.units import to_si
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from multiscale.pipeline.showing import Rows
+    from multiscale.upscaling.specimens import Prediction
+
+PREDICTED = 5  # number of pressures of a prediction that are chosen in the range of the data
 
 
 def fit_command(
@@ -53,15 +61,55 @@ def fit_command(
 
 
 def _fit_table(table: Path, out: Path, family: str, pressures: list[float]) -> None:
-    """Fit a law to measured stiffnesses or gaps, and print its values at pressures, Pa."""
-    from multiscale.io import save_law
-    from multiscale.pipeline.specimen_law import fit_specimens
+    """Fit a law to measured specimens, and print its predictions at pressures, Pa."""
+    import numpy as np
 
-    fitted = fit_specimens(table, family, pressures)
-    save_law(fitted.law, out)
-    warn_of(fitted.cautions)
-    print_table(fitted.title, *fitted.predictions)
+    from multiscale.io import save_law
+    from multiscale.upscaling import best_family, fit_law, predict, read_observations
+    from multiscale.upscaling.specimens import with_specimen_budget
+    from multiscale.upscaling.tables import quantity_of
+
+    observations = read_observations(table, quantity_of(table))
+    chosen = family or best_family(observations)[0]
+    law = with_specimen_budget(fit_law(observations, family=chosen), observations)
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    pressure = np.array(pressures or np.geomspace(low, high, PREDICTED))
+    predictions = predict(law, observations, pressure)
+    cautions = [*law.attrs["cautions"].splitlines(), *predictions.unknown]
+    outside = pressure[(pressure < 0.999 * low) | (pressure > 1.001 * high)]
+    if outside.size:
+        listed = ", ".join(f"{1e-6 * p:.4g}" for p in outside)
+        cautions.append(f"pressures of {listed} MPa lie outside the data; the law extrapolates")
+    save_law(law, out)
+    warn_of(cautions)
+    n, points = observations.n_realisations, observations.pressure.size
+    name = "mean_gap" if observations.quantity == "gap" else "stiffness"
+    error = law["error_half_width"].sel(quantity=name, error_term="fit").max().item()
+    fit = f"{100.0 * error:.2g} % error" if np.isfinite(error) else "unknown error"
+    title = (
+        f"{chosen}{'' if family else ' (the best family)'}: {n} specimen{'s' * (n > 1)} at "
+        f"{points} pressures, {fit} of the fit between pressures"
+    )
+    print_table(title, *_tabulate(name, pressure, predictions))
     typer.echo(f"law: {out}")
+
+
+def _tabulate(name: str, pressure: "np.ndarray", prediction: "Prediction") -> "Rows":
+    """Head and rows of predictions at pressures, Pa, with their intervals."""
+    import xarray as xr
+
+    from multiscale.pipeline.showing import Table
+
+    ends = ("limit", "step")
+    values = {
+        "nominal_pressure": ("step", pressure),
+        name: ("step", prediction.value),
+        f"{name}_mean_law": (ends, prediction.mean_law),
+        f"{name}_next": (ends, prediction.next_specimen),
+    }
+    heads = {f"{name}:next": "next specimen, 95 %"}
+    columns = ("nominal_pressure", *(f"{name}{form}" for form in ("", ":mean_law", ":next")))
+    return Table(columns, heads).rows(xr.Dataset(values))
 
 
 def _fit_response(
