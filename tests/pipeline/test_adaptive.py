@@ -186,7 +186,7 @@ def test_direct_cells_are_as_fine_as_asked_and_keep_their_width(width, points, t
             case_text("lap_of_law").replace('"law.nc"', '"law.nc"\nway = "direct"'),
             'kind = "blocks"',
         ),
-        (steel_text().replace("[structure]", DIRECT), "possible for flat cells of synth"),
+        (steel_text().replace("[structure]", DIRECT), "needs flat cells of synth"),
     ],
 )
 def test_the_direct_way_is_refused_where_nothing_resolves_the_roughness(text, words, tmp_path):

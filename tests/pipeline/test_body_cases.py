@@ -281,7 +281,7 @@ def test_six_tetrahedra_count_as_one_hexahedron_of_a_coarser_mesh(meshes):
     assert list(bodies.coarser()) == pytest.approx([2.0])
 
     other = [('"housing.msh"', '"tetrahedra.msh"\ncoarser = "fine.msh"')]
-    with pytest.raises(CaseError, match=r"has 16 elements and its mesh 12, .* takes at most 1;"):
+    with pytest.raises(CaseError, match=r"has 16 elements and its mesh 12, .* needs at most 1;"):
         load_case(write_scene(meshes, BEAM, *other)).structure.bodies[0].check_coarser()
 
 

@@ -103,7 +103,9 @@ def test_the_floor_bears_the_weight_of_grains_that_touch_no_wall(tmp_path):
     np.testing.assert_array_equal(result["side_share"][-5:], 0.0)
     text = GRAINS.summary(result)
     assert text.answer[0].endswith("of the grains (0 to 0 %), the floor 100 %.")
-    assert text.question == "Which walls bear the weight of the grains, and what costs a step?"
+    assert text.question.startswith(
+        "Which walls carry the weight of the grains, and how many sweeps"
+    )
 
 
 def test_the_run_out_counts_from_the_gate_to_the_farthest_edge(tmp_path):

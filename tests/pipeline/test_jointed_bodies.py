@@ -225,5 +225,5 @@ feedback = false
         lives.append(float(run(case, meshed / name)["fatigue_life"]["cycles_to_first"]))
     assert np.isfinite(lives[0])
     assert lives[0] == pytest.approx(lives[1], rel=0.02)  # beds differ
-    with pytest.raises(CaseError, match="there are body 0, body 1; name one by body"):
+    with pytest.raises(CaseError, match="there are body 0, body 1; name it by body"):
         case_of(meshed, BLOCKS + fatigue.replace('body = "BODY"\n', ""))

@@ -167,7 +167,7 @@ load_history = [["0 s", 1.0]]"""
         (DOME, '"1 MN"', '"inextensible"', "needs extensible links"),
         (FRAME, 'bending_y = "2 kN*m^2"', "", "a beam needs its section: give bending_y in N m^2"),
         (FRAME, '"3 kN" }', '"3 kN", torsion = "1 N*m^2" }', "a cable does not bend"),
-        (FRAME, "[statics]\nload_factors = [1.0]", MOTION, "no rotational inertias"),
+        (FRAME, "[statics]\nload_factors = [1.0]", MOTION, "no rotary inertias"),
         (FRAME, "[statics]", "[substructures]\nparts = [2, 1]\n[statics]", "bars for the beams"),
     ],
     ids=[

@@ -113,7 +113,7 @@ def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(table, t
         (('"loop"', '"vibration"'), "either mass or case belongs to kind = .vibration. and is"),
         (
             ('kind = "loop"', 'kind = "vibration"\ncase = "beam.toml"\nframe = "0 um/MPa"'),
-            "frame is no value of a structure",
+            "frame does not apply to the structure",
         ),
         (
             (
@@ -124,7 +124,7 @@ def test_joints_of_bodies_take_friction_and_ratio_of_the_calibrated_law(table, t
         ),
         (
             (MEASURED + LOOPS, '\n[law]\nroughness = "10 %"\n'),
-            "roughness in .law. belong to the calibration by measured joints",
+            "roughness in .law. need measured joints",
         ),
     ],
 )

@@ -596,7 +596,7 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
         ),
         ('quantity = "mean_gap"', 'time = "1 us"', r"time in \[accuracy\] is 1e-06 s, and a cell"),
         ('target = "12 %"\nquantity = "mean_gap"', "", "neither target nor time is given"),
-        ('quantity = "mean_gap"', 'quantity = "mean_gap"\nof = "gap"', "name an answer twice"),
+        ('quantity = "mean_gap"', 'quantity = "mean_gap"\nof = "gap"', "two names of the answer"),
     ],
 )
 def test_targets_that_no_plan_can_have_are_refused(write, tmp_path, old, new, sentence):

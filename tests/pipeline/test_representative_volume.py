@@ -76,8 +76,8 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
     assert "not representative within 5 %" in is_representative(rve)
     wide = rve.assign_attrs(accept=0.9)
     assert "is representative within 90 %" in is_representative(wide)
-    few = wide.assign_attrs(limits="a volume holds 2 pores")
-    assert is_representative(few) == "The volume is not representative: a volume holds 2 pores."
+    few = wide.assign_attrs(limits="a volume has 2 pores")
+    assert is_representative(few) == "The volume is not representative: a volume has 2 pores."
 
 
 # spheres of radius r in a cube of edge L: each is 4/3 pi (r/L)^3 of it
@@ -85,13 +85,13 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
     ("pairs", "porosity", "sentence"),
     [
         pytest.param([], 0.115, [], id="enough"),
-        pytest.param([], 0.105, ["porosity of 10.5 %, and 12 % is asked"], id="too sound"),
+        pytest.param([], 0.105, ["porosity of 10.5 % instead of 12 %"], id="too sound"),
         pytest.param([CRACKED], 0.16, [], id="voxels of cracks"),
         pytest.param([CRACKED], 0.105, ["porosity of 10.5 %"], id="too sound, with cracks"),
         pytest.param(
             [("140 um", "200 um"), ("0.12", "0.05")],
             4.0 / 3.0 * np.pi * 0.2**3,
-            ["a volume holds 1.5 pores, and 10 need edges of about 1.89 mm", "porosity of 3.35 %"],
+            ["a volume has 1.5 pores, and 10 need edges of about 1.89 mm", "porosity of 3.35 %"],
             id="one of one and a half",
         ),
         pytest.param(
@@ -116,7 +116,7 @@ def test_a_size_study_reports_which_of_its_volumes_hold_no_pore(tmp_path):
     text = (TEXT + RECIPE).replace("realisations = 3", "realisations = 2")
     rve = run(load_case(write_scene(tmp_path, text, *pairs)), tmp_path / "out")["rve"]
     cautions = rve.attrs["cautions"]
-    assert "a volume holds 3.6 pores, and 10 need edges of about 1.41 mm" in cautions
+    assert "a volume has 3.6 pores, and 10 need edges of about 1.41 mm" in cautions
     assert (
         "volumes of 0.6 of the size and less in the size study contain fewer than one" in cautions
     )

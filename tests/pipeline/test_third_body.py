@@ -312,7 +312,7 @@ def test_a_layer_of_grains_sheared_again_agrees(tmp_path):
         (
             GRAINS[GRAINS.index("[grains]") : GRAINS.index("[third_body]")],
             "",
-            r"\[third_body\] presses and shears \[grains\]",
+            r"\[third_body\] needs \[grains\]",
         ),
         ('"0.5 kPa", "1 kPa"', '"1 kPa", "0.5 kPa"', "must rise"),
         ("realisations = 6\n", "realisations = 6\n" + JOINT, r"give speed in \[interface\]"),

@@ -40,7 +40,7 @@ QUICK_ELEMENT = 1.5  # element size of quick geometries over the size stated
 RUN_QUICK_RVE = toml.Quick(lambda body, _: body.rve is not None)
 FIRST = toml.Quick(lambda body, order: order if body.element else 1)
 """Keys of quick bodies: whether the case of a volume is run quick, and the order of the elements of
-meshes that are read, which cannot be made coarser."""
+meshes from files, which cannot be coarsened."""
 
 LARGE, SMALL = 10.0, 1e-3  # lengths of a body, m, beyond which the unit of its mesh must be given
 ANY_MODULUS = 1e9  # Young's modulus of a body that is built only for its mesh and faces, Pa
@@ -50,7 +50,7 @@ CLAMPED = "xyz"
 
 
 def _read_axes(value: object) -> object:
-    """Read ``"clamped"``, or the axes along which nothing moves."""
+    """Read ``"clamped"``, or the axes along which the face is fixed."""
     if value == "clamped":
         return CLAMPED
     if not (isinstance(value, str) and value and set(value) <= set(CLAMPED)):
@@ -111,14 +111,14 @@ class Material(toml.Settings):
     density: toml.Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     rve: Path | None = None
     """Representative volume: a dataset `rve`, the folder of a run, or a case, which is run in a
-    separate folder; the `[rve]` of this case if neither it nor the moduli are given."""
+    separate folder; the `[rve]` of this case if neither `rve` nor moduli are given."""
     rve_axes: tuple[Direction, Direction] | None = None
-    """Directions of the x and the y axis of the volume in the body; the axes of the body if
-    not given."""
+    """Directions of the x and y axes of the volume in the body; the axes of the body if not
+    given."""
 
     def _faults(self) -> Iterator[str]:
         if (self.youngs_modulus is None) != (self.poissons_ratio is None):
-            yield "youngs_modulus and poissons_ratio belong together; give both or none"
+            yield "youngs_modulus and poissons_ratio belong together; give both or neither"
         if not self.porous and self.rve is not None:
             yield "takes either its moduli or rve, a volume with the moduli of its solid"
         if self.rve_axes is not None:
@@ -137,7 +137,7 @@ class Material(toml.Settings):
 
     @property
     def porous(self) -> bool:
-        """Whether a representative volume gives its stiffness."""
+        """Whether the stiffness comes from a representative volume."""
         return self.youngs_modulus is None
 
     @property
@@ -160,8 +160,8 @@ class MeshedBody(Material):
     """Mesh of tetrahedra or hexahedra with named faces: a file of gmsh, of Salome (`.med`), of
     Abaqus or CalculiX (`.inp`), or of another program that meshio or gmsh reads; or a geometry of
     gmsh with physical surfaces, a file `.geo`, which is meshed. Groups and surfaces name faces, and
-    a set of nodes names the outer faces with all corners in it. Nodes between the corners are
-    dropped; `order` puts them in again, on straight edges."""
+    a set of nodes names the outer faces with all corners in the set. Nodes between the corners are
+    removed; `order` adds nodes on straight edges."""
     element: Annotated[toml.Length | None, toml.Quick(lambda _, h: h and QUICK_ELEMENT * h)] = None
     """Largest edge of the elements of a geometry, m; the error of the mesh comes from elements
     twice as large."""
@@ -170,17 +170,16 @@ class MeshedBody(Material):
     unknown without it."""
     volume: str = ""
     """Named volume of the mesh that is the body; or `"tetra"` or `"hexahedron"` in a mesh with
-    both; or a face that it names, for the volume with this face in a mesh of several volumes. The
-    whole mesh if not given."""
+    both; or a named face of the body in a mesh of several volumes. The whole mesh if not given."""
     unit: Unit | None = None
     """Length of the unit of the mesh, such as `"mm"`; m if not given."""
     order: Annotated[Literal[1, 2] | None, FIRST] = None
-    """Order of the elements: 2 puts nodes between the corners of the mesh, without which tetrahedra
-    bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by incompatible modes, if not
-    given."""
+    """Order of the elements: 2 adds nodes between the corners of the mesh, without which tetrahedra
+    are too stiff in bending. If not given, 2 for tetrahedra and 1 for hexahedra, which have
+    incompatible modes for bending."""
     youngs_modulus: toml.UncertainPressure | None = None
     """Young's modulus, Pa; the stiffness of a representative volume if not given."""
-    damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
+    damage: Damage = Field(0.0, description="Damage D of the body, with stiffness times 1 - D.")
     quick: Annotated[bool, RUN_QUICK_RVE] = False
     """Whether a case that `rve` names is run `--quick`."""
     supports: dict[str, Axes] = Field({})
@@ -200,16 +199,16 @@ class MeshedBody(Material):
 
     @property
     def worst_damage(self) -> float:
-        """Damage that is shown in its elements."""
+        """Damage in the fields of its elements."""
         return self.damage
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
-        """Return the law of the body; an arbitrary law while its volume is missing."""
+        """Return the law of the body; an arbitrary law as long as its volume is missing."""
         E = (1.0 - self.damage) * (self.youngs_modulus or ANY_MODULUS)
         return Elastic(E, self.poissons_ratio or 0.0)
 
     def coarsened(self) -> "Self | None":
-        """Return the same body with larger elements, if it has a coarser mesh or is a geometry."""
+        """Return the same body with larger elements, if it has a coarser mesh or a geometry."""
         if self.element is not None:
             return self.model_copy(update={"element": 2.0 * self.element})
         if self.coarser is None:
@@ -217,7 +216,7 @@ class MeshedBody(Material):
         return self.model_copy(update={"mesh": self.coarser, "coarser": None})
 
     def check_coarser(self) -> None:
-        """Refuse a coarser mesh of elements that are hardly larger."""
+        """Refuse a coarser mesh with elements that are not clearly larger."""
         coarse = None if self.coarser is None else self.coarsened()
         if coarse is None:
             return
@@ -228,7 +227,7 @@ class MeshedBody(Material):
         if tetrahedra < COARSER**3 * fewer:
             raise CaseError(
                 f"{self.coarser}: coarser of {self.name} has {few} elements and its mesh {fine}, "
-                f"and the error of the mesh takes at most {most:.0f}; give a mesh of "
+                f"and the error of the mesh needs at most {most:.0f}; give a mesh of "
                 f"elements about twice as large"
             )
 
@@ -263,7 +262,7 @@ class MeshedBody(Material):
     def build(
         self, mesh: "Mesh", tractions: Mapping[str, Mapping[int, np.ndarray]]
     ) -> "macro.Body":
-        """Build the body on a mesh, with tractions on faces, Pa, by the number of the load case."""
+        """Build the body on a mesh, with tractions on faces, Pa, for each load case."""
         from multiscale.fe.elasticity import element_of_order
 
         supports = {
@@ -311,7 +310,7 @@ class StatedLaw(toml.Settings):
     pressure_scale: toml.UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
     decay_length: toml.UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
     pressures: Annotated[tuple[toml.Pressure, toml.Pressure], toml.RISE]
-    """Pressures between which the law is meant to hold, Pa, rising."""
+    """Pressures between which the law is valid, Pa, rising."""
 
     def build(self) -> Exponential:
         """Return the law."""
@@ -323,7 +322,7 @@ class LinearLaw(toml.Settings):
 
     stiffness: UncertainStiffness = Field(description="Stiffness K of the interface, Pa/m.")
     pressures: ClassVar[tuple[float, float]] = (1.0, 1e9)
-    """Pressures of the bed of sliders, Pa; its stiffness is the same at all."""
+    """Pressures of the bed of sliders, Pa; its stiffness is the same at all pressures."""
 
     def build(self) -> Tabulated:
         """Return the law."""
@@ -333,7 +332,7 @@ class LinearLaw(toml.Settings):
 class StatedGap(toml.Settings):
     """The initial gap of an interface, added to the gap of its law."""
 
-    form: Literal["map"] = Field(description="Where the gap comes from.")
+    form: Literal["map"] = Field(description="Origin of the gap.")
     file: Path
     """Table with the columns `x`, `y` and `gap`: points in the plane of the interface, along the
     axes of the structure, and gaps, `nan` in holes."""
@@ -360,17 +359,17 @@ class BodyInterface(toml.Settings):
     folder; or a table of `pressure` and `overclosure` in a `.csv` file; if not given, the law of
     the cells or of `[interface]`."""
     law_error: LawError | None = None
-    """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
-    `"10 %"`; its error is unknown if not given."""
+    """Relative half-width of the 95 % interval of overclosure and stiffness of a table, such as
+    `"10 %"`; the error is unknown if not given."""
     exponential: StatedLaw | None = None
     """Stated normal law, in place of `law`; needs `friction`."""
     linear: LinearLaw | None = None
     """Stated normal law of constant stiffness, as `exponential`."""
     asperities: StatedAsperities | None = None
-    """Statistics of asperities, in place of `law`; they need `friction`, and yield and slip in the
-    order of their heights."""
+    """Statistics of asperities, in place of `law`; they need `friction`. Asperities yield and slip
+    in the order of their heights."""
     gap: StatedGap | None = None
-    """Initial gap over the interface; even if not given."""
+    """Initial gap over the interface; uniform if not given."""
     quick: Annotated[bool, RUN_QUICK] = False
     """Whether a case that `law` names is run `--quick`."""
     speed: SlidingSpeed | None = None
@@ -379,17 +378,17 @@ class BodyInterface(toml.Settings):
     """Coefficient of friction, if not the value of `[interface]` or the law."""
     stiffness_ratio: Annotated[toml.UncertainNumber, Field(gt=0.0)] | None = None
     """Tangential over normal stiffness, if not the value of `[interface]` or the law."""
-    damage: Damage = Field(0.0, description="Damage of the interface: it carries 1 - D of the law.")
+    damage: Damage = Field(0.0, description="Damage D of the interface, with its law times 1 - D.")
     surface_damage: bool = False
-    """Whether sections of the representative volumes of its bodies, normal to the interface, damage
-    it too: it carries 1 - D(n) of the law for each of them."""
+    """Whether the damage D(n) of sections of the representative volumes of its bodies, normal to
+    the interface, counts too: each gives the law a factor 1 - D(n)."""
 
     def _faults(self) -> Iterator[str]:
         stated = self.exponential, self.linear, self.asperities
         if sum(law is not None for law in (self.law, *stated)) > 1:
             yield "an interface takes one of law, exponential, linear and asperities"
         if self.law_error is not None and self.law is None:
-            yield "law_error is of a table that law names, and the interface has no law"
+            yield "law_error belongs to a table in law, and the interface has no law"
 
     @property
     def is_stated(self) -> bool:
@@ -418,18 +417,18 @@ class BodyInterface(toml.Settings):
 
 
 class BodyBolt(toml.Settings):
-    """A bolt between two faces that look away from each other along x, y or z.
+    """A bolt between two opposite faces along x, y or z.
 
-    Its washers are rigid and tilt, and it carries no shear. A bolt that is meshed is a part of both
-    bodies, and bends and shears with them.
+    Its washers are rigid and tilt, and it carries no shear. A meshed bolt is part of both bodies,
+    and bends and shears with them.
     """
 
     sides: tuple[str, str]
     """Faces under head and nut, as `"BODY.FACE"`, of the size of the washers; or both faces of a
-    cut across a shank that is meshed."""
+    cut across a meshed shank."""
     meshed: bool = False
-    """Whether the meshes of the bodies have the bolt, cut across its shank: there both faces move
-    alike but along the axis, where the preload acts and stays as it is."""
+    """Whether the meshes of the bodies contain the bolt, with a cut across its shank. Both faces of
+    the cut have equal displacements across the axis; along the axis acts the constant preload."""
     preload: Size = Field(description="Force of the bolt at the factor 1 of `preload`, N.")
     diameter: toml.Length | None = Field(None, description="Diameter of the shank, m.")
     length: toml.Length | None = None
@@ -440,7 +439,7 @@ class BodyBolt(toml.Settings):
 
     def _faults(self) -> Iterator[str]:
         if self.meshed and (self.diameter or self.stiffness or self.length):
-            yield "a bolt that is meshed must not have a diameter, length or stiffness"
+            yield "a meshed bolt must not have a diameter, length or stiffness"
         if not self.meshed and (self.diameter is None) == (self.stiffness is None):
             yield "a bolt takes either the diameter of its shank or its stiffness"
         if len({side.partition(".")[0] for side in self.sides}) == 1:
@@ -470,14 +469,14 @@ class BodyBolt(toml.Settings):
 
 
 class NamedLoad(toml.Settings):
-    """A load on a face, by a name that the path uses: a traction, a force or a pressure."""
+    """A load on a face, with a name for the path: a traction, a force or a pressure."""
 
     name: Name = Field(description="Name of the load.")
-    face: str = Field(description='Face that is loaded, as `"BODY.FACE"`.')
+    face: str = Field(description='Loaded face, as `"BODY.FACE"`.')
     traction: tuple[Stress, Stress, Stress] | None = None
     """Force per area along x, y and z at the factor 1, Pa."""
     force: tuple[Newton, Newton, Newton] | None = None
-    """Resultant along x, y and z, evenly spread, at the factor 1, N."""
+    """Resultant along x, y and z, uniformly distributed, at the factor 1, N."""
     pressure: Stress | None = None
     """Pressure on a plane face at the factor 1, Pa."""
 
@@ -511,6 +510,6 @@ def n_tetrahedra(mesh: "Mesh") -> int:
 def _at_time(
     tractions: Mapping[int, np.ndarray], axis: int, position: np.ndarray, time: float
 ) -> np.ndarray:
-    """One component of the traction of the load case with the time as its number."""
+    """One component of the traction of a load case, whose number is the time."""
     traction = tractions.get(int(time))
     return np.full(position.shape[1], 0.0 if traction is None else traction[axis])

@@ -1,4 +1,4 @@
-"""Tables of elastic bodies with meshes of the user, interfaces, bolts and named loads."""
+"""Tables of elastic bodies with user meshes, interfaces, bolts and named loads."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -40,9 +40,9 @@ class LoadSteps(SolverChoice):
     """Steps over the named loads; see :class:`multiscale.macro.substructures.LoadPath`."""
 
     steps: tuple[dict[str, Number], ...] = Field(min_length=1)
-    """Factors of loads at the end of every step, by their names; `preload` is the tightening of all
-    bolts. A load that a step does not name keeps its factor, 0 at first."""
-    substeps: Positive = Field(1, description="Equal parts into which every step is cut.")
+    """Factors of loads at the end of every step, by the names of the loads; `preload` tightens all
+    bolts. A load without a new factor keeps its factor, 0 at first."""
+    substeps: Positive = Field(1, description="Number of equal parts of every step.")
 
 
 class LoadCycles(Settings):
@@ -60,7 +60,7 @@ class LoadCycles(Settings):
 
 
 class Bodies(SolvedBodies):
-    """Elastic bodies with meshes of the user, interfaces, bolts and named loads."""
+    """Elastic bodies with user meshes, interfaces, bolts and named loads."""
 
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (
         ("statics",),
@@ -76,11 +76,11 @@ class Bodies(SolvedBodies):
         "cycles": LoadCycles,
     }
     quick_note: ClassVar[str] = (
-        "--quick takes larger elements in geometries, and elements of first order on meshes that "
+        "--quick uses larger elements in geometries, and elements of first order on meshes that "
         "are read from files, which it cannot make coarser"
     )
     no_coarser: ClassVar[str] = (
-        "the error of the meshes is unknown, and no interval counts it: give every body a coarser "
+        "the error of the meshes is unknown, and in no interval: give every body a coarser "
         "mesh, of elements twice as large"
     )
 
@@ -108,7 +108,7 @@ class Bodies(SolvedBodies):
             yield f"{' and '.join(sorted(double[0]))} meet in two interfaces; delete one of them"
 
     def _faces(self) -> list[tuple[str, str]]:
-        """Return every user of a face outside the bodies, and the face."""
+        """Return every load, interface and bolt with its face."""
         named = [
             (f"interface {i}", face)
             for i, interface in enumerate(self.interfaces)
@@ -123,7 +123,7 @@ class Bodies(SolvedBodies):
         return (PRELOAD,) * bool(self.bolts) + tuple(load.name for load in self.loads)
 
     def faults_with(self, case: "Case") -> Iterator[str]:
-        """Report a path over loads that do not exist, and joints without a friction."""
+        """Report a path over loads that do not exist, and joints without friction."""
         names = self.load_names
         given = [name for step in case.statics.steps for name in step]
         given += [case.cycles.load] if case.cycles else []
@@ -151,7 +151,7 @@ class Bodies(SolvedBodies):
                 self.bodies[self._find("interface", face)[0]].porous for face in interface.faces
             ):
                 yield (
-                    f"surface_damage of interface {number} is of representative volumes, and "
+                    f"surface_damage of interface {number} belongs to representative volumes, and "
                     f"neither body has a volume; leave it out, or give damage"
                 )
         if case.has_cells:
@@ -172,7 +172,7 @@ class Bodies(SolvedBodies):
         ]
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:
-        """Return files of volumes that bodies name, and whether a case among them is run quick."""
+        """Return the files of volumes of bodies, and whether a case among them is run quick."""
         return {(body.rve, body.quick) for body in self.bodies if body.rve is not None}
 
     def joint_size(self, case: "Case") -> "substructures.JointSize":
@@ -338,14 +338,14 @@ class Bodies(SolvedBodies):
             (interface.law, interface.exponential, interface.is_stated, interface.gap)
             for interface in self.interfaces
         ]
-        alike = all(law == laws[0] for law in laws)  # else the interface that they press is unknown
+        alike = all(law == laws[0] for law in laws)  # otherwise the pressed interface is unknown
         if self.bolts and alike and sum(bool(body.supports) for body in self.bodies) < 2:
             area = sum(faces[-1][1].area for faces in faces_of)
             shared = factors[:, 0] * sum(bolt.preload for bolt in self.bolts) / area
         pressed = []
         for number, interface in enumerate(self.interfaces):
             if interface.asperities or interface.linear or interface.gap:
-                continue  # heights or a gap press it, too, and a constant stiffness has no limits
+                continue  # heights or a gap press it, too; a constant stiffness has no limits
             faces = faces_of[number]
             smallest = min((face for _, face in faces), key=lambda face: face.area)
             most = np.abs(factors) @ [highest_pressure(smallest, forces) for forces in acting]
@@ -396,7 +396,7 @@ class Bodies(SolvedBodies):
         return {ratio: self.model_copy(update={"bodies": bodies})}
 
     def quick_title(self) -> str:
-        """Report whether elements have a lower order than the whole case takes."""
+        """Report whether elements have a lower order than in the whole case."""
         lower = any(body.element is None and body.order_on(body.load()) > 1 for body in self.bodies)
         return "quick, elements of first order" if lower else "quick"
 

@@ -19,7 +19,7 @@ from multiscale.upscaling.measured.vibrations import Structure
 from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
-ABSENT: Any = None  # default of optional tables, which are read only where they are given
+ABSENT: Any = None  # default of optional tables, which are read only if given
 POINTS_PER_WAVE = 8  # grid points per shortest wavelength of a map without a cut-off
 
 Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
@@ -83,12 +83,12 @@ class CellPores(toml.Settings):
     porosity: toml.Number = Field(
         gt=0.0, lt=1.0, description="Volume fraction of pores in the depth."
     )
-    radius: toml.Length = Field(description="Their median radius, m.")
+    radius: toml.Length = Field(description="Median radius of the pores, m.")
     spread: toml.Factor = Field(
         0.0, description="Standard deviation of the logarithm of their radii."
     )
     cover: toml.Length = Field(
-        description="Solid between them and the mean plane of the surface, m."
+        description="Solid between the pores and the mean plane of the surface, m."
     )
 
     def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
@@ -115,18 +115,18 @@ class CellSettings(GridSettings):
     """Depth of the layer, m; the longer edge if not given."""
     layers: toml.Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
     geometry: Literal["conforming", "flat", "mesh"] = "conforming"
-    """Whether the mesh follows the surface, or the surface is the gap of a flat layer (fast, for
-    small slopes), or the cell is a mesh of finite elements of any kind."""
+    """`conforming`: the mesh follows the surface; `flat`: the surface is the gap of a flat layer
+    (fast, for small slopes); `mesh`: finite elements of any kind."""
     slope_order: Literal[1, 2] = 1
-    """Order of the error of flat cells in the slope, against conforming cells: 2 expands their
+    """Order of the error of flat cells in the slope, relative to conforming cells: 2 expands their
     compliance, in six transforms instead of two."""
 
     element: Literal["hex8", "hex27", "tet4", "tet10"] | None = None
     """Element of a mesh, by its number of nodes; `"hex8"` if not given. Elements of second order
-    take points that are multiples of four."""
+    need multiples of four points."""
     mesh: Path | None = None
-    """File of gmsh, or any that meshio reads, with the mesh of body 1 in place of a surface. It
-    fills the cell along x and y; overhangs and pores are allowed."""
+    """File of gmsh, or of a format that meshio reads, with the mesh of body 1 in place of a
+    surface. The mesh fills the cell along x and y; overhangs and pores are allowed."""
     unit: toml.Length | None = Field(None, description="Length of the unit of the file `mesh`, m.")
     contact_face: str | None = None
     """Name of the contact face in the file `mesh`; `"top"` if not given."""
@@ -155,12 +155,12 @@ class CellSettings(GridSettings):
         given = [name for name in of_mesh if getattr(self, name) is not None]
         if self.geometry != "mesh" and given:
             yield (
-                f'{given[0]} means nothing to {self.geometry} cells; set geometry = "mesh", or '
+                f'{given[0]} is not a key of {self.geometry} cells; set geometry = "mesh", or '
                 f"leave it out"
             )
         stray = [name for name in of_file if name in given]
         if self.mesh is None and stray:
-            yield f"{stray[0]} describes a file; name it by mesh"
+            yield f"{stray[0]} describes a mesh file; give the file by mesh"
         if self.mesh is not None and self.depth is not None:
             yield "the file mesh determines the depth; leave out depth"
         if self.mesh is not None and self.pores is not None:
@@ -196,25 +196,25 @@ class CellSettings(GridSettings):
 class ShearSettings(toml.Settings):
     """Cells of two deformable, elastic bodies with friction, pressed, sheared and released.
 
-    They have the surfaces of the first realisations, and give the law its tangential branch.
+    They have the surfaces of the first realisations; the law takes its tangential branch from them.
     """
 
     friction_coefficient: toml.Number = Field(gt=0.0, le=10.0)
     """Friction coefficient of points of contact."""
     pressures: Annotated[toml.Rising[toml.Pressure], MIDDLE] = Field(min_length=1)
-    """Mean pressures under which they are sheared, Pa, rising, from three times the lowest to the
-    highest of the cells."""
+    """Mean pressures of the shear, Pa, rising, from three times the lowest to the highest pressure
+    of the cells."""
     realisations: Annotated[toml.Positive, toml.at_most(3)] = 3
-    """Number of these cells, at most all."""
+    """Number of these cells, at most the number of realisations."""
     points: tuple[Points, Points] | None = None
-    """Their grid points along x and y, as in [cell] if not given."""
+    """Grid points along x and y, as in [cell] if not given."""
     layers: Annotated[toml.Count, Field(ge=2, le=1000)] | None = None
     """Layers of elements of each body, as in [cell] if not given."""
     steps: Annotated[toml.Count, toml.at_most(6)] = Field(10, ge=3, le=1000)
     """Steps from rest to full slip, at each pressure."""
     cycle: bool = True
-    """Whether they also go through a closed cycle of partial slip, in four more steps at each
-    pressure and direction; without it the error of the loss of a joint is unknown."""
+    """Whether to add a closed cycle of partial slip, in four more steps at each pressure and
+    direction; without it the error of the loss of a joint is unknown."""
 
 
 class MicroSettings(toml.Settings):
@@ -228,23 +228,25 @@ class MicroSettings(toml.Settings):
         0, description="Seed of the first realisation; realisation k has seed + k."
     )
     unload: Annotated[bool, Strict()] | tuple[toml.Pressure, ...] = False
-    """Whether to unload through the same pressures, or falling pressures for unloading, Pa."""
+    """Whether to unload through the same pressures; or falling pressures of unloading, Pa."""
     coarser: Annotated[toml.Natural, toml.at_most(0)] = 0
     """Number of the first cells that are also solved on half of their points, pressed and, with
-    [micro.shear], sheared, for the error of the grid; each costs an eighth of a cell."""
+    [micro.shear], sheared, for the error of the grid; each takes an eighth of the time of a
+    cell."""
     control: Literal["flat", False] | None = None
     """Whether flat cells on the same and on further surfaces are control variates of the cells,
-    which takes most of the sampling error out of the law. By default cells that are not flat have
-    them, on synthetic surfaces and from 4 realisations on, and so does a planner; `false` turns
+    which remove most of the sampling error of the law. By default they are used for cells that are
+    not flat, on synthetic surfaces with 4 realisations or more, also by a planner; `false` turns
     them off."""
     control_realisations: Annotated[toml.Positive | None, toml.Quick(lambda *_: None)] = None
-    """Number of these flat cells. By default the best number for the time, by the correlation of
-    both kinds of cells, with at most about the time of the cells, and at most 256."""
+    """Number of these flat cells. By default the number with the smallest error for the time, from
+    the correlation of both kinds of cells; their time is at most about the time of the cells, and
+    their number at most 256."""
     spots: bool = False
-    """Whether the response keeps area and force of every contact spot."""
+    """Whether the response contains area and force of every contact spot."""
     leakage: bool = False
     """Whether the law has the hydraulic aperture of the gap along x and y, at every pressure;
-    [seal] asks for it."""
+    [seal] sets it."""
     shear: ShearSettings = ABSENT
 
     @field_validator("unload", mode="before")
@@ -262,10 +264,7 @@ class MicroSettings(toml.Settings):
                 f"{1e-6 * down[0]:g} MPa"
             )
         if self.coarser > self.realisations:
-            yield (
-                f"coarser is {self.coarser}, more than the {self.realisations} realisations of "
-                f"which it is a part"
-            )
+            yield (f"coarser is {self.coarser}, more than the {self.realisations} realisations")
         yield from self._control_faults()
         if self.shear is not None:
             yield from self._shear_faults(self.shear)
@@ -275,7 +274,7 @@ class MicroSettings(toml.Settings):
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             yield (
-                f"control follows the scatter of {FEWEST_PAIRS} realisations or more, got "
+                f"control needs {FEWEST_PAIRS} realisations or more, got "
                 f"{self.realisations}; give more, or leave control out"
             )
         if self.control_realisations is None:
@@ -322,30 +321,28 @@ class MicroSettings(toml.Settings):
 class LawSettings(toml.Settings):
     """The fit of the interface law."""
 
-    terms: toml.Count = Field(
-        40, ge=6, description="Terms of the normal law; not of a layer of grains: two parameters."
-    )
+    terms: toml.Count = Field(40, ge=6, description="Terms of the normal law of surfaces.")
     samples: Annotated[toml.Count, toml.at_most(40)] = Field(200, ge=0)
-    """Bootstrap samples behind the bands."""
+    """Bootstrap samples for the bands."""
     apart: bool | None = None
-    """Whether the tangential stiffness along x and y are two numbers; if not given, where they
-    differ by more than chance."""
+    """Whether the tangential stiffnesses along x and y are two numbers; if not given, they are two
+    numbers if they differ by more than chance."""
     extrapolate: bool = False
-    """Whether answers stand where more than 5 % of a load lies beyond a factor of 2 outside the
-    pressures of the cells; they are unknown otherwise."""
+    """Whether answers are given if more than 5 % of a load lies outside the pressures of the cells
+    by more than a factor of 2; otherwise they are unknown."""
     roughness: Annotated[toml.Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Half-width of the 95 % interval of all heights of the surfaces, over them, for the
-    calibration by `[[measured]]`; `"20 %"` if not given."""
+    """Relative half-width of the 95 % interval of all heights of the surfaces, for the calibration
+    by `[[measured]]`; `"20 %"` if not given."""
     discrepancy: Annotated[toml.Number, Field(ge=0.0, lt=1.0)] | None = None
     """Half-width of the 95 % interval of the stiffness of joints about the law of their cells, and
     of its exponent half as much: in the interval of one part, and in the calibration by
     `[[measured]]`; `"10 %"` if not given, 0 for none."""
     friction: Annotated[toml.Number, Field(gt=0.0)] | None = None
-    """Friction coefficient of the interface before its calibration by `[[measured]]`, with 50 % of
-    it as half-width, where the cells are not sheared."""
+    """Friction coefficient of the interface before its calibration by `[[measured]]`, with a
+    half-width of 50 %, if the cells are not sheared."""
     stiffness_ratio: Annotated[toml.Number, Field(gt=0.0)] | None = None
-    """Tangential over normal stiffness before the calibration, with 12 % of it as half-width, where
-    the cells are not sheared."""
+    """Tangential over normal stiffness before the calibration, with a half-width of 12 %, if the
+    cells are not sheared."""
 
     @property
     def of_calibration(self) -> list[str]:
@@ -363,8 +360,8 @@ class SealSettings(toml.Settings):
     pressure_difference: toml.Pressure
     """Pressure difference of the liquid between both sides, Pa."""
     direction: Literal["x", "y"] | None = None
-    """Axis of the cells across the ring, along which the liquid leaks; both are taken as alike if
-    not given."""
+    """Axis of the cells across the ring, along which the liquid leaks; equivalent axes if not
+    given."""
 
     def _faults(self) -> Iterator[str]:
         if self.width >= self.diameter:
@@ -397,18 +394,18 @@ class SlideSettings(toml.Settings):
     """Steps of the result over the distance."""
 
     def within(self, cell: CellSettings, micro: MicroSettings) -> Self:
-        """Return a quarter of a length of the cell at most, under one pressure."""
+        """Return a slide of at most a quarter of the cell length, under one pressure."""
         distance = min(self.distance, 0.25 * cell.size[0])
         pressures = MIDDLE.of(self, self.pressures or micro.pressures)
         return self.model_copy(update={"distance": distance, "pressures": pressures})
 
 
 class AccuracySettings(toml.Settings):
-    """Target for the error of an answer; the other tables are then the start of a planner."""
+    """Target for the error of an answer; a planner then starts from the other tables."""
 
     target: Annotated[toml.Number, Field(gt=0.0, le=0.5)] | None = None
-    """Largest 95 % error of the answer over it, such as `"2 %"`; the least error within `time` if
-    not given."""
+    """Largest relative 95 % error of the answer, such as `"2 %"`; the smallest error within `time`
+    if not given."""
     of: str | None = None
     """Answer with this error, by its name or in words, such as `"loss"`; the first answer of the
     last stage if not given."""
@@ -416,15 +413,15 @@ class AccuracySettings(toml.Settings):
     """Answer with this error as in earlier versions: the first of the joint at every preload, the
     others of the interface at every pressure."""
     at: toml.Pressure | None = None
-    """Pressure or preload of the answer, Pa; the error counts at all of them if not given."""
+    """Pressure or preload of the answer, Pa; all pressures if not given."""
     time: toml.Duration | None = None
-    """Time of the planner, s; it ends with the answer that it has."""
+    """Time limit of the planner, s; it then returns its last answer."""
 
     def _faults(self) -> Iterator[str]:
         if self.target is None and self.time is None:
             yield "neither target nor time is given; give one of them or both"
         if self.of is not None and self.quantity is not None:
-            yield "of and quantity name an answer twice; leave out quantity"
+            yield "of and quantity are two names of the answer; leave out quantity"
 
     @property
     def answer(self) -> str:
@@ -446,7 +443,7 @@ Area = Annotated[float, quantity("m^2"), Field(gt=0.0), with_unit("m^2")]
 
 
 class MeasuredTable(toml.Settings):
-    """Measured values of a joint under an even pressure, by which the law is calibrated.
+    """Measured values of a joint under a uniform pressure, for the calibration of its law.
 
     Give `[[measured]]` for each table; see [measured joints](interfaces.md#measured-joints).
     """
@@ -458,23 +455,24 @@ class MeasuredTable(toml.Settings):
     """Measured values: normal stiffness, tangential stiffness without slip, closure since the first
     row, shear along loops, or tangential vibrations of a mass on the joint."""
     error: toml.Tolerance | None = None
-    """Half-width of the 95 % interval of the values, over them, or in loops over the largest shear;
-    needless where the table has a column `error`."""
+    """Half-width of the 95 % interval of the values, relative to them, or in loops to the largest
+    shear; not needed if the table has a column `error`."""
     bodies: Compliance = Field(0.0, description="Compliance of the bodies between the sensors.")
     frame: Compliance | None = None
-    """Half-width of the 95 % interval of a compliance of the frame that the values contain; a fifth
-    of the least measured compliance if not given."""
+    """Half-width of the 95 % interval of the compliance of the frame in the values; a fifth of the
+    smallest measured compliance if not given."""
     offset: Zero | None = None
-    """Half-width of the 95 % interval of the zero of the load; a tenth of the least preload if not
-    given."""
+    """Half-width of the 95 % interval of the zero of the load; a tenth of the smallest preload if
+    not given."""
     area: Area | None = None
-    """Nominal area of the joint with the scatter of its few cells; many cells if not given."""
+    """Nominal area of the joint, which limits its number of cells and sets their scatter; many
+    cells if not given."""
 
     mass: Mass | None = None
-    """Mass that vibrates, over the nominal area, of `kind = "vibration"`."""
+    """Vibrating mass over the nominal area, for `kind = "vibration"`."""
     case: Path | None = None
-    """Case of bodies with `[vibration]` of which the first mode was measured, in place of `mass`;
-    all of its interfaces have the law. Amplitudes are of the node that moves farthest."""
+    """Case of bodies with `[vibration]`, in place of `mass`: its first mode is the measured mode,
+    and all its interfaces have the law. Amplitudes are those of the node that moves farthest."""
 
     def _faults(self) -> Iterator[str]:
         if (self.kind == "vibration") != ((self.mass is None) != (self.case is None)):
@@ -485,10 +483,10 @@ class MeasuredTable(toml.Settings):
         if self.case is not None:
             for name in ("area", "bodies", "frame", "offset"):
                 if getattr(self, name) != type(self).model_fields[name].default:
-                    yield f"{name} is no value of a structure, which case has; leave it out"
+                    yield f"{name} does not apply to the structure in case; leave it out"
 
     def read(self, structure: Structure | None = None) -> MeasuredJoint:
-        """Read the table; of the vibrations of a case with its structure."""
+        """Read the table; vibrations of a case with its structure."""
         given = self.model_dump(include={"error", "bodies", "frame", "offset"})
         if self.kind == "vibration":
             return read_vibration(self.file, mass=self.mass, structure=structure, **given)

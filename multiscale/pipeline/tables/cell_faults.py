@@ -15,7 +15,7 @@ HARDEST = 0.1  # largest hardness over Young's modulus; the hardness of diamond 
 
 
 def cell_faults(case: "Case") -> Iterator[str]:
-    """Report tables and keys that cells cannot have."""
+    """Report tables and keys that are wrong for cells."""
     rough = [k for k, body in enumerate(case.bodies, 1) if body.surface is not None]
     if case.cell.mesh is not None and rough:
         yield (
@@ -38,7 +38,7 @@ def cell_faults(case: "Case") -> Iterator[str]:
 
 
 def _mesh_faults(case: "Case") -> Iterator[str]:
-    """Report tables and keys that cells on meshes cannot have."""
+    """Report tables and keys that are wrong for cells on meshes."""
     if case.cell.mesh is not None and case.micro.realisations != 1:
         yield (
             f"mesh in [cell] is one cell, and [micro] asks for {case.micro.realisations} "
@@ -68,8 +68,8 @@ def _slide_faults(case: "Case") -> Iterator[str]:
     periods = case.slide.distance / case.cell.size[0]
     if periods > LONGEST_SLIDE:
         yield (
-            f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
-            "after one and is run in after a few where it flows: slide at most "
+            f"distance in [slide] is {periods:.3g} lengths of the cell, whose friction repeats "
+            "after one, or after a few of metal that flows: slide at most "
             f"{LONGEST_SLIDE:g}"
         )
 
@@ -86,7 +86,7 @@ def _shear_faults(case: "Case") -> Iterator[str]:
         return
     if case.hardness is not None:
         yield (
-            "[micro.shear] shears elastic bodies, which forget one shear before the next, and "
+            "[micro.shear] shears elastic bodies, independently at each pressure, and "
             "a body has a hardness; leave out one of them"
         )
     points = shear.points or case.cell.points
@@ -106,7 +106,7 @@ def _control_faults(case: "Case") -> Iterator[str]:
     if case.cell.geometry == "flat" or case.cell.mesh is not None:
         here = "flat already" if case.cell.mesh is None else "on a mesh without a surface"
         yield (
-            f"control in [micro] has flat cells on the surfaces of dearer cells, and the cells "
+            f"control in [micro] uses flat cells on the surfaces of other cells, and the cells "
             f"are {here}; leave it out"
         )
 
@@ -116,13 +116,13 @@ def _leakage_faults(case: "Case") -> Iterator[str]:
     if not case.micro.leakage:
         if case.seal is not None:
             yield (
-                "[seal] leaks through the gap of the cells, and leakage = false in [micro] "
-                "leaves that out; leave out one of them"
+                "[seal] needs the leakage through the gap of the cells, and [micro] has "
+                "leakage = false; leave out one of them"
             )
         return
     if case.cell.mesh is not None:
         yield (
-            "leakage in [micro] is of the gap above a surface, and mesh in [cell] may overhang "
+            "leakage in [micro] needs the gap above a surface, and mesh in [cell] may overhang "
             "or have pores; leave out one of them"
         )
 
@@ -158,7 +158,7 @@ def _metal_faults(case: "Case") -> Iterator[str]:
     for number, body in enumerate(case.bodies, start=1):
         if flat and body.hardening_modulus is not None:
             yield (
-                f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
+                f"hardening_modulus of body_{number} has no effect in flat cells, which limit "
                 f'the pressure; set geometry = "conforming" in [cell], or leave it out'
             )
         parts: tuple[RoughBody | CoatingSettings, ...] = (body, *body.coating)
@@ -168,9 +168,9 @@ def _metal_faults(case: "Case") -> Iterator[str]:
             if ratio > HARDEST:
                 yield (
                     f"hardness of {where} is {1e-9 * (material.hardness or 0.0):g} GPa, "
-                    f"{ratio:.2g} of its youngs_modulus, and nothing is harder than "
-                    f"{HARDEST:g}; the hardness of a metal is about a hundredth, and a body "
-                    f"that does not flow has no hardness"
+                    f"{ratio:.2g} of its youngs_modulus, and no solid has more than "
+                    f"{HARDEST:g}; the hardness of a metal is about a hundredth, and an "
+                    f"elastic body needs no hardness"
                 )
     if case.elastic and case.hardness is not None:
         yield "elastic = true and a hardness exclude each other; leave one out"
@@ -182,7 +182,7 @@ def _metal_faults(case: "Case") -> Iterator[str]:
 
 
 def _coating_faults(case: "Case") -> Iterator[str]:
-    """Report coatings where the theory is not derived for them."""
+    """Report coatings of cells for which the theory is not derived."""
     if not case.coated:
         return
     if case.cell.geometry == "mesh":

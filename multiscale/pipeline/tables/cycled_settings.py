@@ -32,32 +32,30 @@ RATIO = 1.5  # largest ratio of neighbouring amplitudes of a loading curve
 class VibrationSettings(toml.Settings):
     """Modes of the bodies about their preload, and their amplitudes.
 
-    The steps of `[statics]` are the preload. Every body has a `density`; supports may leave the
-    structure as a whole free.
+    The steps of `[statics]` are the preload. Every body needs a `density`; the structure may have
+    rigid motions.
     """
 
     modes: Annotated[tuple[toml.Positive, ...], toml.Quick(lambda _, modes: modes[:1])] = Field(
         (1,), min_length=1
     )
-    """Numbers of the modes, from 1, in the order of their frequencies; rigid motions do not
-    count."""
+    """Numbers of the modes, from 1, in the order of their frequencies, without rigid motions."""
     amplitudes: Annotated[toml.Rising[toml.Length], SOME] = ()
     """Amplitudes as the largest displacement of a node in the mode, m, rising."""
     modal_amplitudes: Annotated[toml.Rising[Annotated[toml.Number, Field(gt=0.0)]], SOME] = ()
-    """Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or `amplitudes` are given."""
+    """Amplitudes of shapes of unit modal mass, kg^1/2 m, rising, in place of `amplitudes`."""
     material_damping: toml.Share = 0.0
-    """Share of critical damping that the bodies give every mode."""
+    """Share of critical damping of every mode by the bodies."""
     cycle: Literal["masing", "full"] = "masing"
-    """Loss of a cycle by Masing's rule from the loading curve, in both directions, or from a full
-    cycle at every amplitude. Where contact opens, or the preload leaves shear, full cycles are
-    solved in any case."""
+    """Loss of a cycle by Masing's rule from the loading curve in both directions, or from a full
+    cycle at every amplitude. If contact opens, or shear remains after the preload, full cycles are
+    always solved."""
     steps: Annotated[toml.Positive, toml.at_most(4)] = 10
     """Steps from the middle of a full cycle to its amplitude."""
     preload_friction: bool = True
-    """Whether interfaces have friction while the preload is brought up."""
+    """Whether interfaces have friction during the preload."""
     slabs: Annotated[Slabs, toml.at_most(192)] = 512
-    """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is not
-    resolved."""
+    """Slabs of the beds of sliders; small amplitudes with little slip need many."""
 
     _whole: "VibrationSettings | None" = PrivateAttr(None)
 
@@ -90,7 +88,7 @@ class VibrationSettings(toml.Settings):
         return small
 
     def left_out(self) -> str:
-        """Report the modes and amplitudes that a quick run leaves out; empty if it has all."""
+        """Report the modes and amplitudes that a quick run leaves out; empty if there are none."""
         if self._whole is None:
             return ""
         modes = [str(mode) for mode in self._whole.modes if mode not in self.modes]
@@ -114,11 +112,11 @@ class FatigueSettings(toml.Settings):
     """
 
     body: str | None = None
-    """Name of the body that is followed; needed if there are several."""
+    """Name of the body; needed if there are several."""
     fatigue_limit: toml.Pressure
-    """Yield stress of the inclusions, the amplitude below which nothing cracks, Pa."""
+    """Yield stress of the inclusions, Pa; no inclusion cracks at smaller amplitudes."""
     strength: toml.Pressure
-    """Static strength, Pa; a von Mises stress of an element above it is refused."""
+    """Static strength, Pa; a larger von Mises stress of an element is refused."""
     damage_strength: toml.Pressure = Field(description="Strength S of the damage law, Pa.")
     damage_exponent: Annotated[toml.Number, Field(gt=0.0)] = 1.0
     """Exponent s of the damage law."""
@@ -173,17 +171,17 @@ class GrowthSettings(toml.Settings):
     toughness: Toughness
     """Toughness K_Ic where a crack begins to grow, such as `"0.5 MPa*m^0.5"`."""
     rise: toml.Factor = 0.0
-    """Share by which the toughness rises as grains bridge the faces of a crack."""
+    """Relative rise of the toughness by grains that bridge the faces of a crack."""
     bridging: toml.Length | None = None
-    """Growth of a crack over which it rises, m; together with `rise`."""
+    """Growth of a crack over which the toughness rises, m; together with `rise`."""
     pull: Literal["x", "y", "z"] = Field("z", description="Axis of the tension.")
     through: bool = False
-    """Whether a crack that reaches another crack grows on as an isolated crack; otherwise its
-    volume has no softening law."""
+    """Whether a crack that reaches another crack continues to grow as an isolated crack; otherwise
+    its volume has no softening law."""
 
     def _faults(self) -> Iterator[str]:
         if bool(self.rise) != (self.bridging is not None):
-            yield "rise and bridging belong together; give both or none"
+            yield "rise and bridging belong together; give both or neither"
 
     def volumes(self, rve: RveSettings) -> list[tuple[float, Microcracks]]:
         """Return the size over the whole volume, and the cracks, of all periodic volumes."""
@@ -194,7 +192,7 @@ class GrowthSettings(toml.Settings):
         for share, volume in rve.jobs():
             if not isinstance(volume, Cavities):
                 raise CaseError("[growth] takes the cracks of [rve], and an image has no cracks")
-            if volume.periodic:  # smaller volumes of a listed volume have cut cracks
+            if volume.periodic:  # smaller volumes cut from a listed volume contain cut cracks
                 try:
                     volumes.append((share, Microcracks.of(volume, **solid)))
                 except CaseError as error:

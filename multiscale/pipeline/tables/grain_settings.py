@@ -1,4 +1,4 @@
-"""Tables of grains: where they fall, their radii and contacts, and their motion."""
+"""Tables of grains: their scenes, radii, contacts and motion."""
 
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -29,14 +29,14 @@ class GrainSettings(toml.Settings):
 
     number: Annotated[toml.Positive, toml.at_most(60)] = Field(description="Number of grains.")
     radius: tuple[toml.Length, toml.Length]
-    """Smallest and largest radius, m; every interval has its share of volume."""
+    """Smallest and largest radius, m; the volume is uniformly distributed over the radius."""
     density: toml.Density = Field(2600.0, description="Density of the material, kg/m3.")
     friction: toml.Factor = Field(0.5, description="Friction coefficient between grains.")
-    restitution: toml.Share = Field(0.0, description="Share of the closing speed given back.")
+    restitution: toml.Share = Field(0.0, description="Separation speed over closing speed.")
     compliance: toml.Factor = 0.0
     """Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`."""
     tangential_compliance: toml.Factor = Field(
-        0.0, description="The same across the normal, at least."
+        0.0, description="Smallest compliance across the normal."
     )
     seed: toml.Natural = Field(0, description="Seed of radii and places.")
 
@@ -68,8 +68,8 @@ class GrainSettings(toml.Settings):
 class ThirdBody(toml.Settings):
     """Cells of grains between two plates, pressed and sheared, as the law of an interface.
 
-    Rigid grains have no scale of time: at another speed than `speed` the law holds at pressures in
-    proportion to the square of the speed; `speed` of `[interface]` states it.
+    Rigid grains have no time scale: at another speed than `speed` the law is valid at pressures
+    proportional to the square of the speed, which is `speed` in `[interface]`.
     """
 
     size: tuple[toml.Length, toml.Length] = Field(description="Periods along x and y, m.")
@@ -83,7 +83,7 @@ class ThirdBody(toml.Settings):
     distance: Annotated[toml.Number, Field(ge=3.0), toml.Quick(lambda _, way: min(way, 10.0))] = (
         20.0
     )
-    """Way of the plate in mean diameters of grains; its second half is averaged."""
+    """Distance of the plate in mean diameters of grains; averages are over its second half."""
     wall_friction: toml.Factor | None = None
     """Friction coefficient of the plates, if not the value of the grains."""
     plate_mass: Annotated[toml.Number, Field(gt=0.0)] = Field(
@@ -120,7 +120,7 @@ class ThirdBody(toml.Settings):
             strict=True,
         )
         largest = max((self.cell(grains, k)[0] for k in range(self.realisations)), key=np.max)
-        # two grains that the plate takes along approach by twice its way in a step
+        # two grains carried by the plate approach by twice its distance in a step
         least = granulate.least_period(largest, 2.0 * self.speed * max(lengths))
         if min(self.size) < least:
             raise CaseError(
@@ -132,12 +132,12 @@ class ThirdBody(toml.Settings):
 
 
 def third_body_faults(case: "Case") -> Iterator[str]:
-    """Report a third body without grains, with cells of two surfaces, or with keys of their law."""
+    """Report a third body without grains, or with cells of two surfaces or keys of their law."""
     if case.grains is None:
-        yield "[third_body] presses and shears [grains]; give them"
+        yield "[third_body] needs [grains]; give this table"
     stray = [name for name in ("cell", "micro", "slide", "seal", "measured") if getattr(case, name)]
     if stray:
-        yield f"[third_body] and [{stray[0]}] give the law of an interface both; leave out one"
+        yield f"[third_body] and [{stray[0]}] both give the law of an interface; leave out one"
     fit, standard = case.law, type(case.law)()
     of_surfaces = [
         name for name in ("terms", "apart") if getattr(fit, name) != getattr(standard, name)
@@ -163,7 +163,7 @@ class Motion(toml.TimeSteps):
     """Approach in the step of an impact, over the smaller radius."""
     tolerance: toml.Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
     max_iterations: toml.Positive = Field(1000, description="Largest number of sweeps in a step.")
-    frames: toml.Count = Field(11, ge=2, description="Instants with stored grains and forces.")
+    frames: toml.Count = Field(11, ge=2, description="Number of instants with stored data.")
 
     @property
     def solver(self) -> "granulate.Solver":
@@ -183,8 +183,8 @@ class Granulate(StructureKind):
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("grains", "motion"),)
     strained: ClassVar[bool] = False
     """Whether the grains lie in a periodic cell that strains under a pressure."""
-    question: ClassVar[str] = "How do the grains move, and what do their contacts carry?"
-    """Question that the motion answers."""
+    question: ClassVar[str] = "How do the grains move, and which forces act at their contacts?"
+    """Question of the case."""
 
     @property
     def roughest_wall(self) -> float:
@@ -193,7 +193,7 @@ class Granulate(StructureKind):
 
     @abstractmethod
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
-        """Build grains and walls at the beginning of the motion that is asked for."""
+        """Build grains and walls at the beginning of the motion."""
 
     def measured(self, result: Dataset) -> Dataset:
         """Return the result of the motion with the quantities that answer the question."""
@@ -203,7 +203,9 @@ class Granulate(StructureKind):
 class Deposit(Granulate):
     """Spheres that fall into an open box; see :func:`multiscale.macro.granulate.deposit`."""
 
-    question: ClassVar[str] = "Which walls bear the weight of the grains, and what costs a step?"
+    question: ClassVar[str] = (
+        "Which walls carry the weight of the grains, and how many sweeps has a step?"
+    )
 
     kind: Literal["deposit"]
     size: tuple[toml.Length, toml.Length] = Field(description="Edges of the box along x and y, m.")
@@ -213,14 +215,14 @@ class Deposit(Granulate):
         return granulate.deposit(grains.radii, self.size, grains.law, **grains.options)
 
     def measured(self, result: Dataset) -> Dataset:
-        """Add the shares of the weight that sides and floor bear."""
+        """Add the shares of sides and floor in the weight."""
         return granulate.with_weight_shares(result, floor=4)
 
 
 class Silo(Granulate):
     """Spheres that fall into a pipe; see :func:`multiscale.macro.granulate.silo`."""
 
-    question: ClassVar[str] = "How much of the weight of the grains does the wall bear?"
+    question: ClassVar[str] = "How much of the weight of the grains does the wall carry?"
 
     kind: Literal["silo"]
     diameter: toml.Length = Field(description="Inner diameter, m.")
@@ -233,7 +235,7 @@ class Silo(Granulate):
         return granulate.silo(grains.radii, self.diameter, grains.law, **walls, **grains.options)
 
     def measured(self, result: Dataset) -> Dataset:
-        """Add the shares of the weight that wall and bottom bear."""
+        """Add the shares of wall and bottom in the weight."""
         return granulate.with_weight_shares(result, floor=0)
 
     @property
@@ -243,13 +245,13 @@ class Silo(Granulate):
 
 
 class ColumnCollapse(Granulate):
-    """Discs that settle behind a gate, which is then taken away."""
+    """Discs that settle behind a gate, which is then removed."""
 
-    question: ClassVar[str] = "How far do the grains run beyond the gate?"
+    question: ClassVar[str] = "How far do the grains spread beyond the gate?"
 
     kind: Literal["column_collapse"]
     width: toml.Length = Field(description="Width of the column, m.")
-    settling: toml.Duration = Field(description="Time before the gate is taken away, s.")
+    settling: toml.Duration = Field(description="Time before the gate is removed, s.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Settle the column, and remove the gate."""
@@ -262,14 +264,14 @@ class ColumnCollapse(Granulate):
         return granulate.with_run_out(result, self.width)
 
     def within(self, case: "Case") -> Self:
-        """Return a column that settles no longer than the motion is followed."""
+        """Return a column that settles for at most the duration of the motion."""
         return self.model_copy(update={"settling": min(self.settling, case.motion.duration)})
 
 
 class ShearCell(Granulate):
     """Spheres sheared between rough plates; see :func:`multiscale.macro.granulate.shear_layer`."""
 
-    question: ClassVar[str] = "Which shear stress does the layer of grains bear?"
+    question: ClassVar[str] = "Which shear stress does the layer of grains transmit?"
 
     kind: Literal["shear_cell"]
     size: tuple[toml.Length, toml.Length] = Field(description="Periods along x and y, m.")
@@ -293,7 +295,7 @@ class Biaxial(Granulate):
     """Grains in a periodic cell, compacted, then shortened along z under a lateral pressure."""
 
     strained: ClassVar[bool] = True
-    question: ClassVar[str] = "Which stress ratio do the grains bear, and do they dilate?"
+    question: ClassVar[str] = "Which stress ratio do the grains carry, and do they dilate?"
 
     kind: Literal["biaxial"]
     pressure: toml.Pressure = Field(

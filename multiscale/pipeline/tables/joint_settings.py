@@ -32,9 +32,9 @@ Height = Annotated[float, toml.quantity("m"), toml.with_unit("m")]
 
 
 class StatedAsperities(toml.Settings):
-    """Statistics of the asperities between two alike bodies, from published surfaces.
+    """Statistics of the asperities between two equal bodies, from published surfaces.
 
-    Single values may have a half-width of 95 %, such as `"1.4 mm +- 10 %"`.
+    Values may have the half-width of a 95 % interval, such as `"1.4 mm +- 10 %"`.
     """
 
     density: PerArea = Field(description="Asperities per area, 1/m².")
@@ -42,12 +42,12 @@ class StatedAsperities(toml.Settings):
     rms_height: toml.UncertainLength | None = None
     """Root mean square of Gaussian heights about their mean plane, m."""
     heights: toml.Rising[Height] = ()
-    """Rising heights of asperities above the plane from which the gap counts, m, in place of
-    `rms_height`; contact begins at the highest."""
+    """Rising heights of asperities above the plane of zero gap, m, in place of `rms_height`;
+    contact begins at the highest."""
     weights: tuple[toml.Factor, ...] = ()
-    """Probability density at every one of `heights`, in any unit."""
+    """Probability density at each entry of `heights`, in any unit."""
     height_factor: toml.UncertainFactor = 1.0
-    """Factor of all heights, which may have the half-width of the roughness."""
+    """Factor of all heights, with the half-width of the roughness."""
     youngs_modulus: toml.UncertainPressure = Field(
         description="Young's modulus of both bodies, Pa."
     )
@@ -69,7 +69,7 @@ class StatedAsperities(toml.Settings):
             )
 
     def build(self, friction: float, stiffness_ratio: float | None, damage: float) -> AsperityLaw:
-        """Return the law of an interface, with fewer asperities by its damage."""
+        """Return the law of an interface; damage reduces the number of asperities."""
         density = (1.0 - damage) * self.density
         height, densities = (
             class_densities(np.array(self.heights), np.array(self.weights), density)
@@ -89,8 +89,8 @@ class StatedAsperities(toml.Settings):
 
 
 SLABS, FEW_SLABS = 48, 8
-"""Slabs of the law of a joint under cycles, with a loss that is a small difference, and of a joint
-that is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see
+"""Slabs of the law of a joint under cycles, whose loss is a small difference, and of a joint that
+is only pressed: errors of the shear up to .5 and 8 % of the friction limit; see
 :class:`Sliders`."""
 
 Slabs = Annotated[toml.Count, Field(ge=8, le=10_000)]
@@ -102,7 +102,7 @@ Damage = Annotated[toml.Number, Field(ge=0.0, lt=1.0)]
 
 
 UNKNOWN_ERROR = (
-    "the error of a table is not known, and no interval counts it; state it by law_error, such as "
+    "the error of a table is unknown, and in no interval; give it by law_error, such as "
     'law_error = "10 %"'
 )
 
@@ -122,19 +122,19 @@ class Substructures(toml.Settings):
     coarse: bool = True
     """Whether a coarse problem balances interface resultants."""
     model: Literal["resolved", "homogenised", "adaptive"] = "resolved"
-    """Substructures of links: `"resolved"` with all their nodes, `"homogenised"` by their stiffness
-    against motions of corners and edges, as long as no link slackens, or `"adaptive"`, which
-    resolves the substructures with links that slacken. Where links of a homogenised
-    `tensegrity_grid` slacken, at rest, every substructure follows the law of its modules, with
-    intervals by a specimen of fewer modules, if at least 4 substructures each way have 4 to 8
-    modules each way; see the manual `homogenised.md`."""
+    """Substructures of links: `"resolved"` with all their nodes; `"homogenised"` by their stiffness
+    for motions of corners and edges, as long as no link slackens; or `"adaptive"`, which resolves
+    the substructures with slack links. If links of a homogenised `tensegrity_grid` slacken, at
+    rest, every substructure follows the law of its modules, with intervals from a specimen of fewer
+    modules. This needs at least 4 substructures along each axis, with 4 to 8 modules along each
+    axis; see the manual `homogenised.md`."""
     tolerance: toml.Tolerance = Field(1e-8, description="Relative residual of a solved step.")
     max_iterations: toml.Positive = Field(
         400, description="Largest number of iterations of a step."
     )
     homogenise: bool = False
-    """Writes the stiffness of substructures against their interface resultants, before and after
-    slackening, to `NAME-homogenised.nc`; see `multiscale.macro.homogenise`."""
+    """Whether to write the stiffness of substructures against their interface resultants, before
+    and after slackening, to `NAME-homogenised.nc`; see `multiscale.macro.homogenise`."""
 
     @property
     def count(self) -> int:
@@ -154,35 +154,35 @@ class SolverChoice(toml.Settings):
     """The solver of the bodies of a case."""
 
     method: Literal["newton", "multigrid", "latin"] | None = None
-    """Solver of the bodies: Newton's method on the whole structure with factors, `"newton"`, or for
-    large bodies with `"multigrid"`, or `"latin"` on substructures, which `[substructures]` may cut;
-    if not given, the cheaper method."""
+    """Solver of the bodies: Newton's method on the whole structure, with a direct solver
+    (`"newton"`) or for large bodies with multigrid (`"multigrid"`), or `"latin"` on substructures
+    of `[substructures]`; if not given, the fastest method."""
 
 
 class LawSource(toml.Settings):
     """The law of the interface between blocks, if the case has no cells."""
 
     law: Path | None = None
-    """Law: dataset of a run or fit, folder of a run, case, by its file or the name of a shipped
-    case, which is run in a separate folder, or table of `pressure` and `overclosure` in a `.csv`
-    file; needless with cells, or if the command names a file."""
+    """Law: dataset of a run or fit; folder of a run; case, by its file or the name of a shipped
+    case, which is run in a separate folder; or table of `pressure` and `overclosure` in a `.csv`
+    file. Not needed with cells, or if the command names a file."""
     law_error: LawError | None = None
-    """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
-    `"10 %"`; its error is unknown if not given."""
+    """Relative half-width of the 95 % interval of overclosure and stiffness of a table, such as
+    `"10 %"`; the error is unknown if not given."""
     quick: Annotated[bool, RUN_QUICK] = False
     """Whether a case that `law` names is run `--quick`."""
     way: Literal["sequential", "adaptive", "concurrent", "direct"] = "sequential"
-    """How cells serve the structure: `"sequential"`, by the law of the pressures of their case;
-    `"adaptive"`, which presses them further wherever more than 1 % of the load of an interface
-    leaves these pressures, or lies between pressures where the form of the law has the largest
-    error; `"concurrent"`, which presses them wherever a point of an interface has
-    no cell within 20 % of its pressure; `"direct"`, by cells as wide as the blocks, with all of
-    their roughness. All points share the cells. A law that the command names stays as it is."""
+    """Pressures of the cells for the structure. `"sequential"`: the pressures of their case.
+    `"adaptive"`: further pressures if more than 1 % of the load of an interface is outside these
+    pressures, or between pressures at which the form of the law has the largest error.
+    `"concurrent"`: pressures within 20 % of the pressure of every point of an interface.
+    `"direct"`: cells as wide as the blocks, with all of their roughness. All points share the
+    cells. The law of a command is used unchanged."""
     speed: SlidingSpeed | None = None
     """Speed of sliding of a law of grains, m/s; see `[third_body]`."""
     extrapolate: bool = False
-    """Whether answers stand where more than 5 % of the load of an interface lies beyond a factor of
-    2 outside the pressures of the law; they are unknown otherwise."""
+    """Whether answers are given if more than 5 % of the load of an interface lies outside the
+    pressures of the law by more than a factor of 2; otherwise they are unknown."""
 
     @property
     def source(self) -> Path:
@@ -195,7 +195,7 @@ class LawSource(toml.Settings):
         return self.law
 
     def read(self, open_law: OpenLaw) -> Dataset:
-        """Read the normal law, with the error that the case states, or a caution for a table."""
+        """Read the normal law, with the error stated in the case, or a caution for a table."""
         law = upscaling.at_speed(open_law(self.source, self.quick), self.speed)
         if self.law_error is not None:
             return with_stated_error(law, self.law_error)
@@ -203,14 +203,14 @@ class LawSource(toml.Settings):
 
 
 class JointLaw(LawSource):
-    """The law of the interfaces between bodies of the user: a normal law with friction."""
+    """The law of the interfaces between user bodies: a normal law with friction."""
 
     friction: toml.UncertainFactor | None = None
-    """Friction coefficient of Coulomb's law; if not given, the law has it, from sheared cells, or
-    else from a sliding cell at the last preload."""
+    """Friction coefficient of Coulomb's law; if not given, it comes from sheared cells or else from
+    a sliding cell at the last preload."""
     stiffness_ratio: Annotated[toml.UncertainNumber, Field(gt=0.0)] | None = None
-    """Tangential over normal stiffness, of springs slipping in turn; if not given, the ratio of the
-    law, or else 2 (1 - nu)/(2 - nu), with a caution."""
+    """Tangential over normal stiffness of springs that slip one after the other; if not given, the
+    ratio of the law, or else 2 (1 - nu)/(2 - nu), with a caution."""
 
     @property
     def given(self) -> dict[str, Any]:
@@ -221,7 +221,7 @@ class JointLaw(LawSource):
     def missing(
         self, measured: Collection[str], strict: bool, where: str = "[interface]"
     ) -> Iterator[str]:
-        """Report a missing value of the joints that is not measured by their law, either."""
+        """Report a value of the joints that neither the case nor the law has."""
         if self.friction is None and "friction" not in measured:
             yield (
                 f"{where} has no friction, and neither has the law of the joints: shear the "
@@ -243,7 +243,7 @@ class JointLaw(LawSource):
         strict: bool,
         where: str = "[interface]",
     ) -> Dataset:
-        """Return the law with a tangential branch: stated, else measured, else by theory."""
+        """Return the law with a tangential branch: stated, else measured, else from theory."""
         measured = upscaling.tangential_values(law)
         if strict and branch_origins(law).get("shear", "").startswith("assumed"):
             measured = {}
@@ -273,7 +273,7 @@ class RoughInterface(JointLaw):
     """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
 
     damage: tuple[Damage, ...] = ()
-    """Damage of interfaces from below: each carries 1 - D of the law; 0 if not given."""
+    """Damage D of interfaces, from the lowest; each law has the factor 1 - D. 0 if not given."""
 
 
 def _lay_caution(law: Dataset) -> list[str]:
@@ -291,7 +291,7 @@ class Preloads(toml.Settings):
     """Pressures on the pressed face of stacked blocks and lap joints."""
 
     preloads: tuple[toml.Pressure, ...] = Field(min_length=1)
-    """Pressures on the pressed face, Pa; the last pressure stays."""
+    """Pressures on the pressed face, Pa; the last pressure stays constant."""
 
     @property
     def even(self) -> list[tuple[float, float]]:
@@ -300,7 +300,7 @@ class Preloads(toml.Settings):
 
 
 class JointPreloads(SolverChoice, Preloads):
-    """Pressures on the pressed face of bodies that a solver takes."""
+    """Pressures on the pressed face of bodies that are solved numerically."""
 
 
 class LoadFactors(SolverChoice):
@@ -311,7 +311,7 @@ class LoadFactors(SolverChoice):
 
 
 class RisingPreloads(Preloads):
-    """Even pressures between blocks."""
+    """Uniform pressures between blocks."""
 
     preloads: toml.Rising[toml.Pressure] = Field(min_length=1)
     """Nominal pressures, Pa, rising; best within the data of the law."""
@@ -324,7 +324,7 @@ class Cycles(toml.Settings):
     amplitudes: Annotated[
         tuple[toml.Pressure, ...], toml.Quick(lambda _, smaller: smaller[:1])
     ] = ()
-    """Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle are solved at
+    """Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle are computed at
     these and at `shear`, at every preload."""
     cycles: Annotated[toml.Positive, toml.at_most(1)]
     """Closed cycles after the first loading."""
@@ -338,7 +338,7 @@ class Cycles(toml.Settings):
             listed = ", ".join(f"{1e-6 * amplitude:g}" for amplitude in self.amplitudes)
             yield (
                 f"amplitudes ({listed} MPa) should rise and stay below shear "
-                f"({1e-6 * self.shear:g} MPa), which is solved in any case"
+                f"({1e-6 * self.shear:g} MPa), which is always solved"
             )
 
     @property

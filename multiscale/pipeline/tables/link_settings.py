@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 QUICK = 4  # modules or meshes each way
 
 ELEMENTS = 4
-"""Fewest elements each way of a plate of modules, which has intervals that cover."""
+"""Smallest number of elements along an axis of a plate of modules with reliable intervals."""
 
 COARSE, FINE, FEWER = 2, 8, 0.5
-"""Fewest modules of a specimen, and most of a grid, each way of an element, and the largest share
-that a specimen has of the modules of a grid each way."""
+"""Fewest modules of a specimen, and most of a grid, along an axis of an element, and the largest
+ratio of the modules of a specimen to the modules of a grid along an axis."""
 
 LAWS: dict[str, type[LinkLaw]] = {"bar": Bar, "cable": Cable, "strut": Strut}
 
@@ -58,8 +58,8 @@ Rigidity = Annotated[
     PlainSerializer(lambda value: f"{value!r} N" if isfinite(value) else "inextensible"),
 ]
 OF_SPAN = toml.Quick(lambda grid, tension: tension * (min(QUICK, grid.n) / grid.n) ** 2)
-"""Prestress of quick grids: with the square of the span, as the tensions under the load, so that as
-many of a hundred cables go slack."""
+"""Prestress of quick grids: proportional to the square of the span, as the tensions under the load,
+so that the share of slack cables stays."""
 Instant = Annotated[float, toml.quantity("s"), Field(ge=0.0), toml.with_unit("s")]
 Mass = Annotated[float, toml.quantity("kg"), Field(gt=0.0), toml.with_unit("kg")]
 
@@ -75,26 +75,26 @@ class Statics(toml.Settings):
     """Whether to add smallest eigenvalues of the tangent."""
     past_limit: bool = False
     """Whether to follow the equilibrium of bars and cables from rest to a single load factor, also
-    where the load must fall, as after snap-through, with the critical load factor; with `exact`.
-    See `multiscale.macro.solve_past_limit`."""
+    with falling loads, as after snap-through, with the critical load factor; with `exact`. See
+    `multiscale.macro.solve_past_limit`."""
 
     mass: Mass | None = None
-    """Mass of each node, kg, for the first frequencies of small vibration at every load factor; of
-    beams with their rotary inertia. See `multiscale.macro.links.natural_frequencies`."""
+    """Mass of each node, kg, for the first frequencies of small vibration at every load factor;
+    beams also have rotary inertia. See `multiscale.macro.links.natural_frequencies`."""
 
     def _faults(self) -> Iterator[str]:
         if self.exact and self.mass is not None:
-            yield "frequencies are of small displacements: leave out exact or mass"
+            yield "frequencies need small displacements: leave out exact or mass"
         if not self.past_limit:
             return
         if not self.exact or self.stability:
             yield (
-                "past_limit follows exact positions and has the smallest eigenvalue: set exact to "
+                "past_limit needs exact positions and has the smallest eigenvalue: set exact to "
                 "true, and leave out stability"
             )
         if len(self.load_factors) != 1 or self.load_factors[0] == 0.0:
             yield (
-                f"past_limit goes from rest to a single load factor that is not zero, got "
+                f"past_limit needs a single load factor that is not zero, got "
                 f"{list(self.load_factors)}"
             )
 
@@ -106,7 +106,7 @@ class LinkStructure(StructureKind):
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("dynamics",))
     models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": Statics}
     prestressed: ClassVar[bool] = False
-    """Whether links of a cut structure resist by their prestress to turn."""
+    """Whether the prestress of links of a cut structure resists their rotation."""
 
     @abstractmethod
     def build(self) -> "macro.LinkSystem":
@@ -119,17 +119,17 @@ class LinkStructure(StructureKind):
         return macro.cut_links(system, owner, prestressed=self.prestressed)
 
     def modules(self, parts: tuple[int, int]) -> tuple["macro.links.EquivalentPlate", ...]:
-        """Return the plate of the modules of substructures, and its specimen; else nothing."""
+        """Return the plate of the modules of substructures, and its specimen, if any."""
         return ()
 
     def faults_with(self, case: "Case") -> Iterator[str]:
-        """Report options that a cut structure does not have."""
+        """Report options that are wrong for a cut structure."""
         if case.substructures is None:
             return
         if case.dynamics and (case.dynamics.theta, case.dynamics.restitution) != (1.0, 0.0):
             yield "substructures move by implicit steps: leave out theta and restitution"
         if case.statics and (case.statics.exact or case.statics.stability):
-            yield "substructures move little: leave out exact and stability"
+            yield "substructures have small displacements: leave out exact and stability"
         if case.statics and case.statics.mass is not None:
             yield "substructures have no frequencies at rest: leave out mass"
 
@@ -165,7 +165,7 @@ class TensegrityGrid(LinkStructure):
         return macro.links.EquivalentPlate(self.build(), cell, elements)
 
     def modules(self, parts: tuple[int, int]) -> tuple["macro.links.EquivalentPlate", ...]:
-        """Return the plate of all modules, and of the least specimen that serves; else nothing."""
+        """Return the plate of all modules, and of the smallest sufficient specimen, if any."""
         n, m = self.n, self.m or self.n
         most = max(n / parts[0], m / parts[1])
         if inf in (self.cable_rigidity, self.bar_rigidity) or min(parts) < ELEMENTS or most > FINE:
@@ -192,7 +192,7 @@ class EquivalentPlate(StructureKind):
     elements: Annotated[tuple[Modules, Modules] | None, toml.Quick(lambda *_: None)] = None
     """Elements of the plate along x and y; one element for each module if not given."""
     resolve: bool = True
-    """Whether the links themselves are solved too, for the error of the plate."""
+    """Whether the links are solved too, for the error of the plate."""
 
     @property
     def divisions(self) -> tuple[int, int]:
@@ -208,7 +208,7 @@ class EquivalentPlate(StructureKind):
         if inf in (self.links.cable_rigidity, self.links.bar_rigidity):
             yield "an equivalent plate has extensible links: give a finite rigidity"
         if case.statics.exact or case.statics.stability:
-            yield "an equivalent plate moves little: leave out exact and stability"
+            yield "an equivalent plate has small displacements: leave out exact and stability"
 
 
 class CableNet(LinkStructure):
@@ -239,8 +239,8 @@ class LinkLawSettings(toml.Settings):
     """The law of some links."""
 
     kind: Literal["bar", "cable", "strut", "beam"]
-    """Kind of link: bars pull and push, cables only pull, struts only push, beams also bend and
-    twist, and their nodes turn."""
+    """Kind of link: bars carry tension and compression, cables only tension, struts only
+    compression; beams also bend and twist, and their nodes rotate."""
     rigidity: Rigidity = Field(description='EA, N, or `"inextensible"`.')
     torsion: Bending | None = None
     """GJ of a beam, N m²."""
@@ -249,8 +249,7 @@ class LinkLawSettings(toml.Settings):
     bending_z: Bending | None = None
     """EI of a beam about its third local axis, N m²."""
     up: tuple[toml.Number, toml.Number, toml.Number] | None = None
-    """Vector that spans, with the axis of a beam, the plane of its third local axis; z if not
-    given."""
+    """Vector in the plane of the axis of a beam and its third local axis; z if not given."""
 
     def _faults(self) -> Iterator[str]:
         section = {name: getattr(self, name) for name in ("torsion", "bending_y", "bending_z")}
@@ -272,13 +271,13 @@ Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
 
 
 class GivenLinks(LinkStructure):
-    """Links from a file, with their laws and maybe a self-stress."""
+    """Links from a file, with their laws and possibly a self-stress."""
 
     may_be_cut: ClassVar[bool] = True
 
     laws: Laws
     self_stress: bool = False
-    """Whether the structure gets a state of self-stress that its links can carry, not a column
+    """Whether to compute a state of self-stress that the links can carry, in place of a column
     `prestress`; see `multiscale.macro.prestress_by_itself`."""
     prestress: Size | None = None
     """Largest force in a link at load factor zero, N; with `self_stress`."""
@@ -299,7 +298,7 @@ class GivenLinks(LinkStructure):
             )
         if case.dynamics:
             yield (
-                "[dynamics] has masses but no rotational inertias, which the nodes of beams need: "
+                "[dynamics] has masses but no rotary inertias, which the nodes of beams need: "
                 "solve beams by [statics], or take bars"
             )
 
@@ -334,7 +333,7 @@ class LinkMesh(GivenLinks):
 
     kind: Literal["mesh"]
     file: Path
-    """Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."""
+    """Mesh file of gmsh, Salome, Abaqus, CalculiX, or another format that meshio reads."""
     unit: toml.Length = Field(description="Length of the unit of the file, m.")
     supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are fixed.")
     load: tuple[Force, Force, Force]
@@ -353,11 +352,11 @@ class Dynamics(toml.TimeSteps):
     mass: Mass = Field(description="Mass of each node, kg.")
     start_load_factor: toml.Number = Field(0.0, description="Load factor of the first equilibrium.")
     load_history: tuple[tuple[Instant, toml.Number], ...] = Field(min_length=1)
-    """Time, s, and load factor; straight between, constant outside."""
+    """Time, s, and load factor; linear between, constant outside."""
     theta: toml.Number = Field(1.0, ge=0.5, le=1.0)
     """Time scheme: 1/2 (no numerical damping) to 1 (fully implicit)."""
     restitution: toml.Share = Field(
-        0.0, description="Share of speed that inextensible links give back."
+        0.0, description="Restitution of the speed by inextensible links."
     )
 
     @field_validator("load_history")

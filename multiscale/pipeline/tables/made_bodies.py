@@ -1,4 +1,4 @@
-"""Bodies that a case defines by dimensions: blocks, plate, stacked blocks and lap joint."""
+"""Bodies defined by dimensions: blocks, plate, stacked blocks and lap joint."""
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
     from multiscale.pipeline.tables.settings import Case
 
-LEAST, MOST = 0.1, 3.0  # pressures of joints that count, over the least and the largest preload
+LEAST, MOST = 0.1, 3.0  # relevant pressures of joints, over the smallest and the largest preload
 QUICK_ELEMENTS = 4  # elements along an edge, at most
 
 Edges = tuple[toml.Length, toml.Length, toml.Length]
@@ -45,7 +45,7 @@ Elements = Annotated[
 
 
 class Blocks(StructureKind):
-    """Two blocks pressed together, evenly, of the materials of both bodies."""
+    """Two uniformly pressed blocks of the materials of both bodies."""
 
     stage: ClassVar[str] = "joint"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("interface", "statics"))
@@ -76,11 +76,11 @@ class Blocks(StructureKind):
             yield (
                 f"preloads in [statics] of {listed} MPa lie more than a factor of {FAR_FACTOR:g} "
                 f"outside the pressures in [micro], {1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: the "
-                "joint would be unknown there; press the cells at such pressures"
+                "answer would be unknown; press the cells at such pressures"
             )
 
     def pressed(self, case: "Case") -> list[Pressed]:
-        """Return the preloads, which press the interface evenly."""
+        """Return the preloads, which press the interface uniformly."""
         return [Pressed("preloads in [statics] press the joint", case.statics.even)]
 
     def point_pressures(self, result: Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -92,7 +92,7 @@ class Blocks(StructureKind):
         if not case.has_cells or case.cell.geometry != "flat" or case.from_maps:
             raise CaseError(
                 'way = "direct" in [interface] resolves the roughness of the blocks by cells as '
-                "wide as they are, which is possible for flat cells of synthetic surfaces; give "
+                "wide as the blocks, which needs flat cells of synthetic surfaces; give "
                 '[cell] with geometry = "flat", or take "adaptive" or "concurrent"'
             )
         edges = zip(case.cell.points, case.cell.size, strict=True)
@@ -103,14 +103,14 @@ class Blocks(StructureKind):
 
 
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
-"""Nodes of the plan of a lap joint over the nodes of a grid, and nodes added by hole and washer, as
-counted at four sizes of elements."""
+"""Nodes of the plan of a lap joint over the nodes of a grid, and nodes added by hole and washer,
+counted for four element sizes."""
 
 Elasticity = Elastic | AnisotropicElastic
 
 
 class MadeBodies(StructureKind, assembly_parts.Material):
-    """Elastic bodies of one material with rough joints between each and the next, if several."""
+    """Elastic bodies of the same material with rough joints between neighbours, if several."""
 
     stage: ClassVar[str] = "loaded_bodies"
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (
@@ -126,10 +126,10 @@ class MadeBodies(StructureKind, assembly_parts.Material):
     may_be_cut: ClassVar[bool] = True
     may_tire: ClassVar[bool] = True
     mesher: ClassVar[tuple[str, ...]] = ()
-    """Library that meshes the bodies."""
+    """Library for meshing."""
 
     damage: tuple[joint_settings.Damage, ...] = ()
-    """Damage of bodies from below: each is 1 - D as stiff; sound if not given."""
+    """Damage D of bodies, from the lowest; each stiffness has the factor 1 - D. 0 if not given."""
     quick_rve: Annotated[bool, assembly_parts.RUN_QUICK_RVE] = False
     """Whether a case that `rve` names is run `--quick`."""
 
@@ -141,11 +141,11 @@ class MadeBodies(StructureKind, assembly_parts.Material):
     @property
     @abstractmethod
     def nodes(self) -> tuple[int, int]:
-        """Nodes of a body and of its face, about."""
+        """Approximate number of nodes of a body and of its face."""
 
     @abstractmethod
     def meshes(self) -> "Sequence[Mesh]":
-        """Mesh every body, from below."""
+        """Mesh every body, the lowest first."""
 
     @abstractmethod
     def coarser(self) -> Mapping[float, Self]:
@@ -165,11 +165,11 @@ class MadeBodies(StructureKind, assembly_parts.Material):
     def build(
         self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
     ) -> "macro.Assembly":
-        """Build bodies and joints of materials and laws in their order from below."""
+        """Build bodies and joints from materials and laws, the lowest first."""
 
     @property
     def bodies(self) -> tuple[assembly_parts.MeshedBody, ...]:
-        """All bodies, from below."""
+        """All bodies, the lowest first."""
         material = self.model_dump(include=set(assembly_parts.Material.model_fields)) | {
             "quick": self.quick_rve
         }
@@ -191,7 +191,7 @@ class MadeBodies(StructureKind, assembly_parts.Material):
         )
 
     def taken_volumes(self) -> set[tuple[Path, bool]]:
-        """Return the representative volume that it names, and whether a case is run quick."""
+        """Return the file of its representative volume, if any, and whether a case is run quick."""
         return set() if self.rve is None else {(self.rve, self.quick_rve)}
 
     def _faults(self) -> Iterator[str]:
@@ -203,7 +203,7 @@ class MadeBodies(StructureKind, assembly_parts.Material):
             )
 
     def faults_with(self, case: "Case") -> Iterator[str]:
-        """Report a wrong number of damages, and joints without a friction."""
+        """Report a wrong number of damages, and joints without friction."""
         yield from body_faults(self.bodies, case)
         if case.interface is None:
             return
@@ -219,7 +219,7 @@ class MadeBodies(StructureKind, assembly_parts.Material):
 
 
 class BuiltBody(assembly_parts.MeshedBody):
-    """A body with a mesh that its source builds; no case has such a table."""
+    """A body with a generated mesh; no case has such a table."""
 
     source: Any
     number: int  # from below
@@ -231,10 +231,10 @@ class BuiltBody(assembly_parts.MeshedBody):
 
 
 class JointedBodies(SolvedBodies):
-    """Bodies that their source builds, such as a lap joint; no case has such a table."""
+    """Generated bodies, such as a lap joint; no case has such a table."""
 
     no_coarser: ClassVar[str] = (
-        "the error of the mesh is unknown, and no interval counts it: nothing was solved with "
+        "the error of the mesh is unknown, and in no interval: no structure was solved with "
         "elements of twice the size; give smaller elements, or an even number of them, in "
         "[structure]"
     )
@@ -243,7 +243,7 @@ class JointedBodies(SolvedBodies):
 
     @property
     def mesher(self) -> tuple[str, ...]:
-        """Library that meshes the bodies, if any."""
+        """Library for meshing, if any."""
         mesher: tuple[str, ...] = self.source.mesher
         return mesher
 
@@ -261,7 +261,7 @@ class JointedBodies(SolvedBodies):
         return [law] * len(self.interfaces)
 
     def joint_size(self, case: "Case") -> "substructures.JointSize":
-        """Count unknowns, points of joints and load steps, about."""
+        """Estimate the numbers of unknowns, points of joints and load steps."""
         (nodes, face), joints, bodies = self.source.nodes, len(self.interfaces), len(self.bodies)
         steps = self.path(case, (1.0, 1.0)).count
         return substructures.JointSize(3 * nodes * bodies, face * joints, bodies, steps)
@@ -276,7 +276,7 @@ class JointedBodies(SolvedBodies):
         return case.cycles.slabs if case.cycles else joint_settings.FEW_SLABS
 
     def beds(self, case: "Case") -> dict[str, Any]:
-        """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""
+        """Pressures that the beds of the joints resolve, Pa, and number of their slabs."""
         if not self.interfaces:
             return super().beds(case)
         preloads = case.statics.preloads
@@ -314,7 +314,7 @@ class Boxes(MadeBodies):
         return {2.0: self.model_copy(update={"elements": (x, y, z)})}
 
     def meshes(self) -> "Sequence[Mesh]":
-        """Mesh every box where it would be at the bottom."""
+        """Mesh every box in the position of the lowest."""
         return [box_mesh(self.size, self.elements)] * (self.joints + 1)
 
     @property
@@ -325,7 +325,7 @@ class Boxes(MadeBodies):
 
 
 class Plate(Boxes):
-    """An elastic plate, clamped on its left and right edges, under an even pressure on its top."""
+    """An elastic plate, clamped on its left and right edges, under a pressure on its top."""
 
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("statics", "vibration"))
     models: ClassVar[Mapping[str, type[toml.Settings]]] = {"statics": joint_settings.LoadFactors}
@@ -372,7 +372,7 @@ class StackedBlocks(Boxes):
         return self.blocks - 1
 
     def pressed(self, case: "Case") -> list[Pressed]:
-        """Return the preloads, which press the joints evenly."""
+        """Return the preloads, which press the joints uniformly."""
         return [Pressed("preloads in [statics] press the joints", case.statics.even)]
 
     def build(
@@ -391,12 +391,12 @@ class LapJoint(MadeBodies):
     length: toml.Length = Field(description="Length of each plate along x, m.")
     width: toml.Length = Field(description="Width of each plate, m.")
     thickness: toml.Length = Field(description="Thickness of each plate, m.")
-    overlap: toml.Length = Field(description="Length over which the plates lie on each other, m.")
+    overlap: toml.Length = Field(description="Length of the overlap of the plates, m.")
     hole: toml.Length = Field(description="Diameter of the hole, m.")
     washer: toml.Length = Field(description="Diameter of the washer, m.")
     bolt: toml.Length | None = None
-    """Diameter of the shank of a bolt of the modulus of the plates, m: its force changes with the
-    load; the force is constant if not given."""
+    """Diameter of the shank of a bolt with the modulus of the plates, m, whose force changes with
+    the load; a constant force if not given."""
     element: Annotated[
         toml.Length, toml.Quick(lambda joint, h: max(h, joint.overlap / QUICK_ELEMENTS))
     ]
@@ -460,7 +460,7 @@ class LapJoint(MadeBodies):
 
     @property
     def nodes(self) -> tuple[int, int]:
-        """Nodes of a plate and of the overlap, about."""
+        """Approximate number of nodes of a plate and of the overlap."""
         plan, overlap = (
             PLAN_SHARE * (side / self.element + 1.0) * (self.width / self.element + 1.0) + NEAR_HOLE
             for side in (self.length, self.overlap)

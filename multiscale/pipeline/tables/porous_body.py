@@ -1,4 +1,4 @@
-"""Bodies with the stiffness of a representative volume, and its errors."""
+"""Bodies with the stiffness of a representative volume, and errors of this stiffness."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from multiscale.upscaling.budget import FEW_CELLS
 if TYPE_CHECKING:
     from skfem import Mesh
 
-FEWEST_ACROSS = 3.0  # representative volumes across a body that a continuum needs
+FEWEST_ACROSS = 3.0  # representative volumes across a body, from which on it is a continuum
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class PorousBody(MeshedBody):
         return self.plain.load()
 
     def coarsened(self) -> "PorousBody | None":
-        """Return the same body with larger elements, if it has them."""
+        """Return the same body with larger elements, if possible."""
         plain = self.plain.coarsened()
         return None if plain is None else self.model_copy(update={"plain": plain})
 
@@ -58,7 +58,7 @@ class PorousBody(MeshedBody):
 
     @property
     def worst_damage(self) -> float:
-        """Damage of the worst section of the volume, and the damage stated."""
+        """Damage by the worst section of the volume and by the key ``damage``."""
         return 1.0 - (1.0 - self.damage) * (1.0 - float(self.volume_data["damage"].max()))
 
     @property
@@ -67,7 +67,7 @@ class PorousBody(MeshedBody):
         return np.asarray(self.volume_data["box_size"].to_numpy())
 
     def error(self, mesh: "Mesh") -> Uncertainty:
-        """Return the errors of the stiffness, the largest of all directions, in a body."""
+        """Return the errors of the stiffness of a body, the largest of all directions."""
         rve = self.volume_data
         sampling, sides, elements = rve["modulus_error"].max("direction").to_numpy()
         scatter = float(rve["scatter"].max())
@@ -84,7 +84,7 @@ class PorousBody(MeshedBody):
                 "sampling": "scatter of the representative volumes",
                 "micro discretisation": "the stiffness of volumes on elements twice as large",
                 "scale separation": "bounds by traction and displacement sides",
-                FEW_CELLS: f"scatter of single volumes, of which the body holds {count:.3g}",
+                FEW_CELLS: f"scatter of single volumes; the body contains {count:.3g}",
             },
         )
 
@@ -101,7 +101,7 @@ class PorousBody(MeshedBody):
         ]
 
     def surface_damage(self, mesh: "Mesh", boundary: str) -> SurfaceDamage:
-        """Return the damage of sections along a face: the mean, as a face is any section."""
+        """Return the mean damage of sections along a face, which may be at any section."""
         face, rve = Face.at(mesh, boundary), self.volume_data
         at = int(np.argmax(np.abs(rve["normal"].to_numpy() @ (self.axes.T @ face.normal))))
         whole = rve["share"].to_numpy() == 1.0

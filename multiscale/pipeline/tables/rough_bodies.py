@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from multiscale.micro import Coating
 
 TABOR, INDENTED = 2.8, 0.08
-"""Hardness over flow stress, and plastic strain of that under a Vickers indenter (D. Tabor, The
-Hardness of Metals, Oxford 1951)."""
+"""Hardness over flow stress, and the plastic strain of this stress under a Vickers indenter (D.
+Tabor, The Hardness of Metals, Oxford 1951)."""
 
 
 Slope = Annotated[toml.Number, Field(gt=0.0)]
@@ -40,11 +40,11 @@ class SyntheticSurface(toml.Settings):
     """A self-affine surface; see :func:`multiscale.micro.self_affine`."""
 
     rms_height: toml.Length | None = None
-    """Root mean square height, m; this or `rms_slope`."""
+    """Root mean square height, m, or `rms_slope`."""
     rms_slope: Slope | None = None
-    """Root mean square slope; this or `rms_height`."""
+    """Root mean square slope, or `rms_height`."""
     hurst_exponent: toml.Share
-    """Hurst exponent: 0 rough at every scale, 1 smooth in the small; often 0.8."""
+    """Hurst exponent: 0 rough at every scale, 1 smooth at small scales; often 0.8."""
     long_cutoff: toml.Length = Field(
         description="Longest wavelength, m; cells should be several wide."
     )
@@ -53,7 +53,7 @@ class SyntheticSurface(toml.Settings):
     roll_off: toml.Length | None = None
     """Wavelength above which the spectrum is flat, m; the longest if not given."""
     anisotropy: AnisotropySettings | None = None
-    """Lay, across which the wavelengths above hold; none if not given."""
+    """Lay; the wavelengths above are measured across it. No lay if not given."""
 
     def _faults(self) -> Iterator[str]:
         if (self.rms_height is None) == (self.rms_slope is None):
@@ -88,10 +88,10 @@ class InstrumentSurface(toml.Settings):
     """Edge lengths along x and y, or the length of a line scan, m, in place of the size in the
     file."""
     unit: UnitOfLength | None = None
-    """Unit of the numbers in the file, such as `"um"`, where the file gives none."""
+    """Unit of the numbers in the file, such as `"um"`, if the file has no unit."""
     rotate: Angle = 0.0
-    """Angle, rad, by which the map is turned counter-clockwise before it is cut; exact for
-    multiples of 90 degrees, interpolated otherwise."""
+    """Angle of a counter-clockwise rotation of the map before it is cut, rad; exact for multiples
+    of 90 degrees, interpolated otherwise."""
     profile: Literal["isotropic", "one_directional"] | None = None
     """Surface made from a line scan: `isotropic` with its spectrum, or grooves along y with the
     scan across them."""
@@ -99,11 +99,11 @@ class InstrumentSurface(toml.Settings):
     """0 mean, 1 plane, 2 curvature of the map; also the plane of windows."""
     fill_undefined: bool = Field(False, description="Fills undefined points; refused otherwise.")
     spikes: Literal["keep", "remove"] = "keep"
-    """`remove` fills points that stand out of their surroundings, by the median test of
+    """`remove` fills points far above or below their neighbours, by the median test of
     `multiscale.surfaces.find_spikes`, and reports their number."""
     filled: toml.Share = Field(0.1, description="Largest share of filled points in a window.")
     periodic: Literal["mirror", "window"] = "mirror"
-    """Reflects a window (into a quarter of the cell) or fades its edges."""
+    """Whether a window is reflected at its edges (a quarter of the cell), or faded."""
     short_cutoff: toml.Length | None = None
     """Shortest wavelength, m; eight points of the grid of the cell if not given, so that another
     grid has another surface."""
@@ -111,11 +111,11 @@ class InstrumentSurface(toml.Settings):
     def _faults(self) -> Iterator[str]:
         quarters = self.rotate / (0.5 * pi)
         if self.profile == "isotropic" and self.rotate != 0.0:
-            yield "rotate means nothing to isotropic surfaces; leave it out"
+            yield "rotate has no effect on isotropic surfaces; leave it out"
         if self.profile == "one_directional" and abs(quarters - round(quarters)) > 1e-9:
             yield (
-                "rotate of a line scan is a multiple of 90 degrees; grooves along an edge of the "
-                "cell stay straight where it repeats itself"
+                "rotate of a line scan must be a multiple of 90 degrees: only grooves along an "
+                "edge of the cell are periodic"
             )
 
 
@@ -136,7 +136,7 @@ Rough = Annotated[
 
 
 class CoatingSettings(toml.Settings):
-    """One layer of another material on a body, outermost first, bonded and everywhere as thick."""
+    """One bonded layer of another material and constant thickness on a body; outermost first."""
 
     thickness: toml.Length = Field(description="Thickness, m.")
     youngs_modulus: toml.Pressure = Field(description="Young's modulus, Pa.")
@@ -154,15 +154,15 @@ class RoughBody(toml.Settings):
     surface: Rough | None = None
     """Synthetic or measured roughness; smooth if not given."""
     hardness: toml.Pressure | None = None
-    """Hardness H of a metal, Pa; the hardness of the softer body counts. In flat cells the largest
-    local pressure; in conforming cells H/2.8 is the flow stress at a plastic strain of .08. Elastic
-    if not given."""
+    """Hardness H of a metal, Pa; the softer body determines the interface. In flat cells H is the
+    largest local pressure; in conforming cells H/2.8 is the flow stress at a plastic strain of .08.
+    Elastic if not given."""
     hardening_modulus: Hardening | None = None
     """Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."""
     thermal_conductivity: Conductivity | None = None
-    """Thermal conductivity, W/m/K; with both bodies' the interface conducts."""
+    """Thermal conductivity, W/m/K; needed of both bodies for a conductance."""
     electrical_conductivity: ElectricalConductivity | None = None
-    """Electrical conductivity, S/m; as the thermal conductivity, without films."""
+    """Electrical conductivity, S/m; needed of both bodies for a conductance without films."""
     coating: tuple[CoatingSettings, ...] = ()
 
     @field_validator("hardening_modulus")
@@ -182,7 +182,7 @@ class RoughBody(toml.Settings):
             hardening, given = (1e-9 * (v or 0.0) for v in (self.hardening_modulus, self.hardness))
             yield (
                 f"a hardening_modulus of {hardening:g} GPa already gives more than the hardness of "
-                f"{given:g} GPa and leaves no yield stress; give less than "
+                f"{given:g} GPa, without any yield stress; give less than "
                 f"{given / TABOR / INDENTED:.3g} GPa"
             )
 

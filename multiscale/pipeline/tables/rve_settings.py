@@ -16,7 +16,7 @@ from multiscale.micro.damage.sections import Volume
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.units import readable
 
-MOST = 20_000  # pores and cracks of a volume, at most; thousands are representative already
+MOST = 20_000  # largest number of pores and cracks of a volume; thousands are representative
 
 Coordinate = Annotated[float, toml.quantity("m"), toml.with_unit("m")]
 Point = tuple[Coordinate, Coordinate, Coordinate]
@@ -26,7 +26,7 @@ Part = Annotated[toml.Number, Field(ge=0.2, lt=1.0)]
 
 
 FEWEST = 10  # pores, or cracks, below which a volume does not represent its material
-OFF = 0.1  # error of the porosity of volumes, over the porosity that is asked
+OFF = 0.1  # relative error of the porosity of volumes
 WIDEST = 1.0 / 3.0  # largest diameter of pores and cracks over the shortest edge of such a volume
 
 
@@ -40,9 +40,9 @@ def _length(value: float) -> str:
 
 
 def read_direction(value: Direction) -> Direction:
-    """Refuse a direction without length."""
+    """Refuse a zero vector as a direction."""
     if not np.linalg.norm(value) > 0.0:
-        raise ValueError(f"is a direction, which must not be zero, got {list(value)}")
+        raise ValueError(f"is a direction and must not be zero, got {list(value)}")
     return value
 
 
@@ -61,7 +61,7 @@ class Crack(Pore):
     _point = field_validator("normal")(read_direction)
 
 
-LARGEST_SPREAD = 2.0  # of radii: 95 % lie between a fiftieth and fifty times the median
+LARGEST_SPREAD = 2.0  # of radii: 95 % are between a fiftieth and fifty times the median
 
 
 class RecipeSettings(toml.Settings):
@@ -92,14 +92,14 @@ class RecipeSettings(toml.Settings):
     def _faults(self) -> Iterator[str]:
         for share, radius in (("porosity", "pore_radius"), ("crack_density", "crack_radius")):
             if bool(getattr(self, share)) != (getattr(self, radius) is not None):
-                yield f"{share} and {radius} belong together; give both or none"
+                yield f"{share} and {radius} belong together; give both or neither"
         if not self.porosity and not self.crack_density:
-            yield "has neither porosity nor crack_density, and so the solid is sound"
+            yield "has neither porosity nor crack_density, so the solid has no pores or cracks"
         if self.porosity >= 1.0:
             yield f"porosity must be below 1, got {self.porosity:g}"
 
     def counts(self, size: tuple[float, float, float]) -> dict[str, float]:
-        """Return how many pores and cracks a volume of a size, m, holds in the mean."""
+        """Return the mean numbers of pores and cracks in a volume of a size, m."""
         volume, counts = float(np.prod(size)), {}
         if self.pore_radius is not None:  # of log-normal radii
             pore = 4.0 / 3.0 * np.pi * self.pore_radius**3 * np.exp(4.5 * self.pore_spread**2)
@@ -123,8 +123,8 @@ class RecipeSettings(toml.Settings):
                 )
             if count < 1.0:
                 yield (
-                    f"a volume holds {count:.2g} {name} in the mean, fewer than one, and a volume "
-                    f"with one has {1.0 / count:.3g} times the density asked for; {FEWEST} of them "
+                    f"a volume has {count:.2g} {name} in the mean, fewer than one, and a volume "
+                    f"with one has {1.0 / count:.3g} times the given density; {FEWEST} of them "
                     f"need edges of about {enough}"
                 )
         if not (total := sum(self.counts(size).values())) <= MOST:
@@ -140,7 +140,7 @@ class RecipeSettings(toml.Settings):
 
 
 class ImageStack(toml.Settings):
-    """A binary image of a volume, by a tomograph."""
+    """A binary image of a volume from tomography."""
 
     file: Path
     """TIFF file of many pages, or folder of TIFF slices, with only two values."""
@@ -179,15 +179,15 @@ class RveSettings(toml.Settings):
     """Thickness about a section in which cracks count, m; with 0 only cracks cut by the section
     count."""
     accept: Annotated[toml.Number, Field(gt=0.0, lt=1.0)] = 0.05
-    """Largest distance of the bounds, and largest scatter, of a representative volume, over its
-    stiffness."""
+    """Largest difference of the bounds, and largest scatter, of a representative volume, relative
+    to its stiffness."""
 
     @model_validator(mode="before")
     @classmethod
     def _refuse_meshes(cls, table: object) -> object:
         if isinstance(table, dict) and "element" in table:
             raise ValueError(
-                "element is not a key any more, as volumes have voxels in place of a mesh; write "
+                "element is no longer a key, as volumes have voxels in place of a mesh; write "
                 "voxels, their number along the longest edge, at least ten across a pore or crack"
             )
         return table
@@ -220,7 +220,7 @@ class RveSettings(toml.Settings):
 
     @property
     def grid(self) -> tuple[int, int, int]:
-        """Voxels along x, y and z; of an image as in its file."""
+        """Voxels along x, y and z, for an image as in its file."""
         if self.size is None:
             assert self.image is not None
             x, y, z = self.image.read().void.shape
@@ -248,7 +248,7 @@ class RveSettings(toml.Settings):
                 return [recipe.draw((x, y, z), seed + k) for k in range(self.recipe.realisations)]
             except CaseError as error:
                 raise CaseError(f"[rve.recipe] {error}") from error
-        # an image without solid that floats in its voids
+        # an image without floating solid
         image = self.image and self.image.read().without_floating()
         whole: Volume = image or self._listed()
         if share == 1.0:
@@ -273,7 +273,7 @@ class RveSettings(toml.Settings):
 
     @property
     def counts(self) -> dict[str, float]:
-        """Number of pores and cracks of the largest volumes; not known of an image."""
+        """Number of pores and cracks of the largest volumes; unknown for an image."""
         if self.recipe is not None:
             assert self.size is not None
             return self.recipe.counts(self.size)
@@ -281,7 +281,7 @@ class RveSettings(toml.Settings):
         return {name: count for name, count in listed.items() if count}
 
     def limits(self, porosity: float) -> Iterator[str]:
-        """Report why volumes of some mean porosity do not represent their material."""
+        """Report why volumes with a mean porosity do not represent their material."""
         if self.size is None:
             return
         recipe = self.recipe
@@ -295,7 +295,7 @@ class RveSettings(toml.Settings):
             share = 2.0 * max(radii[name]) / min(self.size)
             if count < FEWEST:
                 edge = _length(edge_for(FEWEST, count, self.size))
-                yield f"a volume holds {count:.2g} {name}, and {FEWEST} need edges of about {edge}"
+                yield f"a volume has {count:.2g} {name}, and {FEWEST} need edges of about {edge}"
             elif share > WIDEST:
                 yield f"{name} are {share:.2g} of the shortest edge across, more than a third"
         excess = porosity - recipe.porosity if recipe is not None else 0.0
@@ -303,8 +303,8 @@ class RveSettings(toml.Settings):
             return  # the voxels of flat cracks count as pores
         if abs(excess) > OFF * recipe.porosity:
             yield (
-                f"the volumes have a porosity of {100.0 * porosity:.3g} %, and "
-                f"{100.0 * recipe.porosity:.3g} % is asked"
+                f"the volumes have a porosity of {100.0 * porosity:.3g} % instead of "
+                f"{100.0 * recipe.porosity:.3g} %"
             )
 
     @property

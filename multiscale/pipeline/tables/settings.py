@@ -73,22 +73,22 @@ OTHER_MICRO_KEYS = {"realisations", "coarser", "shear", "control", "control_real
 """Keys of [micro] that do not change pressed cells."""
 
 CELLS = ("body_1", "body_2", "cell", "micro")
-"""Tables of cells; a case has all of them, or neither of the last two."""
+"""Tables of cells; a case has all of them, or not the last two."""
 
 OF_CELLS = ("cell", "micro", "law", "measured", "slide", "seal")  # of cases with cells
 OF_RUBBER = ("rubber", "road", "sliding", "tread")  # tables of cases of rubber on a road
 
 WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "vibration", "grains", "motion")
-"""Tables that a kind of structure may ask for."""
+"""Tables of kinds of structures."""
 
 
 class Case(Settings):
-    """One question to the chain from two surfaces to a structure, or to a part of the chain.
+    """A question about two surfaces and a structure, or about one of both.
 
-    The tables that are given ask for the stages. Cells take both bodies, cell and micro, and give
-    the law of the interfaces of the structure. Without cells the law comes from a file, or the
-    structure has no interfaces. Which further tables a structure takes depends on its kind. A
-    case of rubber has a road and a tread block instead; its cells and law take fewer keys.
+    The tables determine the stages. Cells need both bodies, cell and micro, and give the law of
+    the interfaces of the structure. Without cells the law comes from a file, or the structure has
+    no interfaces. Further tables of a structure depend on its kind. A case of rubber has a road
+    and a tread block instead; its cells and law have fewer keys.
     """
 
     title: str = Field(description="Title of report and tables.")
@@ -108,7 +108,7 @@ class Case(Settings):
     )
     seal: case_tables.SealSettings = ABSENT
     accuracy: case_tables.AccuracySettings = ABSENT
-    """Target for the error of an answer, for which a planner chooses the settings."""
+    """Target for the error of an answer; a planner chooses the settings."""
     rve: RveSettings = ABSENT
     growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
@@ -132,7 +132,7 @@ class Case(Settings):
     @model_validator(mode="before")
     @classmethod
     def _fit_law_of_cells(cls, given: Any) -> Any:
-        """Ask for a law wherever there are cells, and for its apertures wherever a ring leaks."""
+        """Add the table of a law to cells, and leakage to a case with a seal."""
         if "seal" in given and isinstance(given.get("micro"), dict):
             given = given | {"micro": {"leakage": True} | given["micro"]}
         return {"law": {}} | given if {"micro", "rubber", "third_body"} & given.keys() else given
@@ -140,7 +140,7 @@ class Case(Settings):
     @field_validator("interface", "statics", "cycles", mode="before")
     @classmethod
     def _read_as_kind(cls, given: Any, info: ValidationInfo) -> Any:
-        """Read a table by the model that the kind of structure names."""
+        """Read a table by the model of the kind of structure."""
         structure = info.data.get("structure")
         model = structure.models.get(str(info.field_name)) if structure else None
         return given if model is None else model.model_validate(given)
@@ -148,13 +148,13 @@ class Case(Settings):
     def _faults(self) -> Iterator[str]:
         if self.measured is None and self.law is not None and (given := self.law.of_calibration):
             yield (
-                f"{' and '.join(given)} in [law] belong to the calibration by measured joints; "
+                f"{' and '.join(given)} in [law] need measured joints for the calibration; "
                 f"give their tables by [[measured]], or leave them out"
             )
         if self.law is not None and self.micro is not None and self.micro.shear is not None:
             for name in {"friction", "stiffness_ratio"}.intersection(self.law.of_calibration):
                 yield (
-                    f"{name} in [law] is of cells that are not sheared, and [micro.shear] measures "
+                    f"{name} in [law] is for cells without shear, and [micro.shear] measures "
                     f"it; leave out one of them"
                 )
         if any(self._has(name) for name in OF_RUBBER):
@@ -183,7 +183,7 @@ class Case(Settings):
             )
         if self.fatigue is not None and not (self.structure and self.structure.may_tire):
             yield (
-                '[fatigue] follows the elements of [structure] kind = "bodies", "lap_joint" or '
+                '[fatigue] needs the elements of [structure] kind = "bodies", "lap_joint" or '
                 '"stacked_blocks"; leave it out, or give such a structure'
             )
 
@@ -191,7 +191,7 @@ class Case(Settings):
         return getattr(self, name) is not None
 
     def _structure_faults(self, kind: Structure) -> Iterator[str]:
-        """Report tables that do not go with the kind of structure."""
+        """Report tables that are wrong for the kind of structure."""
         given = {name for name in WITH_STRUCTURE if self._has(name)}
         if self.third_body is not None:
             given.discard("grains")
@@ -222,14 +222,14 @@ class Case(Settings):
             )
         if self.makes_law and self.interface is not None and self.interface.law_error is not None:
             yield (
-                "[interface] law_error is of a table, and the law of the cells has an error "
+                "[interface] law_error belongs to a table, and the law of the cells has an error "
                 "budget; leave out law_error"
             )
         yield from kind.faults_with(self)
 
     @property
     def conductivities(self) -> dict[str, tuple[float, float]]:
-        """Conductivities of both bodies by the name of the conductance, as far as given."""
+        """Given conductivities of both bodies by the name of the conductance."""
         pairs = {
             name.replace("conductivity", "conductance"): tuple(
                 getattr(body, name) for body in self.bodies
@@ -239,7 +239,7 @@ class Case(Settings):
         return {name: pair for name, pair in pairs.items() if None not in pair}
 
     def without_coatings(self) -> Self:
-        """Return the case of the bodies below their coatings."""
+        """Return the case of the bodies without their coatings."""
         bare = [body.model_copy(update={"coating": ()}) for body in self.bodies]
         return self.model_copy(update={"body_1": bare[0], "body_2": bare[1]})
 
@@ -270,7 +270,7 @@ class Case(Settings):
 
     @property
     def beside_flat(self) -> bool:
-        """Whether the cells are dearer than flat cells and may have flat control cells."""
+        """Whether the cells are not flat and may have flat control cells."""
         dear = self.has_cells and self.cell.geometry != "flat" and self.cell.mesh is None
         return dear and self.micro.control is not False and not self.from_maps
 
@@ -286,7 +286,7 @@ class Case(Settings):
 
     @property
     def makes_law(self) -> bool:
-        """Whether the case has cells of two bodies or of grains, and so a law."""
+        """Whether the case makes a law, from cells of two bodies or of grains."""
         return self.has_cells or self.third_body is not None
 
     @property
@@ -301,36 +301,36 @@ class Case(Settings):
 
     @property
     def softer(self) -> RoughBody | None:
-        """The body of least hardness at its surface; None if no body has a hardness."""
+        """The body with the smallest hardness at its surface; None if no body has a hardness."""
         given = [body for body in self.bodies if body.surface_hardness is not None]
         return min(given, key=lambda body: body.surface_hardness or 0.0, default=None)
 
     @property
     def yield_stress(self) -> float | None:
-        """Yield stress of a conforming cell, Pa, which is the yield stress of the softer body."""
+        """Yield stress of a conforming cell, Pa, from the softer body."""
         if self.softer is None or self.cell.geometry == "flat":
             return None
         return self.softer.yield_stress
 
     @property
     def interface_width(self) -> float | None:
-        """Edge of an interface under even pressure, m; None in other structures."""
+        """Edge of an interface under uniform pressure, m; None in other structures."""
         return None if self.structure is None else self.structure.interface_width
 
     @property
     def extrapolate(self) -> bool:
-        """Whether answers stand far outside the data of the law."""
+        """Whether answers far outside the data of the law are given."""
         tables = (self.law, self.interface)
         return any(table.extrapolate for table in tables if table is not None)
 
     @property
     def way(self) -> str:
-        """How cells serve the interfaces of the structure."""
+        """Way of the cells for the interfaces of the structure."""
         return "sequential" if self.interface is None else self.interface.way
 
     @property
     def adaptive(self) -> bool:
-        """Whether cells are pressed further where a structure asks for them."""
+        """Whether cells are pressed at further pressures of the structure."""
         return self.way in ("adaptive", "concurrent")
 
     @property
@@ -340,7 +340,7 @@ class Case(Settings):
 
     @property
     def known_shear(self) -> set[str]:
-        """Parameters of the sliders that the law of the cells has, by its cells or as stated."""
+        """Parameters of the sliders that the law of the cells has, from cells or the case."""
         if self.micro.shear is not None:
             return {"friction", "stiffness_ratio"}
         slid = self.slide is not None and self.slide.distance >= self.cell.size[0]
@@ -411,7 +411,7 @@ class Case(Settings):
     def only_rve(self) -> Self:
         """Return the part of the case that is its representative volume."""
         if self.rve is None:
-            raise CaseError(f"{self.title}: the case has no [rve], and so no representative volume")
+            raise CaseError(f"{self.title}: the case has no [rve], so no representative volume")
         return self._only("rve", "growth")
 
     def without_structure(self) -> Self:
@@ -432,7 +432,7 @@ class Case(Settings):
         if self.rubber is not None:
             samples = min(tyre_settings.QUICK_SAMPLES, self.law.samples)
             changes["law"] = self.law.model_copy(update={"samples": samples})
-        if self.third_body is not None:  # fewer grains would be a lower layer
+        if self.third_body is not None:  # fewer grains would make a lower layer
             changes["grains"] = self.grains
         if self.slide is not None:
             changes["slide"] = small.slide.within(self.cell, self.micro)
@@ -459,8 +459,8 @@ class Case(Settings):
                 thick = readable(f"{sum(layer.thickness for layer in body.coating):.3g} m")
                 yield (
                     f"local pressures reach {readable(f'{self.hardness:.3g} Pa')}, above the "
-                    f"hardness of body_{number} below its coating: spots wider than the coating is "
-                    f"thick, {thick}, press that softer body, which is not computed"
+                    f"hardness of body_{number} below its coating: spots wider than the thickness "
+                    f"of the coating, {thick}, press this softer body, which is not computed"
                 )
         if self.cell.depth is not None:
             yield from filter(None, [depth_caution(self.cell.depth, max(self.cell.size))])
@@ -480,8 +480,8 @@ class Case(Settings):
     def identity(self) -> str:
         """Checksum of the case of a run folder: its cells, or its structure without cells.
 
-        Instrument files count with their content. The number of realisations and the sheared cells
-        do not count.
+        It includes the content of instrument files, but not the number of realisations and the
+        sheared cells.
         """
         if self.rubber is not None:
             return self.checksum(

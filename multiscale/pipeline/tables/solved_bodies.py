@@ -1,4 +1,4 @@
-"""Elastic bodies with interfaces, as the stages that solve them take them."""
+"""Elastic bodies with interfaces for the stages that solve them."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,7 +40,7 @@ class StructureParts:
 
     assembly: "macro.Assembly"
     path: "substructures.LoadPath"
-    facts: tuple[str, ...] = ()  # facts that are reported with the answer
+    facts: tuple[str, ...] = ()  # sentences that are reported with the answer
 
 
 class SolvedBodies(StructureKind):
@@ -113,7 +113,7 @@ class SolvedBodies(StructureKind):
         return structure.model_copy(update={"interfaces": tuple(carried)})
 
     def carried(self, number: int) -> tuple[float, float]:
-        """Share of an interface that sections of its bodies leave, and half-width over it."""
+        """Share of an interface left by sections of its bodies, and its relative half-width."""
         interface, share, error = self.interfaces[number], 1.0, 0.0
         for face in interface.faces * interface.surface_damage:
             at, boundary = self._find(f"interface {number}", face)
@@ -126,7 +126,7 @@ class SolvedBodies(StructureKind):
         return share, error
 
     def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
-        """List the errors of stated values and volumes, each with a structure of changed value."""
+        """List the errors of stated values and volumes, each with its changed structure."""
         listed = []
         for key, half, stretched in self.uncertain(1.0 + STRETCH):
             listed.append((stated_error(key, half), stretched))
@@ -187,11 +187,11 @@ class SolvedBodies(StructureKind):
         return case.cycles.slabs if case.cycles else SLABS
 
     def beds(self, case: "Case") -> dict[str, Any]:
-        """Options of :class:`Sliders` of every interface: the bed is fine over the data."""
+        """Options of :class:`Sliders` of every interface: the bed resolves the data."""
         return {"slabs": self.slabs(case)}
 
     def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
-        """Law of an interface that is stated, with a friction that is given."""
+        """Stated law of an interface with its friction."""
         interface = self.interfaces[number]
         source = interface.over(case.interface)
         for fault in source.missing((), case.strict, f"interface {number}"):
@@ -218,7 +218,7 @@ class SolvedBodies(StructureKind):
         return [
             f"interface {number}: the stiffness ratio of "
             f"{mindlin_ratio(self.poissons_ratio(interface)):.3g} is assumed; give "
-            f"stiffness_ratio, or take the law of cells that are sheared"
+            f"stiffness_ratio, or take the law of sheared cells"
             for number, interface in enumerate(self.interfaces)
             if (interface.exponential or interface.linear)
             and interface.over(case.interface).stiffness_ratio is None
@@ -231,7 +231,7 @@ class SolvedBodies(StructureKind):
         return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
 
     def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
-        """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
+        """Refuse wrong meshes, faces and bolts, and free bodies, for any law."""
         for body in self.bodies:
             body.check_coarser()
         frictions = [interface.over(case.interface).friction for interface in self.interfaces]
@@ -244,12 +244,12 @@ class SolvedBodies(StructureKind):
 
 
 def body_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> Iterator[str]:
-    """Report bodies without the data that the other tables of their case need."""
+    """Report bodies without the data for the other tables of their case."""
     takers = [body.name for body in bodies if body.porous and body.rve is None]
     if takers and case.rve is None:
         yield f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of them"
     if case.rve is not None and not takers and case.growth is None:
-        yield "every body has moduli or rve, and so no body takes the [rve] of this case"
+        yield "every body has moduli or rve, so no body uses the [rve] of this case"
     without = [body.name for body in bodies if body.density is None]
     if case.vibration is not None and without:
         yield (
@@ -282,12 +282,12 @@ def _fatigue_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -
         )
     names = [body.name for body in bodies]
     if case.fatigue.body is None and len(names) > 1:
-        yield f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
+        yield f"[fatigue] needs a single body, and there are {', '.join(names)}; name it by body"
     if case.fatigue.body not in (None, *names):
         yield f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
     followed = bodies[names.index(case.fatigue.body or names[0])]
     if followed.porous:
         yield (
-            f"[fatigue] follows {followed.name}, and its inclusions need moduli; give it "
+            f"[fatigue] needs the moduli of the inclusions of {followed.name}; give it "
             f"youngs_modulus and poissons_ratio in place of a representative volume"
         )

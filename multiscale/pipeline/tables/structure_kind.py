@@ -59,18 +59,18 @@ OF_CELLS = (
     "pressures in [micro]",
     "press the cells at such pressures by pressures in [micro], or set extrapolate = true in [law]",
 )
-"""Source of the data of a law of cells, and the remedy for a narrow range."""
+"""Source of the data of a law of cells, and the remedy for a range that is too narrow."""
 
 Range = tuple[float, float]
 
 
 class Pressed(NamedTuple):
-    """Nominal pressures of an interface, estimated from the loads before anything is solved."""
+    """Nominal pressures of an interface, estimated from the loads before the solution."""
 
     loading: str  # loads and interface, in words, up to the verb
     steps: Sequence[Range]  # least and largest pressure at each load step, Pa
-    law: Path | None = None  # of this interface, in place of the law of the case
-    stated: Range | None = None  # pressures of a law that the case states itself, Pa
+    law: Path | None = None  # law of this interface, in place of the law of the case
+    stated: Range | None = None  # pressures of a stated law, Pa
 
 
 def far_loads(pressed: Pressed, data: Range, source: str, remedy: str) -> Iterator[str]:
@@ -81,13 +81,13 @@ def far_loads(pressed: Pressed, data: Range, source: str, remedy: str) -> Iterat
     ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
     yield (
         f"{pressed.loading} by about {_format_range(ends)}, more than a factor of {FAR_FACTOR:g} "
-        f"outside the pressures of its law, {_format_range(data)} ({source}), so that all "
+        f"outside the pressures of its law, {_format_range(data)} ({source}), so all "
         f"answers would be unknown; {remedy}"
     )
 
 
 def far_cells(kind: "StructureKind", case: "Case") -> Iterator[str]:
-    """Report loads that press every step far outside the pressures of the cells of the case."""
+    """Report loads with pressures far outside the pressures of the cells at every step."""
     if not case.has_cells or case.extrapolate or case.adaptive:
         return
     for pressed in kind.pressed(case):
@@ -111,7 +111,7 @@ class StructureKind(Settings):
     may_tire: ClassVar[bool] = False
     """Whether ``[fatigue]`` and ``[growth]`` may follow its elements."""
     quick_note: ClassVar[str] = ""
-    """Sentence about settings that ``--quick`` does not make coarser."""
+    """Sentence about settings that ``--quick`` leaves unchanged."""
     of_bodies: ClassVar[bool] = False  # whether it is made of ``[body_1]`` and ``[body_2]``
 
     @property
@@ -125,7 +125,7 @@ class StructureKind(Settings):
         return ()
 
     def refinement(self) -> float:
-        """Return the size of elements of twice the asked size over theirs; 1 if they are alike."""
+        """Return the ratio of element sizes with twice the given size; 1 if they are equal."""
         return 2.0
 
     def faults_with(self, case: "Case") -> Iterator[str]:
@@ -133,7 +133,7 @@ class StructureKind(Settings):
         yield from ()
 
     def for_solver(self, case: "Case") -> Any:
-        """Return the structure as the stage that solves it takes it."""
+        """Return the structure for the stage that solves it."""
         return self
 
     def pressed(self, case: "Case") -> list[Pressed]:
@@ -146,7 +146,7 @@ class StructureKind(Settings):
         return -result["traction"].to_numpy()[..., 0], area, number.astype(int)
 
     def with_wide_cells(self, case: "Case") -> "Case":
-        """Return a case with cells as wide as the interface, where they are possible."""
+        """Return a case with cells as wide as the interface, if possible."""
         raise CaseError(
             'way = "direct" in [interface] resolves the roughness of a whole interface, which is '
             'possible for [structure] kind = "blocks"; take "adaptive" or "concurrent"'
@@ -157,7 +157,7 @@ class StructureKind(Settings):
         return {named for named in self.named_laws(case) if named is not None}
 
     def named_laws(self, case: "Case") -> "Sequence[tuple[Path, bool] | None]":
-        """Return the named law of every interface, or of all; None for the law of the cells."""
+        """Return the named law of each interface, or of all; None for the law of the cells."""
         source = None if case.makes_law else case.interface
         return [None if source is None or source.law is None else (source.law, source.quick)]
 
@@ -170,9 +170,9 @@ class StructureKind(Settings):
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 
     def quick_title(self) -> str:
-        """Return the remark behind the title of a quick case."""
+        """Return the remark after the title of a quick case."""
         return "quick"
 
     def within(self, case: "Case") -> Self:
-        """Return the structure of a quick case as the other tables of the case allow it."""
+        """Return the structure of a quick case, limited by the other tables of the case."""
         return self

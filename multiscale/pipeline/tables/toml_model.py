@@ -1,4 +1,4 @@
-"""TOML files as frozen models: quantities with units in, SI out, faults as sentences."""
+"""TOML files as frozen models with quantities in SI units and readable faults."""
 
 import json
 import re
@@ -66,7 +66,7 @@ def _convert(
 
 
 def with_unit(unit: str) -> PlainSerializer:
-    """Write a float as in its file, or with its SI unit; to Python if it is uncertain."""
+    """Write a float as in its file, or with its SI unit; Python objects only if uncertain."""
 
     def write(value: float, info: SerializationInfo) -> Any:
         if isinstance(value, Typed):
@@ -96,18 +96,18 @@ Natural = Annotated[Count, Field(ge=0)]
 
 @dataclass(frozen=True)
 class Quick:
-    """Change of a key in quick cases, of its table and its value, as metadata of its field."""
+    """Change of a key in quick cases, from table and value, as metadata of the field."""
 
     of: Callable[[Any, Any], Any]
 
 
 def at_most(limit: int) -> Quick:
-    """Return the limit of a number, if it is given, in quick cases."""
+    """Return the limit of a number in quick cases, if it is given."""
     return Quick(lambda _, value: value and min(limit, value))
 
 
 def list_tables(names: Iterable[str]) -> str:
-    """Name tables as files do."""
+    """Format names of tables as in files."""
     return " and ".join(f"[{name}]" for name in names) or "none of them"
 
 
@@ -139,7 +139,7 @@ class Settings(BaseModel):
         return frozenset(name for name, value in self if value is not None)
 
     def _faults(self) -> Iterator[str]:
-        """Yield sentences on values that do not go together; the first refuses the table."""
+        """Yield sentences on inconsistent values; the first refuses the table."""
         yield from ()
 
     @model_validator(mode="after")
@@ -154,13 +154,13 @@ class Settings(BaseModel):
         include: set[str] | dict[str, Any] | None = None,
         exclude: set[str] | dict[str, Any] | None = None,
     ) -> str:
-        """Return the checksum of all values, with the content of the files that are named."""
+        """Return the checksum of all values, with the content of named files."""
         values = self.model_dump(include=include, exclude=exclude)
         text = json.dumps(values, default=_content)
         return sha256(text.encode()).hexdigest()
 
     def uncertain(self, factor: float) -> Iterator[tuple[str, float, Self]]:
-        """Yield key and half-width of every uncertain value, and settings with it multiplied."""
+        """Yield key and half-width of every uncertain value, and settings with a new value."""
         for name, value in self:
             if isinstance(value, Typed) and value.half_width:
                 yield name, value.half_width, self.model_copy(update={name: factor * value})
@@ -184,14 +184,14 @@ class Settings(BaseModel):
         return self.model_copy(update=changes)
 
     def to_toml(self) -> str:
-        """Return these settings as TOML, with quantities as they were given."""
+        """Return these settings as TOML, with quantities as given."""
         import tomli_w
 
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
 
 
 def _smaller(value: Any) -> Any:
-    """Return the value of a quick case: of a table, or of each entry of a list."""
+    """Return the value of a quick case, for a table or each entry of a list."""
     if isinstance(value, Settings):
         return value.smaller()
     return tuple(map(_smaller, value)) if isinstance(value, tuple) else value
@@ -200,7 +200,7 @@ def _smaller(value: Any) -> Any:
 class TimeSteps(Settings):
     """A motion in time steps."""
 
-    step: Duration = Field(description="Time step, s; shortened to a whole part of the duration.")
+    step: Duration = Field(description="Time step, s; shortened to divide the duration.")
     duration: Duration = Field(description="Duration of the motion, s.")
 
     def _faults(self) -> Iterator[str]:
@@ -220,7 +220,7 @@ Kinds = Mapping[str, type[BaseModel]]
 
 
 def _content(file: Path) -> str:
-    """Checksum of a file, and of the files that it names if it is a case."""
+    """Checksum of a file, and of the files named in it if it is a case."""
     checksum = sha256(read_bytes(file)).hexdigest()
     if file.suffix != ".toml":
         return checksum
@@ -352,7 +352,7 @@ MESSAGES: dict[str, Callable[[Any], str]] = {
         f"{fault['ctx']['expected_tags'].replace(chr(39), '')}"
     ),
 }
-"""Sentences in place of pydantic's."""
+"""Sentences that replace those of pydantic."""
 
 
 def _message(fault: Any) -> str:

@@ -15,14 +15,14 @@ from multiscale.pipeline.tables.structure_kind import Pressed, far_loads
 if TYPE_CHECKING:
     from multiscale.pipeline.tables.settings import Case
 
-FASTEST = 100.0  # m/s; faster rubber heats more than an even temperature describes
+FASTEST = 100.0  # m/s; faster rubber heats unevenly
 QUICK_SAMPLES = 80  # bootstrap samples of a quick friction law, at most
 
 TABLES = ("rubber", "road", "cell", "sliding", "tread")
 """Tables of rubber on a road; a case has all of them, and ``[law]``."""
 
 KEYS = {"cell": ("size", "points"), "law": ("samples", "extrapolate")}
-"""Keys of tables of joints that rubber on a road takes, too."""
+"""Keys of tables of joints that are also for rubber on a road."""
 
 COARSE = toml.Quick(lambda *_: (6, 4, 2))  # elements of the tread of a quick case
 
@@ -48,7 +48,7 @@ class Rubber(toml.Settings):
     def _faults(self) -> Iterator[str]:
         if not self.moduli:
             yield (
-                "moduli names nothing that relaxes: rubber that slides without viscosity has no "
+                "moduli has no relaxing part: rubber that slides without viscosity has no "
                 "friction by hysteresis; give moduli and times"
             )
         if len(self.moduli) != len(self.times):
@@ -106,22 +106,22 @@ def rubber_faults(case: "Case") -> Iterator[str]:
         name for name, value in case if value and name not in ("title", "law", "accuracy", *TABLES)
     ]
     if stray:
-        yield f"{stray[0]} means nothing to rubber on a road; leave it out"
+        yield f"{stray[0]} is not for rubber on a road; leave it out"
     for name, keys in KEYS.items():
         table = getattr(case, name)
         defaults = {key: field.default for key, field in type(table).model_fields.items()}
         strange = [key for key, value in table if key not in keys and value != defaults[key]]
         if strange:
             yield (
-                f"{strange[0]} in [{name}] means nothing to rubber on a road, and its [{name}] "
-                f"takes only {' and '.join(keys)}; leave it out"
+                f"{strange[0]} in [{name}] is not for rubber on a road, whose [{name}] "
+                f"has only {' and '.join(keys)}; leave it out"
             )
     rubber, slides = case.rubber, case.sliding
     coldest = rubber.reference_temperature - rubber.wlf_c2
     if slides.temperatures[0] <= coldest:
         yield (
             f"temperatures in [sliding] begin at {slides.temperatures[0]:g} K, where the shift of "
-            f"[rubber] has no meaning; stay above {coldest:g} K"
+            f"[rubber] is not defined; stay above {coldest:g} K"
         )
     if not case.extrapolate:
         even = (case.tread.pressure, case.tread.pressure)
