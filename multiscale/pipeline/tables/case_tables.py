@@ -371,7 +371,7 @@ class SealSettings(toml.Settings):
             )
 
     def leak_rate(self, aperture: np.ndarray) -> np.ndarray:
-        """Volume that leaks through an aperture, m, in m3/s: h³ / (12 eta) dp / b pi D (1)."""
+        """Return the leak rate through an aperture, m, in m3/s: h³ / (12 eta) dp / b pi D (1)."""
         gradient = self.pressure_difference / self.width
         return aperture**3 / (12.0 * self.viscosity) * gradient * np.pi * self.diameter
 

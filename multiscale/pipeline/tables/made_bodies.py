@@ -438,7 +438,7 @@ class LapJoint(MadeBodies):
             )
 
     def pressed(self, case: "Case") -> list[Pressed]:
-        """Estimate pressures of the joint: even over the overlap, and as under the washers."""
+        """Estimate pressures of the joint: uniform over the overlap, and under the washers."""
         ring, hole = self.shape.ring, pi / 4.0 * self.hole**2
         share = ring / (self.overlap * self.width - hole)
         # at the edge of the hole, solved joints have .75 to 1.2 of the pressure under the washers
