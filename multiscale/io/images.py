@@ -148,12 +148,6 @@ def read_images(
     Returns
     -------
     VoxelImage, the volume, with columns of the pages along x, rows along y and pages along z
-
-    Raises
-    ------
-    CaseError
-        If the file is missing, cannot be read, is not a binary stack, has no size of its voxels,
-        or tifffile is not installed.
     """
     path = Path(path)
     if not path.exists():

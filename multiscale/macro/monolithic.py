@@ -113,11 +113,6 @@ def solve_interface(
     -------
     InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; the law is evaluated at ``jump``
 
-    Raises
-    ------
-    ValueError
-        If the shapes do not agree.
-
     Notes
     -----
     A Newton step that lowers the derivative of the energy along it is accepted. After any other

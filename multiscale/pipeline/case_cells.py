@@ -60,13 +60,7 @@ def longest_wave(case: Case) -> float:
 
 
 def make_cells(case: Case) -> list[AnyCell]:
-    """Build the cell of each realisation.
-
-    Raises
-    ------
-    CaseError
-        If a surface cannot be made or read, or a map has too few windows.
-    """
+    """Build the cell of each realisation."""
     return measured_cells(case)[0]
 
 

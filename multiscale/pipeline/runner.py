@@ -204,8 +204,6 @@ def run_macro(
 
     Raises
     ------
-    CaseError
-        If the structure or its law is refused.
     ConvergenceError
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """

@@ -126,11 +126,6 @@ def load_sweep(case: str | Path) -> Sweep:
         Path of a TOML file, or the name of a shipped case. ``[sweep]`` repeats tables and keys of
         the case, each with a list of values in place of a value.
 
-    Raises
-    ------
-    CaseError
-        If there is no such case, or a point has faults; the message lists all faults of the first.
-
     Examples
     --------
     >>> load_sweep("ground_steel").parameters

@@ -254,11 +254,6 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     """Return the plots of a joint, by name: zones and pressure, and under shear loop and loss.
 
     Zones are drawn at the last step that has an answer, at the amplitude of the shear.
-
-    Raises
-    ------
-    CaseError
-        If no step has an answer.
     """
     slips = result["slip_fraction"].values
     if np.isnan(slips).all():

@@ -104,13 +104,8 @@ def fit_law(
 
     Raises
     ------
-    CaseError
-        If there are too few points, the mean gap does not fall as the pressure rises, no convex
-        law follows three gaps of cells, or the data contradict themselves.
     ConvergenceError
         If the parameters do not settle.
-    SchemaError
-        If the response does not follow its schema.
 
     Notes
     -----
@@ -402,8 +397,6 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
 
     Raises
     ------
-    CaseError
-        If no family is admissible.
     MultiscaleError
         If the data are refused.
     """

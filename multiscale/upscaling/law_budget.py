@@ -99,11 +99,6 @@ def error_budget(
         be computed from the data, such as the sampling of a single realisation, makes the total
         unknown, NaN, at its quantity and step, and never smaller.
 
-    Raises
-    ------
-    CaseError
-        If the law does not belong to the response, or a response has other steps.
-
     Notes
     -----
     Each term is estimated by its function: :func:`~.law_budget.sampling_term`,

@@ -63,11 +63,6 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
         a coefficient that is not negative, power that is not negative, and turns with the frame; a
         contact fraction starts at zero, never falls and stays below one; a stiffness is positive
         and never falls; unloading is stiffer than loading and no cycle supplies energy.
-
-    Raises
-    ------
-    CaseError
-        If the law is of another kind.
     """
     return Admissibility(pressure_range, _checks(law, pressure_range))
 

@@ -32,11 +32,6 @@ def law_from_dataset(
     dataset : Dataset, follows ``INTERFACE_LAW``
     sample : int, optional, which bootstrap sample; the mean law if not given
     family : Family, optional, defined by the user, if the law is not of a built-in family
-
-    Raises
-    ------
-    CaseError
-        If the dataset has no normal law, an unknown family, or not this sample.
     """
     law = fitted_law(dataset, sample, family=family)
     if not isinstance(law, NormalLaw):
@@ -145,11 +140,6 @@ def law_band(
     Returns
     -------
     low, high : ndarray, shaped as the answer
-
-    Raises
-    ------
-    CaseError
-        If samples or realisations are too few for this confidence.
     """
     if not 0.0 < confidence < 1.0:
         raise CaseError(f"confidence must lie between 0 and 1, got {confidence:g}")

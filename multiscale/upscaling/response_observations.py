@@ -266,11 +266,6 @@ def friction_observations(response: Dataset) -> Observations:
         Of ``"friction_coefficient"``: :math:`|t_T| / p` for each realisation and step that
         converged, at its pressure and speed. Cells slide at the change of the jump over the
         change of the time; without times their friction has no rate, and the speed is zero.
-
-    Raises
-    ------
-    CaseError
-        If nothing slides.
     """
     MICRO_RESPONSE.check(response)
     counted, pressure = usable_steps(response)

@@ -108,11 +108,6 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
         Root mean square height of the surface at large, m: of a patch of many of the longest
         wavelengths, which need not be solved. It becomes the attribute ``gaps_at_rms_height``.
 
-    Raises
-    ------
-    CaseError
-        If the height is not positive, or the response has no heights.
-
     Notes
     -----
     Small periodic cells have few long wavelengths, and their root mean square height :math:`h_k` is

@@ -129,11 +129,6 @@ def lap_joint(
         Elasticity of the lower and the upper plate.
     law : InterfaceLaw, on the whole overlap
     shank : float, optional, axial stiffness of the bolt, N/m; see :func:`shank_stiffness`
-
-    Raises
-    ------
-    CaseError
-        If the dimensions do not fit each other, or gmsh cannot be loaded.
     """
     lower, upper = lap_meshes(shape)
     # the force of the bolt on the ring of the mesh, a polygon

@@ -89,8 +89,6 @@ def solve_latin(
 
     Raises
     ------
-    CaseError
-        If load factors do not fit the load cases.
     MultiscaleError
         If the whole structure can move without resistance.
 
@@ -260,11 +258,6 @@ def simulate_latin(
     Dataset
         Follows ``MACRO_RESULT``, a step for each time. A step that fails is NaN with
         ``converged`` 0, the attribute ``failure`` has the reason, and later steps are not tried.
-
-    Raises
-    ------
-    CaseError
-        If times or masses are refused.
 
     Notes
     -----

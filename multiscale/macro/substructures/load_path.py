@@ -35,11 +35,6 @@ class LoadPath:
         Amplitudes of the shear of a joint, rising: a closed cycle of each at the end of every step,
         next to the path.
     amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
-
-    Raises
-    ------
-    CaseError
-        If a value is outside its range, or the cycled load is unknown.
     """
 
     names: tuple[str, ...]
@@ -224,11 +219,6 @@ def joint_path(
     steps : int, load steps from zero to the amplitude: 4 of these make a cycle
     amplitudes : sequence of float
         Amplitudes of the shear, Pa, rising: a cycle of each at every preload, next to the path.
-
-    Raises
-    ------
-    CaseError
-        If a value is outside its range.
     """
     if not preloads or not all(0.0 < p < np.inf for p in preloads):
         raise CaseError(f"preloads must be positive (Pa), got {list(preloads)}")

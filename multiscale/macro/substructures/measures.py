@@ -78,12 +78,6 @@ def load_joint(
     -------
     Dataset
         Follows ``MACRO_RESULT``; see :func:`measure_loads`.
-
-    Raises
-    ------
-    CaseError
-        If faces do not match, a substructure is in pieces, a law is rigid contact, or there are
-        not two areas.
     """
     if len(assembly.areas) != 2:
         raise CaseError(
@@ -134,11 +128,6 @@ def follow_loads(
     path : LoadPath
     method : Method, as in :func:`solve_assembly`
     near : FollowedLoads, optional, the same path under other laws, as initial guess
-
-    Raises
-    ------
-    CaseError
-        If the path does not have a factor for each load case.
     """
     factors, ends = path.factors(), path.ends()
     tangents = Tangents(problem, method.linear(problem))

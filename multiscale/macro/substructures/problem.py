@@ -142,11 +142,6 @@ class CutProblem:
         Interfaces with a law. Perfect interfaces follow from the numbers of the unknowns.
     bolts : tuple of CutBolt, tightened by the first load case
     locked : bool, whether the last substructures are the shanks of the bolts
-
-    Raises
-    ------
-    CaseError
-        If the traces of an interface do not fit its sides.
     """
 
     substructures: tuple[Substructure, ...]

@@ -254,11 +254,6 @@ def world() -> ProcessGroup:
     """Return the processes that ``mpiexec`` has started, or a single process.
 
     MPI is loaded only under ``mpiexec``.
-
-    Raises
-    ------
-    CaseError
-        If ``mpiexec`` has started the process and mpi4py is missing.
     """
     if not any(name in environ for name in LAUNCHERS):
         return ALONE

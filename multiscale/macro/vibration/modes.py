@@ -135,8 +135,6 @@ def tangent_modes(
 
     Raises
     ------
-    CaseError
-        If the model has fewer modes, or the tangent is not positive: the preload is unstable.
     MultiscaleError
         If the tangent with the springs below is singular: bodies move without force.
 
@@ -278,8 +276,6 @@ def press_structure(
 
     Raises
     ------
-    CaseError
-        If a body is free to move separately, or as :func:`cut_assembly`.
     ConvergenceError
         If the preload has no equilibrium, or is far outside the data of a law.
     """
@@ -317,13 +313,7 @@ def press_structure(
 
 
 def require_joined(assembly: Assembly) -> None:
-    """Refuse bodies that may move against each other; the structure as a whole may be free.
-
-    Raises
-    ------
-    CaseError
-        With the bodies and their motions, or as ``cut_assembly``.
-    """
+    """Refuse bodies that may move against each other; the structure as a whole may be free."""
     supported = _add_springs(cut_assembly(assembly))
     refuse_free(assembly, supported, "; the structure as a whole may be free")
 
