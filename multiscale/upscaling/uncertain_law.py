@@ -78,11 +78,6 @@ def law_sources(
         The terms of the gap enter by the change of the answers where all gaps are larger, terms of
         the stiffness where the law is softer about the mean pressure, biases by a law of free form
         through the gaps without them.
-
-    Raises
-    ------
-    CaseError
-        If the law has no budget.
     """
     if not has_budget(law):
         raise CaseError(
