@@ -445,7 +445,6 @@ def _working(
 
 
 def _refuse_both(verbose: bool, quiet: bool) -> None:
-    """Refuse options that exclude each other, before any folder is made."""
     if quiet and verbose:
         raise typer.BadParameter("--quiet and --verbose exclude each other")
 

@@ -92,7 +92,6 @@ class _Job:
 
 
 def _load_job(pickled: bytes) -> _Job:
-    """Load a job, or the refusal of a job that cannot be loaded."""
     try:
         return _Job(*pickle.loads(pickled))
     except Exception as error:

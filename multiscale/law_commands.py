@@ -61,7 +61,6 @@ def fit_command(
 
 
 def _fit_table(table: Path, out: Path, family: str, pressures: list[float]) -> None:
-    """Fit a law to measured specimens, and print its predictions at pressures, Pa."""
     import numpy as np
 
     from multiscale.io import save_law

@@ -107,7 +107,6 @@ def stability_command(
 
 
 def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
-    """Return the families that are asked for, or all."""
     for name in families or ():
         if name not in known:
             raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")

@@ -65,7 +65,6 @@ def measure(
 
 
 def _run(task: Callable[[], Any], warm_up: Callable[[], object], threads: int) -> Measurement:
-    """Warm up, then run the task."""
     from threadpoolctl import threadpool_limits
 
     warm_up()

@@ -62,7 +62,6 @@ def rigid_bodies(
 
 
 def _frame(normal: ArrayLike) -> np.ndarray:
-    """Return the normal and two tangents as rows."""
     n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
     other = np.eye(3)[np.argmin(np.abs(n))]
     t = np.cross(n, other)

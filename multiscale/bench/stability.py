@@ -76,7 +76,6 @@ def check_stability(
 
 
 def _join(cases: list[StabilityCase], outcomes: list[Outcome]) -> Dataset:
-    """Assemble the outcomes of the first cases."""
     done = cases[: len(outcomes)]
     outcome, residual, seconds, sentence = zip(*outcomes, strict=True)
     return STABILITY.build(
@@ -112,7 +111,6 @@ def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[Outcome]:
 
 
 def _run_separately(case: StabilityCase) -> Outcome:
-    """Solve a case in a separate process."""
     with process_pool(1) as executor:
         try:
             return executor.submit(call_on_one_thread, solve_case, case).result()

@@ -196,7 +196,6 @@ def _area(polygon, n):  # type: ignore[no-untyped-def]
 
 @compiled
 def _shape(corners, y, N):  # type: ignore[no-untyped-def]
-    """Shape functions of a flat triangle or quadrilateral at a point."""
     if len(corners) == 3:
         whole = _cross(corners[0], corners[1], corners[2])
         N[0] = _cross(y, corners[1], corners[2]) / whole

@@ -70,7 +70,6 @@ def write_dataset(
 
 @cache
 def _environment() -> str:
-    """Name interpreter, libraries and machine."""
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     machine = f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"
     return f"Python {platform.python_version()}, {libraries}; {machine}"

@@ -106,12 +106,10 @@ def _frame(result: Dataset, k: int) -> Any:
 
 
 def _frames(result: Dataset, dim: str) -> Iterator[Dataset]:
-    """Yield a result at every label of a dimension."""
     return (result.isel({dim: k}) for k in range(result.sizes[dim]))
 
 
 def _values(frame: Dataset, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Values of the variables that a frame has."""
     return {name: frame[name].values for name in names if name in frame}
 
 

@@ -44,7 +44,6 @@ def gmsh_model(name: str) -> Iterator[Any]:
 
 @contextmanager
 def _refusals(gmsh: Any, subject: str) -> Iterator[None]:
-    """Report an error of gmsh with the first error of its log."""
     gmsh.logger.start()
     try:
         yield

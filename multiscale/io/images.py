@@ -226,7 +226,6 @@ def _check_count(path: Path, file: Any, before: int = 0) -> int:
 
 
 def _stack(path: Path, files: list[Path], pages: list[np.ndarray]) -> np.ndarray:
-    """Stack slices of equal shape and type."""
     first = pages[0]
     for file, page in zip(files, pages, strict=True):
         if page.shape != first.shape or page.dtype != first.dtype:

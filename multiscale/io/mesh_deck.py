@@ -156,7 +156,6 @@ def _check_flat(blocks: list[Block]) -> None:
 
 
 def _nodes(blocks: list[Block]) -> dict[int, list[float]]:
-    """Coordinates of every node."""
     nodes: dict[int, list[float]] = {}
     for line, entries in (row for block in blocks if block.keyword == "NODE" for row in block.rows):
         try:

@@ -420,7 +420,6 @@ def _with_blanks(stream: Any, comma: bytes = b" ") -> BytesIO:
 
 
 def _height_channels(reader: Any) -> dict[int, Any]:
-    """Return the channels of heights by number; others have no unit of length."""
     from SurfaceTopography.IO.Reader import DataKind
 
     return {
@@ -431,7 +430,6 @@ def _height_channels(reader: Any) -> dict[int, Any]:
 
 
 def _describe_channel(entry: Any) -> str:
-    """Format number, name, kind, points and size of a channel."""
     points = " x ".join(map(str, entry.nb_grid_pts))
     unit = entry.unit[0] if isinstance(entry.unit, tuple) else entry.unit
     kind = entry.data_kind.value if not isinstance(entry.unit, tuple) else "other"

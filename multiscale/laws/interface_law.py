@@ -394,7 +394,6 @@ class SideBySide(InterfaceLaw):
         return Sliding(shares[0], shares[1], shares[2], new)
 
     def _each(self, rows: int, evaluate: Callable[[InterfaceLaw, slice], np.ndarray]) -> np.ndarray:
-        """Evaluate every law at its points, shape (rows, points)."""
         values = np.zeros((rows, self.points[-1].stop if self.points else 0))
         for law, at in zip(self.laws, self.points, strict=True):
             result = np.atleast_2d(evaluate(law, at))

@@ -81,7 +81,6 @@ def _respond(  # type: ignore[no-untyped-def]
     begin, finish, jump, state, start, end, slope, edges, friction, kappa, creep,
     traction, tangent, new, account,
 ):  # fmt: skip
-    """Write the results of :func:`respond_slabs` at some points."""
     slabs = (state.shape[0] - 3) // 3
     for c in range(begin, finish):
         x = jump[1, c] - state[3 * slabs + 1, c]
@@ -170,7 +169,6 @@ def resolve(
 def _resolve(  # type: ignore[no-untyped-def]
     begin, finish, source, k, state, start, end, edges, friction, kappa, jump, failed
 ):
-    """Write the results of :func:`resolve` at some points."""
     slabs = (state.shape[0] - 3) // 3
     for c in range(begin, finish):
         force, m, cap, kc = np.empty((2, slabs)), np.empty(slabs), np.empty(slabs), k[1:, c].copy()
@@ -220,7 +218,6 @@ def asperity_loads(gap: np.ndarray, peak: np.ndarray, *arguments: Any) -> np.nda
 
 @compiled
 def _unload(begin, end, gap, peak, yields, height, density, grid, ratios, hertz, place):  # type: ignore[no-untyped-def]
-    """Write the results of :func:`asperity_loads` at some points."""
     classes, top = height.size, height.max()
     for c in range(begin, end):
         loads = yields and top - gap[c] > peak[c]

@@ -402,7 +402,6 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
 
 
 def _harmonic_mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Harmonic mean, zero where a or b is zero."""
     total = a + b
     mean: np.ndarray = np.zeros_like(total)
     np.divide(2.0 * a * b, total, out=mean, where=total > 0.0)

@@ -299,7 +299,6 @@ def _follow_path(
 def _record(
     steps: list[dict[str, Any]], path: Path, asked: dict[str, tuple[int, ...]]
 ) -> PlainDataset:
-    """Join the steps; values that a failed step lacks are NaN."""
     shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
     shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked
     shapes |= {name: np.shape(value) for step in steps for name, value in step.items()}

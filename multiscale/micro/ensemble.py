@@ -187,7 +187,6 @@ def _file_of(folder: FilePath, k: int, name: str = "realisation") -> FilePath:
 
 
 def _steps_of(file: FilePath) -> FilePath:
-    """Return the file of the finished steps of an unfinished realisation."""
     return file.with_name(f".{file.stem}.npz")
 
 

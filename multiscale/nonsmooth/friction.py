@@ -297,7 +297,6 @@ def _softened(problem: ScaledFriction) -> str:
 def _checked(
     delassus: csr_array | np.ndarray, velocity: np.ndarray, friction: np.ndarray
 ) -> tuple[csr_array, np.ndarray, np.ndarray]:
-    """Return the data as arrays, or refuse them."""
     W = csr_array(delassus) if issparse(delassus) else np.asarray(delassus, dtype=float)
     q = np.asarray(velocity, dtype=float)
     mu = np.asarray(friction, dtype=float)
@@ -322,7 +321,6 @@ def _checked(
 
 
 def _refuse_indefinite(problem: ScaledFriction, steps: int) -> None:
-    """Refuse a W if its symmetric part has a clearly negative eigenvalue."""
     matrix = bsr_array((problem.blocks, problem.columns, problem.starts))
     half = 0.5 * matrix
     turned = half.T.tobsr()
@@ -339,7 +337,6 @@ def _conclude(
     tolerance: float,
     progress: Progress | None = None,
 ) -> Solution:
-    """Return the solution with the status of the verifier."""
     verdict = verify_friction(delassus, velocity, friction, reaction, tolerance=tolerance)
     status = Status.STALLED
     if verdict.accepted:

@@ -49,7 +49,6 @@ def mean_product(point: Point) -> float:
 
 
 def _moved(point: Point, change: Point, step: float) -> Point:
-    """Point a step ahead."""
     z, y, g = (old + step * by for old, by in zip(point, change, strict=True))
     return z, y, g
 

@@ -161,7 +161,6 @@ def _iterates(
 
 
 def _refuse_indefinite(problem: ScaledLCP, steps: int) -> None:
-    """Refuse a symmetric matrix with a clearly negative eigenvalue."""
     size = problem.vector.size
     if problem.is_symmetric and size > 0:
         refuse_indefinite(lambda x: problem.matrix @ x, size, steps, INDEFINITE, atol=NEGATIVE)

@@ -138,7 +138,6 @@ def _mehrotra_direction(
 
 
 def _longest(x: np.ndarray, w: np.ndarray, dx: np.ndarray, dw: np.ndarray) -> float:
-    """Longest step for which x and w stay positive."""
     return min(longest_positive(x, dx), longest_positive(w, dw))
 
 

@@ -152,7 +152,6 @@ def lcp_verifier(
 def _checked(
     matrix: csr_array | np.ndarray, vector: np.ndarray
 ) -> tuple[csr_array | np.ndarray, np.ndarray]:
-    """Return the data as arrays of floats, or refuse them."""
     vector = np.asarray(vector, dtype=float)
     shape = np.shape(matrix)
     if len(shape) != 2 or shape[0] != shape[1]:

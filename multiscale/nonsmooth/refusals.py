@@ -160,7 +160,6 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
 
 
 def _listed(contacts: np.ndarray, most: int = 8) -> str:
-    """Return the numbers of the first contacts."""
     more = ", ..." if contacts.size > most else ""
     return ", ".join(str(contact) for contact in contacts[:most]) + more
 

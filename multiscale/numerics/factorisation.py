@@ -220,7 +220,6 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
 
 
 def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
-    """Factors by PARDISO, which stores a single factorisation."""
     for number, value in SETTINGS.items():
         solver.set_iparm(number, value)
     n = start.size - 1

@@ -154,7 +154,6 @@ def _unsure(law: Dataset) -> np.ndarray:
 
 
 def _list_pressures(pressures: Iterable[float]) -> str:
-    """List different pressures by their size."""
     return ", ".join(dict.fromkeys(readable(f"{p:.4g} Pa") for p in sorted(pressures)))
 
 

@@ -178,7 +178,6 @@ def _measured(calibration: Calibration) -> list[tuple[str, ...]]:
 
 
 def _text(value: float, unit: str, digits: int = 3) -> str:
-    """Write a value in SI with a readable unit."""
     if unit in SHOWN_UNITS:
         factor, unit = SHOWN_UNITS[unit]
         return f"{factor * value:.{digits}g} {unit}"

@@ -128,7 +128,6 @@ def read_case(path: Path) -> dict[str, Any]:
 
 
 def _tables(content: dict[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return all tables under some names, each of which may be a list of tables."""
     tables = [content]
     for name in names:
         inner = [table.get(name) for table in tables]
@@ -181,7 +180,6 @@ def taken_cases(case: Case) -> dict[Path, Case]:
 
 
 def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """Return the table under some names; empty if the file has no such table."""
     for name in names:
         inner = content.get(name)
         content = inner if isinstance(inner, dict) else {}

@@ -42,7 +42,6 @@ def surface_modulus(case: Case) -> float:
 
 
 def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
-    """Young's modulus, Pa, and Poisson's ratio of the composite of two bodies."""
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu

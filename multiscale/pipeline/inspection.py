@@ -118,7 +118,6 @@ def _with_proposal(
 
 
 def _doubts(statistics: Dataset, topography: Topography) -> Iterator[str]:
-    """Yield cautions about implausible statistics."""
     slope, filled = float(statistics["rms_slope"]), float(statistics["filled_share"])
     low, high = PLAUSIBLE_SLOPES
     if not low <= slope <= high:
@@ -190,7 +189,6 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 
 def _answer(statistics: Dataset) -> Iterator[str]:
-    """Report rms height and slope of the surface, and its reliable wavelengths."""
     height = readable(f"{float(statistics['rms_height']):.3g} m")
     yield (
         f"The surface has an rms height of {height} and an rms slope of "

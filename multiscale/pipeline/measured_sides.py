@@ -264,7 +264,6 @@ def _losses(
     window_share: float,
     chosen: str,
 ) -> dict[str, str]:
-    """Report losses of height or slope between map and cell, and the remedies."""
     losses = {}
     faded = of_periodic.roughness()
     for order, name in ((0, "rms_height"), (2, "rms_slope")):
@@ -326,12 +325,10 @@ def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> 
 
 
 def _lengths(edges: Sequence[float]) -> str:
-    """Format edges as in a case file."""
     return " x ".join(map(_length, edges))
 
 
 def _length(value: float) -> str:
-    """Format a length as in a case file."""
     return readable(f"{value:.3g} m")
 
 

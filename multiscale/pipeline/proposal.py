@@ -209,7 +209,6 @@ pressures = [{listed}]
 
 
 def _body(number: int, tables: Sequence[InstrumentSurface]) -> str:
-    """Write the tables of a body, with or without a measured surface."""
     lines = [f"[body_{number}]", 'youngs_modulus = "210 GPa"', "poissons_ratio = 0.3", ""]
     for table in tables:
         lines += [f"[body_{number}.surface]", _table(table)]
@@ -292,17 +291,14 @@ def _positive(text: str, areas: Mapping[str, float]) -> float:
 
 
 def _listed(pressure: float) -> str:
-    """Write the preloads up to a pressure."""
     return ", ".join(f'"{1e-6 * share * pressure:.4g} MPa"' for share in PRELOADS)
 
 
 def _shares(force: float) -> str:
-    """Write the forces of the preloads up to a force, kN."""
     return " and ".join(f"{1e-3 * share * force:.4g}" for share in PRELOADS)
 
 
 def _table(settings: InstrumentSurface) -> str:
-    """Write the keys of a surface table that are not defaults."""
     lines = [f"file = {_text(str(settings.file))}"]
     if settings.channel is not None:
         named = settings.channel
@@ -325,7 +321,6 @@ def _table(settings: InstrumentSurface) -> str:
 
 
 def _text(value: str) -> str:
-    """Write text as TOML."""
     import tomli_w
 
     return tomli_w.dumps({"a": value}).removeprefix("a = ").strip()

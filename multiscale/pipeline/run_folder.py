@@ -74,7 +74,6 @@ def _difference(file: Path, case: Case) -> str:
 
 
 def _keys(case: Case) -> dict[str, object]:
-    """Values of a case by table and key."""
     return {
         f"{table}.{key}" if key else table: inner
         for table, value in case.model_dump(exclude={"title"}, exclude_none=True).items()

@@ -96,7 +96,6 @@ def list_cautions(dataset: Dataset) -> list[str]:
 
 
 def _nothing(*_: object) -> tuple[()]:
-    """Return nothing to show, and nothing to refuse."""
     return ()
 
 

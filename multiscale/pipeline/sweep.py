@@ -239,7 +239,6 @@ def run_sweep(
 
 
 def _file(folder: Path) -> Path:
-    """File of the answers of a point, next to its run folder."""
     return folder.with_name(f"{folder.name}.v{SWEEP.version}.nc")
 
 
@@ -265,7 +264,6 @@ def _lists(
 
 
 def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) -> None:
-    """Set the value of a full key, and create the tables on the way."""
     for name in key[:-1]:
         content = content.setdefault(name, {})
         if not isinstance(content, dict):
@@ -316,7 +314,6 @@ def _answers(case: Case, results: Mapping[str, Dataset]) -> Dataset:
 
 
 def _answering(case: Case) -> Stage:
-    """Return the last stage with answers."""
     return [stage for stage in stages_of(case.tables) if stage.answers][-1]
 
 
@@ -383,7 +380,6 @@ def _concatenated(points: Sequence[Dataset]) -> Dataset:
 
 
 def _coordinates(sweep: Sweep) -> dict[str, Any]:
-    """Parameters along the points: numbers in SI units, or text."""
     coordinates: dict[str, Any] = {}
     for column, name in enumerate(sweep.parameters):
         texts = [setting[column] for setting in sweep.settings]

@@ -44,7 +44,6 @@ def _list_cautions(result: Dataset) -> list[str]:
 
 
 def _first(cautions: Iterable[str]) -> list[str]:
-    """Return the first cautions, and how many more there are."""
     every = list(cautions)
     more = len(every) - MOST_SENTENCES
     rest = f"{more} more sentences like these are in {POINTS.file}" if more > 0 else ""
@@ -129,7 +128,6 @@ def _list_missing(result: Dataset) -> list[str]:
 
 
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
-    """Yield the answers at the end of all points, over the steps of each, and links to the runs."""
     result, more = _shown(datasets[POINTS.name])
     drawn = list(_drawn(result))
     over_steps = [name for name in drawn if result["answer_over"].sel(answer=name).item()][:1]

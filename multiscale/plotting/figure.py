@@ -141,7 +141,6 @@ def _label_logarithms(axis: "Axis") -> None:
 
 
 def _dress(ax: Axes) -> None:
-    """Set the style of all figures: open frame, medium title, legend without a box."""
     if ax.get_label() == "<colorbar>":
         return
     if not ax.images:

@@ -197,7 +197,6 @@ def _sheared(result: Dataset) -> int:
 
 
 def _last_cycle(result: Dataset) -> slice:
-    """Return the steps of the last cycle."""
     after = result.sizes["step"] - _sheared(result)
     return slice(-4 * (after // (4 * result.sizes["cycle"] + 1)), None)
 

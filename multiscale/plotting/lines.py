@@ -96,7 +96,6 @@ def draw_band(
 
 
 def _lines(data: Dataset, by: str, along: str) -> Iterator[tuple[Dataset, str]]:
-    """Yield the selection of the dataset for each line, and its label."""
     if not by:
         yield data, ""
         return

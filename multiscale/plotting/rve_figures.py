@@ -154,7 +154,6 @@ def _edges(rve: Dataset, share: np.ndarray) -> np.ndarray:
 def _band(
     ax: Axes, rve: Dataset, share: np.ndarray, value: np.ndarray, colour: str, label: str
 ) -> None:
-    """Draw the mean of each size, and a standard deviation about it."""
     sizes = np.unique(share)
     if not np.isfinite(value).any():
         return

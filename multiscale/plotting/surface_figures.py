@@ -156,7 +156,6 @@ def _show_heights(
 def _show(
     size: np.ndarray, values: np.ndarray, ax: Axes | None, title: str, **style: Any
 ) -> "AxesImage":
-    """Show values as a map with edges ``size``, m."""
     ax, unit = axes_or_current(ax), length_unit(size)
     right, top = unit.scale * size
     image = ax.imshow(values, origin="lower", extent=(0.0, right, 0.0, top), **style)

@@ -259,7 +259,6 @@ def _report_point(folder: Path) -> None:
 
 
 def _write(run: FinishedRun, sections: list[Section]) -> Path:
-    """Write the page of a run whose figures are drawn."""
     from jinja2 import Environment
 
     template = resources.files("multiscale.report").joinpath("page.html").read_text()
@@ -339,7 +338,6 @@ def _encoded(content: bytes) -> str:
 
 
 def _inputs(run: FinishedRun) -> Section:
-    """List the keys of the case, with its file."""
     case = run.out / "case.toml"
     files = {case.name: lambda file: write_bytes(file, read_bytes(case))}
     return Section("Inputs", rows=list(_keys(run.case)), files=files if case.exists() else {})
@@ -360,7 +358,6 @@ def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...
 
 
 def _work(run: FinishedRun) -> Iterator[Section]:
-    """Yield the sections on work, provenance and citation."""
     counted = [row for stage in run.stages for row in stage.work(run.found)]
     attributes = run.found[run.stages[-1].name].attrs
     names = {"source": "program", "environment": "computed with", "history": "command"}

@@ -40,7 +40,6 @@ def schema_table(name: str) -> dict[str, Any]:
 
 
 def _read_shown() -> dict[str, Show]:
-    """Read the presentation of variables from their table."""
     table = schema_table("shown")
     rows, axes = table["shown"], table["axes"]
     for row in rows.values():

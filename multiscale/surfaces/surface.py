@@ -272,7 +272,6 @@ def _check_band(
     short_cutoff: float,
     roll_off: float,
 ) -> None:
-    """Refuse lengths out of order and grids too coarse for the band."""
     lengths = {
         "size[0]": size[0],
         "size[1]": size[1],

@@ -464,7 +464,6 @@ def require_shear(known: Collection[str]) -> None:
 
 
 def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None:
-    """Refuse data of which many lie far from the nearest law."""
     far = np.abs(mode.residual) > FAR
     if far.sum() <= FEW * far.size:
         return
@@ -479,7 +478,6 @@ def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None
 
 
 def _rows(mode: Mode, measured: Sequence[MeasuredJoint]) -> Iterator[MeasuredRow]:
-    """Yield the measured values with their predictions."""
     residual, J = mode.residual, mode.derivative
     spread = NORMAL * np.sqrt(np.einsum("ij,jk,ik->i", J, mode.covariance, J))
     at = 0

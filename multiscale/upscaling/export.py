@@ -164,8 +164,6 @@ def write_pressure_overclosure(
 
 @dataclass(frozen=True)
 class _Units:
-    """Units of lengths and pressures in a file."""
-
     length_name: str
     pressure_name: str
 
@@ -211,7 +209,6 @@ def _prolong(chords: ChordTable, units: _Units, face_to_face: bool) -> np.ndarra
 
 
 def _friction(dataset: Dataset, at: float, code: str, units: _Units) -> list[str]:
-    """Return the lines of friction, with the stick stiffness at a pressure, Pa."""
     low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
     if code not in ("abaqus", "calculix"):
         raise CaseError(f"friction is written for abaqus or calculix, got {code!r}")
@@ -239,7 +236,6 @@ def _friction(dataset: Dataset, at: float, code: str, units: _Units) -> list[str
 
 
 def _conductance(dataset: Dataset, data: np.ndarray, code: str, units: _Units) -> list[str]:
-    """Return the lines of thermal conductance at pressures, Pa."""
     if code not in ("abaqus", "calculix"):
         raise CaseError(f"a conductance is for abaqus or calculix, got {code!r}")
     ratio = conductance_ratios(dataset).get("thermal_conductance")

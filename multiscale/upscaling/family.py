@@ -141,7 +141,6 @@ def _reference(observations: Observations) -> dict[str, tuple[float, str]]:
 
 
 def _start_stiffness(observations: Observations) -> dict[str, float]:
-    """Fit a line in logarithms."""
     x = np.log(observations.pressure / _reference(observations)["reference_pressure"][0])
     slope, level = np.polyfit(x, np.log(observations.mean), 1)
     return {"stiffness_scale": float(np.exp(level)), "exponent": max(float(slope), 0.05)}

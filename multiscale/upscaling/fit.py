@@ -249,7 +249,6 @@ def stiffness_of_each(observations: Observations, law: Dataset | None = None) ->
 
 
 def _choose(family: str | Family | None, quantity: str) -> str | Family:
-    """Return the name of a family of free form, or a family with parameters."""
     if isinstance(family, Family):
         return family
     fitting = [family.name for family in FAMILIES.values() if quantity in family.quantities]

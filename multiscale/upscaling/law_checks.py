@@ -168,7 +168,6 @@ def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> di
 
 @_checks.register
 def _check_stiffness(law: StiffnessLaw, pressure_range: tuple[float, float]) -> dict[str, float]:
-    """Check values at many pressures: positive, never falling."""
     values = law.stiffness_at(np.geomspace(*pressure_range, POINTS))
     return {
         "sign": _worst(-values, values),

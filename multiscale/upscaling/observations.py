@@ -238,7 +238,6 @@ def arrange(
 
 
 def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:
-    """Refuse values outside the range of the quantity."""
     unit = QUANTITIES[quantity].unit
     if quantity != "gap" and not np.all(mean > 0.0):
         at = int(np.argmin(mean))

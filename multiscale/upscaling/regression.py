@@ -109,7 +109,6 @@ class Regression:
         return np.append(error, gap * mean[last] / p[last])
 
     def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, float]:
-        """Return the parameters at free coordinates, zero at the origin."""
         parameters = {name: float(origin[name]) for name in self.family.parameters}
         for name, step in zip(self.free, x, strict=True):
             parameters[name] = _move(self.family.parameters[name], parameters[name], float(step))

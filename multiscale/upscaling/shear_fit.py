@@ -249,7 +249,6 @@ def _whole_paths(shear: Dataset) -> tuple[Dataset, list[str]]:
 
 
 def _check_pairs(response: Dataset, shear: Dataset) -> None:
-    """Refuse sheared realisations without pressed realisations of the same number."""
     pressed, sheared = ({*data["realisation"].to_numpy().tolist()} for data in (response, shear))
     if missing := sorted(sheared - pressed):
         raise CaseError(
@@ -259,7 +258,6 @@ def _check_pairs(response: Dataset, shear: Dataset) -> None:
 
 
 def _normal_laws(law: Dataset, pressed: Dataset) -> list[NormalLaw]:
-    """Return the normal laws of the realisations that are sheared, in their order."""
     laws = laws_of_each(normal_observations(pressed), law)
     if len(laws) != pressed.sizes["realisation"] or None in laws:
         raise CaseError(

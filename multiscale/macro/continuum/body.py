@@ -146,7 +146,6 @@ def fixed_motion(body: Body, time: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _node(body: Body, point: Sequence[float]) -> np.ndarray:
-    """Return the node at a point, shape (1,)."""
     position = body.basis.doflocs
     distance = np.linalg.norm(position - np.reshape(point, (-1, 1)), axis=0)
     if distance.min() > ASTRAY * float(np.ptp(position, axis=1).max()):

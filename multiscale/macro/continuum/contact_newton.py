@@ -131,8 +131,6 @@ def newton_step(
 
 @dataclass(frozen=True)
 class _Step:
-    """A load step of a problem."""
-
     assembly: FiniteAssembly
     before: ContactEquilibrium
     time: float
@@ -253,7 +251,6 @@ class _Step:
         return LocalLaw(residual, by_reaction, by_jump)
 
     def _name_free_bodies(self, error: MultiscaleError) -> ConvergenceError:
-        """Error that names the bodies without sufficient supports."""
         names = list(self.assembly.bodies)
         assembly, first = self.assembly, self.assembly.first
         flat = assembly.start.shape[1] == 2  # in a plane, nodes are fixed across it
@@ -381,7 +378,6 @@ class CondensedContact:
         return float(norm(unbalance[free])) <= max(tolerance * scale, ROUND_OFF * terms)
 
     def _displacement(self, force: np.ndarray, motion: np.ndarray) -> np.ndarray:
-        """Displacement under given forces and supports, m."""
         u, free = np.zeros(force.size), self.assembly.free
         u[~free] = motion
         u[free] = self.solve((force - self.stiffness @ u)[free])

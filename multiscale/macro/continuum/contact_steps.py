@@ -180,7 +180,6 @@ def _choose(
 def _march(
     solve: Solve, before: ContactEquilibrium, time: float
 ) -> tuple[Solution, ContactEquilibrium]:
-    """Solve up to a time, with halved steps where necessary."""
     substeps = march(solve, before, (before.time, time), CUTS)
     # the slip of a load step is the sum over its substeps
     slips = (substep.state.jump[:, 1:] for substep in substeps if substep.solution.converged)

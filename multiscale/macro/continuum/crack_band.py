@@ -139,7 +139,6 @@ class _Weakened:
         self._factorise()
 
     def _factorise(self) -> None:
-        """Factorise the current stiffness as K_0."""
         K = elastic_matrix(self.body.basis, self.law, self.share)
         self._apply = factorise(csr_array(K[self.free][:, self.free]), name="the cracked body")
         self._first = self._apply(self.force[self.free])

@@ -125,7 +125,6 @@ class FiniteAssembly:
         return self._at_nodes([interface.follows for interface in self.interfaces], bool)
 
     def _at_nodes(self, values: list[float], kind: type) -> np.ndarray:
-        """Repeat values of the interfaces for their contact nodes."""
         counts = [interface.nodes[0].size for interface in self.interfaces]
         return np.repeat(np.array(values, kind), counts)
 

@@ -114,7 +114,6 @@ def smooth_at(
 
 
 def _basis(size: tuple[float, float], elements: tuple[int, int]) -> "Basis":
-    """Shapes of the elements of a rectangular plate."""
     from skfem import Basis, ElementQuad2, MeshQuad
 
     edges = (np.linspace(0.0, length, n + 1) for length, n in zip(size, elements, strict=True))
@@ -122,7 +121,6 @@ def _basis(size: tuple[float, float], elements: tuple[int, int]) -> "Basis":
 
 
 def _bilinear(x: np.ndarray) -> np.ndarray:
-    """Bilinear functions at positions of shape (2, points), shape (points, 4)."""
     return np.stack([np.ones(x.shape[1]), x[0], x[1], x[0] * x[1]], axis=1)
 
 

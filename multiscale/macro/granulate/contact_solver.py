@@ -137,7 +137,6 @@ def _normal_component(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-
 
 @compiled(fastmath=True)
 def _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
-    """Add the effect of an impulse dn along the normal to the velocities."""
     along = mobility[i, 0] * dn
     velocity[i, 0] += along * nx
     velocity[i, 1] += along * ny
@@ -150,7 +149,6 @@ def _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ig
 
 @compiled(fastmath=True)
 def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
-    """Add the effect of an impulse d with the normal component dn to the velocities."""
     tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
     across, turn = mobility[i, 1], mobility[i, 2]  # i is a grain: same mass along and across
     velocity[i, 0] += across * dx

@@ -164,7 +164,6 @@ def find_wall_pairs(place: Positions, reach: float) -> np.ndarray:
 
 
 def _parting(ends: np.ndarray, geometry: Geometry, vector: np.ndarray) -> np.ndarray:
-    """Return the component along the normal of a vector of bodies i minus j."""
     i, j = ends.T
     return np.asarray(np.sum((vector[i, :3] - vector[j, :3]) * geometry.normal, axis=1))
 

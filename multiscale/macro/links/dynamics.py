@@ -179,8 +179,6 @@ class MomentumBalance(NamedTuple):
 
 @dataclass(frozen=True)
 class _State:
-    """State of the structure at a time."""
-
     time: float  # s
     step: float  # size of the last step, s; infinite before the first step
     u: np.ndarray  # displacement, shape (n,), m

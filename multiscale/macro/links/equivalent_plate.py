@@ -267,7 +267,6 @@ def _slope(
     relaxed: np.ndarray,
     share: float,
 ) -> float:
-    """Return the derivative of the energy along a step, after a share of it, J."""
     strain = structure.plate.strain(u + share * step)
     resultant = structure.cell.respond(strain, relaxed).resultant
     return float(step @ (structure.plate.gather(resultant) - load))
@@ -276,7 +275,6 @@ def _slope(
 def _measure(
     structure: EquivalentPlate, u: np.ndarray, response: PlateResponse, mass: float | None
 ) -> dict[str, Any]:
-    """Return the answers of a step that converged."""
     weight, free = structure.plate.weight.ravel(), structure.free
     displacement = np.stack([along @ u for along in structure.motion], axis=1)
     values = {
@@ -294,7 +292,6 @@ def _measure(
 
 
 def _link_values(structure: EquivalentPlate, u: np.ndarray) -> dict[str, Any]:
-    """Return tension and slack of the links of the structure."""
     elastic = structure.elastic_tension(u)
     tension = np.clip(elastic, *structure.system.bounds)
     return {"tension": tension, "slack": np.abs(tension - elastic) / structure.system.stiffness}

@@ -225,7 +225,6 @@ def _critical_point(path: _Path, last: _Point, distance: float) -> _Point:
 
 
 def _values(system: LinkSystem, path: _Path, point: _Point) -> dict[str, object]:
-    """Variables of a point."""
     shape = path.links.shape(point.x[:-1])
     solution = Solution(point.x[:-1], Status.CONVERGED, (point.residual,))
     slack = np.abs(shape.tension - shape.elastic) / path.model.stiffness

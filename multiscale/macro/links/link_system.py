@@ -215,7 +215,6 @@ def link_needs(
 
 
 def _check_nodes(system: LinkSystem) -> None:
-    """Refuse arrays of nodes with wrong shapes or numbers that are not finite."""
     nodes, c = system.n_nodes, system.n_components
     expected = {"position": (nodes, 3), "fixed": (nodes, c), "load": (nodes, c)}
     for name, shape in expected.items():
@@ -230,7 +229,6 @@ def _check_nodes(system: LinkSystem) -> None:
 
 
 def _check_links(system: LinkSystem) -> None:
-    """Refuse links without ends or law, and prestress outside the bounds."""
     links = system.n_links
     if links == 0 or np.shape(system.ends) != (links, 2):
         raise CaseError(f"ends must have shape (links, 2), got {np.shape(system.ends)}")

@@ -123,7 +123,6 @@ class PlateCell:
         return np.asarray(condensed / self.area)
 
     def _solve(self, stiffness: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Solve for periodic motions of every cell."""
         K = self.motion.T @ (stiffness[..., None] * self.motion)
         return np.linalg.solve(K, right)
 
@@ -226,7 +225,6 @@ def _unit_strains(position: np.ndarray) -> np.ndarray:
 
 
 def _refuse_soft(stiffness: np.ndarray) -> None:
-    """Refuse a cell that is a mechanism by a strain of the plate."""
     own = stiffness.diagonal()
     for kind in (slice(0, 3), slice(3, 6), slice(6, 8)):
         soft = np.flatnonzero(own[kind] <= SOFT * max(own[kind].max(), SOFT * own.max()))

@@ -135,7 +135,6 @@ def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None
 
 
 def _split(problem: CutProblem, modes: np.ndarray) -> list[np.ndarray]:
-    """Motions of the unknowns of every substructure."""
     start = np.cumsum([0, *(substructure.n for substructure in problem.substructures)])
     return [modes[first:last] for first, last in pairwise(start)]
 

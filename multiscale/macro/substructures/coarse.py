@@ -162,7 +162,6 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
 
 
 def _slack_links(problem: CutProblem, result: Dataset | None, step: int) -> np.ndarray:
-    """Which links are slack, shape (links,)."""
     if not problem.n_links:
         return np.zeros(0, dtype=bool)
     if result is None or "slack" not in result:

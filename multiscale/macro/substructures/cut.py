@@ -115,8 +115,6 @@ def cut_assembly(
 
 @dataclass(frozen=True, eq=False)
 class _Structure:
-    """Unknowns of all bodies and platens."""
-
     of_body: list[csr_array]  # displacement of the nodes of a body from the unknowns, (3 nodes, n)
     position: np.ndarray  # (n, 3), m
     component: np.ndarray  # of int, (n,)
@@ -282,7 +280,6 @@ def _stiffness(
 
 
 def _check_piece(elements: np.ndarray, name: str) -> None:
-    """Refuse elements that are not connected."""
     nodes, local = np.unique(elements, return_inverse=True)
     local = local.reshape(elements.shape)
     pairs = np.stack([local[:-1].ravel(), local[1:].ravel()])
@@ -401,7 +398,6 @@ def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
 
 
 def _check_links(system: LinkSystem, owner: np.ndarray) -> None:
-    """Refuse substructures that are empty or not connected."""
     for number in range(int(owner.max()) + 1):
         nodes, ends = np.unique(system.ends[owner == number], return_inverse=True)
         if not nodes.size:

@@ -45,8 +45,6 @@ UNLIKE = 100.0
 
 
 class _Piece(NamedTuple):
-    """Points between two substructures."""
-
     sides: tuple[int, int]
     # a component at the points from the nodes of either body, (points, nodes); None of the ground
     values: tuple[csr_array | None, csr_array]
@@ -209,7 +207,6 @@ def _check_overlap(
 
 
 def _name(joint: Interface, bodies: tuple[Body, Body]) -> str:
-    """Names of both boundaries of an interface."""
     if not all(body.name for body in bodies):
         return str(joint.boundaries)
     sides = zip(bodies, joint.boundaries, strict=True)

@@ -105,13 +105,11 @@ class CutTangent:
         self._forget()
 
     def _place(self, operator: csr_array, owner: int) -> csr_array:
-        """Extend an operator on a substructure to the unknowns of all substructures."""
         shape = (operator.shape[0], self.stack.n)
         columns = operator.indices + self.stack.start[owner]
         return csr_array((operator.data, columns, operator.indptr), shape=shape)
 
     def _forget(self) -> None:
-        """Require new factors of all substructures."""
         self.condensed = []
         self.share = np.full(self.of_link.size, np.nan)
         self.tangent = np.full((3, 3, self.of_point.size), np.nan)
@@ -169,7 +167,6 @@ class CutTangent:
         self.share, self.tangent, self.symmetric = share, tangent, symmetric
 
     def _condense(self, matrix: csr_array, owner: int, symmetric: bool) -> CondensedStiffness:
-        """Condense a substructure onto its shared unknowns."""
         block = self.block(matrix, owner)
         try:
             inside = self.factors[owner] if symmetric else factorise
@@ -208,7 +205,6 @@ class CutTangent:
         return Direction(self.expand(force, edge), count, condition, unfinished)
 
     def _conjugate_gradients(self, right: np.ndarray, bound: float) -> Direction:
-        """Solve a symmetric system of the shared unknowns, with its condition number."""
         steps = list[tuple[float, float]]()
 
         def note(length: float, share: float) -> None:
@@ -228,7 +224,6 @@ class CutTangent:
         return Direction(edge, count, condition, count == KRYLOV)
 
     def _minimal_residuals(self, right: np.ndarray, bound: float) -> Direction:
-        """Solve a system of the shared unknowns that is not symmetric."""
         residuals = list[float]()
         S, M = (
             LinearOperator(2 * right.shape, matvec=product, dtype=float)

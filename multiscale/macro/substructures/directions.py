@@ -96,7 +96,6 @@ def _stiffness_behind(
 def _mean(
     blocks: Sequence[dict[int, np.ndarray]], counts: Sequence[int], team: ProcessGroup
 ) -> dict[int, np.ndarray]:
-    """Average over the sides of every interface, on all processes."""
     shares = [(i, block / counts[i]) for sides in blocks for i, block in sides.items()]
     mean: dict[int, np.ndarray] = {}
     for index, block in team.collect(shares):

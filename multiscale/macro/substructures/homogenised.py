@@ -116,7 +116,6 @@ def solve_homogenised(
 
 
 def _check(problem: CutProblem, links: Links) -> None:
-    """Refuse joints, structures without links, and prestress without equilibrium."""
     if problem.joints or not problem.n_links:
         raise CaseError(
             "homogenised substructures consist of links, without joints; leave out model"
@@ -315,12 +314,10 @@ def _condense(
 def _entries(
     block: csr_array, row: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, rows and columns of a block at given places of a matrix."""
     place = coo_array(block)
     return place.data, row[place.coords[0]], column[place.coords[1]]
 
 
 def _sum(entries: list[Any], shape: tuple[int, int]) -> csr_array:
-    """Add up entries."""
     value, row, column = (np.concatenate(item) for item in zip(*entries, strict=True))
     return csr_array(coo_array((value, (row, column)), shape=shape))

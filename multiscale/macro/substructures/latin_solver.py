@@ -109,7 +109,6 @@ def solve_latin(
 
 
 def _refuse_floating(problem: CutProblem) -> None:
-    """Refuse a structure without joints and without sufficient supports."""
     fixed = (np.diff(problem.expansion.indptr) == 0).reshape(len(problem.position), -1)
     if problem.joints or fixed.shape[1] < 3:
         return
@@ -348,7 +347,6 @@ def _masses(problem: CutProblem, mass: float | np.ndarray) -> csr_array:
 def _initial(
     problem: CutProblem, start: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement and velocity of the unknowns at the first time."""
     if start is None:
         return np.zeros(problem.n), np.zeros(problem.n)
     nodes = len(problem.position)
@@ -363,14 +361,12 @@ def _initial(
 def _row(
     problem: CutProblem, time: float, u: np.ndarray, v: np.ndarray, report: dict[str, Any]
 ) -> dict[str, Any]:
-    """Values of a time step."""
     names = ("converged", "residual", "wall_time", "tension", "slack")
     moved = {"displacement": problem.displacement(u), "velocity": problem.displacement(v)}
     return {"time": time, **moved, **{name: report[name] for name in names if name in report}}
 
 
 def _dataset(problem: CutProblem, rows: list[dict[str, Any]]) -> Dataset:
-    """Join the rows."""
     values: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     result = MACRO_RESULT.build(values | {"position": problem.position})
     return result.assign_coords(component=["x", "y", "z"])

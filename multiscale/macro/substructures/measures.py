@@ -230,7 +230,6 @@ def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Data
 
 
 def _with_amplitudes(result: Dataset, followed: FollowedLoads, extrapolate: bool) -> Dataset:
-    """Add secant stiffness, slip and loss of the cycles of shear."""
     path, area = followed.loads, followed.loads.forces[1]
     preloads, top = [preload for preload, _ in path.steps], np.array(path.amplitudes)
     cautions: list[str] = []
@@ -332,13 +331,11 @@ def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.n
 
 
 def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
-    """Law of the pressure of a joint."""
     assert law is not None  # every joint has a law
     return law.normal_law
 
 
 def _by_interface(result: Dataset, values: np.ndarray) -> np.ndarray:
-    """Sum over the points of every interface, shape (steps, interfaces)."""
     number = result["point_joint"].to_numpy()
     return np.stack([values[:, number == joint].sum(axis=1) for joint in np.unique(number)], axis=1)
 

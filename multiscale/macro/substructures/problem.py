@@ -371,7 +371,6 @@ def _perfect_interfaces(substructures: Sequence[Substructure]) -> list[CutInterf
 
 
 def _check_joint(place: int, joint: CutInterface, substructures: Sequence[Substructure]) -> None:
-    """Refuse traces that do not fit."""
     if len(joint.sides) != 2 or len(joint.trace) != 2:
         raise CaseError(f"interface {place} has a law and must have two sides, got {joint.sides}")
     for side, trace in zip(joint.sides, joint.trace, strict=True):

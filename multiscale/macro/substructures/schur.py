@@ -239,7 +239,6 @@ class _CutEquilibrium(Equilibrium):
         self.scale = largest or self._most(self.links.prestress) or 1.0
 
     def _most(self, value: np.ndarray) -> float:
-        """Largest size of an entry in all processes."""
         most = np.abs(value).max(initial=0.0)
         return float(self.cut.team.concatenate(np.array([most])).max())
 

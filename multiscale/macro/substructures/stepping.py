@@ -340,7 +340,6 @@ def sliding_share(law: InterfaceLaw, jump: np.ndarray, account: Sliding) -> np.n
 
 
 def _load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.ndarray:
-    """Factors of each step in a row, shape (steps, cases)."""
     factors = np.asarray(load_factor, dtype=float)
     cases = problem.n_cases
     if factors.ndim < 2 and cases == 1:

@@ -270,7 +270,6 @@ def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
 
 
 def _placement(unknown: np.ndarray, n: int) -> csr_array:
-    """Select some of the n unknowns of the structure."""
     rows = np.arange(unknown.size)
     return compact(csr_array((np.ones(unknown.size), (rows, unknown)), (unknown.size, n)))
 

@@ -117,8 +117,6 @@ class TractionChange(InterfaceLaw):
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point of the path of a mode."""
-
     value: np.ndarray  # change of the displacement since rest, (n,), m
     amplitude: float  # q, kg^1/2 m
     force: float  # alpha, kg^1/2 m/s2
@@ -317,7 +315,6 @@ def _sheared(driven: _Mode) -> bool:
 
 
 def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[float, float, float]:
-    """Return loss, amplitude and secant stiffness of a closed cycle from its positive end."""
     from scipy.integrate import simpson
 
     path = closed_cycle(steps)

@@ -187,7 +187,6 @@ def _points(centre: np.ndarray) -> np.ndarray:
 
 
 def _radii(value: float | np.ndarray, n: int) -> np.ndarray:
-    """Return the radius of each body, checked to be positive."""
     values = np.broadcast_to(np.asarray(value, dtype=float), (n,))
     wrong = ~(values > 0.0) | np.isinf(values)
     if wrong.any():

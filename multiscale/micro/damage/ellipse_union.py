@@ -110,7 +110,6 @@ def _exposed(x, y, i, polygon, centre, inverse, near):  # type: ignore[no-untype
 
 @compiled
 def _arcs(i, polygon, centre, root, inverse, near, breaks):  # type: ignore[no-untyped-def]
-    """Sum (1) over the exposed arcs of an ellipse."""
     M, cx, cy = root[i], centre[i, 0], centre[i, 1]
     # angles where another boundary may cross the ellipse
     n = np.int64(0)  # as in every later call: one signature

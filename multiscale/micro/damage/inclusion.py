@@ -233,7 +233,6 @@ def damage_rate(stress, damage, material):  # type: ignore[no-untyped-def]
 
 @compiled
 def _principal(s):  # type: ignore[no-untyped-def]
-    """Principal values of a symmetric tensor by its invariants."""
     mean = _mean(s)
     x, y, z = s[0] - mean, s[1] - mean, s[2] - mean
     second = 0.5 * (x * x + y * y + z * z) + s[3] ** 2 + s[4] ** 2 + s[5] ** 2

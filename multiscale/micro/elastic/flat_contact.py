@@ -170,7 +170,6 @@ def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # ty
 
 @compiled(fastmath=_MATH)
 def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untyped-def]
-    """Load of the projected forces after a step, and its derivative by the approach."""
     load, slope = 0.0, 0.0
     for i in range(force.size):
         moved = force[i] - step * (opening[i] - closing[i] * delta)

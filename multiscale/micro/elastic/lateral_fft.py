@@ -257,7 +257,6 @@ class LateralInverse:
 
     @cached_property
     def _surface_stiffness(self) -> np.ndarray:
-        """Inverse of :attr:`surface_compliance` for each wavenumber."""
         xx, xy, xz, yy, yz, zz = self.surface_compliance
         a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         rest = [xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy]

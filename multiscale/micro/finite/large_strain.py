@@ -117,7 +117,6 @@ def _neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-u
 
 @kernel
 def _neo_hookean_tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-def]
-    """Write the six blocks of A."""
     for block in range(6):
         i, k = FIRST[block], SECOND[block]
         same = 1.0 if i == k else 0.0
@@ -328,7 +327,6 @@ def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
 
 @inlined
 def _to_modes(s, x):  # type: ignore[no-untyped-def]
-    """Amplitudes of the modes 1 to 7 of corner values, which are replaced."""
     for k in range(3):
         values, out = s[8 * k * BATCH :], x[7 * k * BATCH :]
         walsh(values, 0, BATCH, SHARE)
@@ -338,7 +336,6 @@ def _to_modes(s, x):  # type: ignore[no-untyped-def]
 
 @inlined
 def _from_modes(y, s):  # type: ignore[no-untyped-def]
-    """Corner values of the modes 1 to 7."""
     for k in range(3):
         values, x = s[8 * k * BATCH :], y[7 * k * BATCH :]
         for v in range(BATCH):

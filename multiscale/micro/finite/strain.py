@@ -110,7 +110,6 @@ def edge_forces(s, dx, dy):  # type: ignore[no-untyped-def]
 
 @kernel
 def _mesh_batch(mesh, sides, layer, start, lanes, s):  # type: ignore[no-untyped-def]
-    """Heights and slopes of the elements of a batch."""
     lateral = s[LATERAL : LATERAL + 8 * BATCH]
     lateral_heights(mesh.heights, sides[0], sides[1], start, mesh.dx, mesh.dy, lateral, lanes)
     for row in range(8):

@@ -312,7 +312,6 @@ class OppositeSide:
     def _at(
         self, moved: Sequence[np.ndarray], approach: float, slide: np.ndarray
     ) -> DeformedSurface:
-        """Return the opposite surface, with the displacements of a second body."""
         assert self.shape is not None
         height = self.shape.heights + (self.distance - approach)
         return self._surface(height, slide, *moved[1:])

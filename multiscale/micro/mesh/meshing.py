@@ -160,7 +160,6 @@ def _flat_mesh(
 
 
 def _lifted(mesh: "Mesh", surface: Surface, depth: float) -> "Mesh":
-    """Map all nodes by z (1 + h(x, y) / H)."""
     from dataclasses import replace
 
     i, j = (

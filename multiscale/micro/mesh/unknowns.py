@@ -146,7 +146,6 @@ def _top_face(
 
 
 def _integrals(face: "FacetBasis", weight: np.ndarray, size: int) -> np.ndarray:
-    """Integrate shape functions over facets, with a weight at the quadrature points."""
     shares = [np.sum(np.asarray(shape[0]) * weight, axis=1) for shape in face.basis]
     return np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=size)
 
@@ -187,7 +186,6 @@ def _side(points: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _periodic_images(points: np.ndarray) -> np.ndarray:
-    """Return for each node itself, or its image on the low sides."""
     from scipy.spatial import KDTree
 
     low, high = points.min(axis=1), points.max(axis=1)
@@ -312,7 +310,6 @@ class MultigridInverse:
 
 
 def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
-    """Set up a multigrid cycle for the free unknowns."""
     keep = sparse.diags_array(free.astype(float))
     matrix = sparse.csr_array(keep @ body.stiffness @ keep)
     return nodal_cycle(matrix, body.place, body.modes, POLYNOMIAL, free)

@@ -257,7 +257,6 @@ class Planner:
             )
 
     def _reason(self, state: State, error: float, rounds: int) -> str:
-        """Report why no further setting is solved."""
         aimed = self.cheapest(state, AIM * self.target, inf)
         more = f"; a setting for it takes about {aimed.expected_seconds:.3g} s" if aimed else ""
         why = "no step that lowers it fits into the time"
@@ -276,13 +275,11 @@ class Planner:
 
 
 def _rungs(setting: Setting) -> str:
-    """Return a setting in words."""
     moved = ", ".join(f"{name} {rung:+d}" for name, rung in setting.items() if rung)
     return moved or "the case as it is given"
 
 
 def _line(number: int, done: Round) -> str:
-    """Return the sentence of a round."""
     expected = ""
     if isfinite(done.expected_error):
         expected = (

@@ -176,7 +176,6 @@ def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
 
 
 def _listed(answers: Sequence[Asked]) -> str:
-    """Return names and labels of answers."""
     return ", ".join(dict.fromkeys(f"{asked.name!r} ({asked.label})" for asked in answers))
 
 
@@ -342,7 +341,6 @@ def _dataset(
     campaign: Campaign,
     missing: Sequence[str],
 ) -> Dataset:
-    """Return the plan as a dataset."""
     rounds, sources, state = reached.rounds, reached.sources, reached.state
     knobs = [knob.name for knob in campaign.knobs]
     unit = SHOWN[asked.name].in_unit(state.value)
@@ -386,7 +384,6 @@ def _dataset(
 
 
 def _answer(plan: Dataset) -> Iterator[str]:
-    """Report the answer with its error, and how the plan came to it."""
     attributes = plan.attrs
     value, error = float(attributes["scale"]) * plan["value"].values, plan["error"].values
     unit = "" if attributes["unit"] == "1" else f" {attributes['unit']}"
@@ -429,7 +426,6 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 
 def _row(done: Dataset, number: int) -> tuple[str, ...]:
-    """Return a row of the table of rounds."""
     rungs = zip(map(str, done["knob"].values), done["rung"].values, strict=True)
     moved = ", ".join(f"{name} {int(rung):+d}" for name, rung in rungs if rung)
     formats = {"error": format_error, "seconds": "{:.3g}".format}

@@ -279,7 +279,6 @@ def _format_cycles(cycles: float) -> str:
 
 
 def _report_life(life: schema.Dataset) -> str:
-    """Report the life and the place of the first crack."""
     body = life.attrs["body"]
     if int(life["run_out"]):
         share = 100.0 * float(life["cracked_share"].max())
@@ -423,7 +422,6 @@ def _crack(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
 
 
 def _prepare(case: Case) -> None:
-    """Refuse elements without a band width."""
     body = structure_of(case).bodies[0]
     mesh = body.load()
     order, kind = body.order_on(mesh), type(mesh).__name__

@@ -112,7 +112,6 @@ def _force(footprint: "macro.joint.Footprint") -> float:
 
 
 def _missed(law: Dataset) -> str:
-    """Caution against forces where the bell misses the cells."""
     error = float(law.attrs["largest_error_over_peak"])
     if error <= REPORTED:
         return ""

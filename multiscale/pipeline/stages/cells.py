@@ -95,7 +95,6 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
 
 
 def _press(case: Case, job: Job) -> Dataset:
-    """Press all cells of a case in the folder of a job."""
     (cells, measured), identity = case_cells.measured_cells(case), case.identity()
     response = run_ensemble(
         cells,

@@ -204,7 +204,6 @@ def _cut_at_rest(
     datasets: Datasets,
     job: Job,
 ) -> Dataset:
-    """Solve the cut structure at rest."""
     problem, factors = links.cut(case, datasets, job), np.array(statics.load_factors)
     # links that are all resolved need no cut, unless prestress is a part of their stiffness
     uncut = case.cut.model == "adaptive" and not links.prestressed
@@ -250,7 +249,6 @@ def _measured(result: Dataset) -> Dataset:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the largest tension, how many links are slack, and how far the nodes move."""
     known = np.flatnonzero(result["converged"].to_numpy() == 1)
     if not known.size or "largest_tension" not in result:
         return
@@ -318,14 +316,12 @@ def _of_motion(result: Dataset) -> Iterator[str]:
 
 
 def _fill_in(result: Dataset, step: int, sentence: str, **others: object) -> Iterator[str]:
-    """Fill a sentence with the answers of a step."""
     at = result.isel(step=step)
     link, count = int(np.argmax(at["tension"].to_numpy())), result.sizes["link"]
     yield from View(result).sentences(at, sentence, link=link, links=count, **others)
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show tensions, energies or the path past a limit, and the structure at the last step."""
     figures = {}
     if "time" in result.coords:
         figures["energies"] = on_axes(plot_energies, result)
@@ -403,7 +399,6 @@ LINKS = structure_stage(
 
 
 def _condense(case: Case, datasets: Datasets, job: Job) -> Dataset:
-    """Condense at the last step that converged."""
     result = datasets[MACRO_RESULT.name]
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
     step = int(np.flatnonzero(solved)[-1])

@@ -121,7 +121,6 @@ class _Part(NamedTuple):
 
 
 def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
-    """Describe the fit of every branch; downloads are tables for other codes."""
     response, law = datasets[MICRO_RESPONSE.name], datasets[FITTED_LAW.name]
     parts = [_describe_fit(law, response)]
     if "unloading_stiffness_ratio" in law:
@@ -153,7 +152,6 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 
 def _describe_fit(law: Dataset, response: Dataset) -> _Part:
-    """Report data, branches, errors at pressures left out, and admissibility."""
     upscaling.require_law(law, *FITTED)
     attributes, branches = law.attrs, branch_origins(law).items()
     count = int(attributes["n_realisations"])
@@ -221,7 +219,6 @@ def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
 
 
 def _describe_shear(law: Dataset, of_points: float) -> _Part:
-    """Report the tangential stiffness and the friction of the sheared cells."""
     x, y = _format_ratio(law, 0), _format_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
     apart = law["shear_traction"].values - law["shear_bed_traction"].values
@@ -253,7 +250,6 @@ def _format_ratio(law: Dataset, axis: int) -> str:
 
 
 def _answer(law: Dataset) -> Iterator[str]:
-    """Report gap, stiffness and contact of the interface at the middle pressure."""
     shown = _compared(law)
     step = shown.isel(step=shown.sizes["step"] // 2)
     touches = float(step["contact_fraction"]) < CLOSED

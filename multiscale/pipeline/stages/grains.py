@@ -62,7 +62,6 @@ def _needs(given: Granulate, case: Case) -> Needs:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the load of walls, the run-out or the stress of the grains, and the cost of a step."""
     for name, report in REPORTS.items():
         if name in result:
             yield from report(result)
@@ -80,7 +79,6 @@ def _late(result: Dataset, name: str, share: float) -> tuple[float, float, float
 
 
 def _report_weight(result: Dataset) -> Iterator[str]:
-    """Report the shares of the weight of side walls and floor in the last fifth of the motion."""
     sides, least, most = _late(result, "side_share", LAST)
     floor, *_ = _late(result, "floor_share", LAST)
     yield (
@@ -100,7 +98,6 @@ def _report_weight(result: Dataset) -> Iterator[str]:
 
 
 def _report_run_out(result: Dataset) -> Iterator[str]:
-    """Report how far the grains have run, and whether they still move."""
     last, energy = float(result["run_out"][-1]), result["kinetic_energy"].to_numpy()
     when = f"After {float(result['time'][-1]):.3g} s"
     if last > 0.0:
@@ -120,7 +117,6 @@ def _report_run_out(result: Dataset) -> Iterator[str]:
 
 
 def _report_plate(result: Dataset) -> Iterator[str]:
-    """Report the shear stress of the second half of the motion, and its ratio to the pressure."""
     shear, *ends = (1e-3 * value for value in _late(result, "plate_shear", 0.5))
     pressure = 1e-3 * _late(result, "plate_pressure", 0.5)[0]
     if not pressure > 0.0:
@@ -143,7 +139,6 @@ def _report_plate(result: Dataset) -> Iterator[str]:
 
 
 def _report_cell(result: Dataset) -> Iterator[str]:
-    """Report the largest and the last stress ratio of a strained cell, and its change of volume."""
     curve = granulate.biaxial_curve(result)
     ratio, strain = curve["stress_ratio"].to_numpy(), 100.0 * curve["axial_strain"].to_numpy()
     volume = 100.0 * float(curve["volumetric_strain"][-1])
@@ -174,7 +169,6 @@ REPORTS = {
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show the quantity asked for, the forces, the energies and the error of the contacts."""
     caption = ["Forces and grains are of the last stored frame."]
     figures = {name: on_axes(plot) for name, plot in grain_pictures(result).items()}
     yield Section("Grains", caption, figures=figures)

@@ -168,7 +168,6 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
 def _budget(
     blocks: _PressedBlocks, samples: Sequence[NormalLaw], known: Dataset, preload: np.ndarray
 ) -> Dataset:
-    """Return the error budget of the known answers at their preloads, Pa."""
     law, names, ratio = blocks.law, blocks.names, blocks.ratio
     # samples of the same number of normal law and stiffness ratio were drawn together
     jointly = ratio is not None and len(samples) == law.sizes.get("shear_sample", 0)
@@ -206,7 +205,6 @@ def _budget(
 
 
 def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
-    """Report the source of the tangential stiffness, if the law has a shear branch."""
     if ratio is None:
         return []
     source = branch_origins(law)["shear"]
@@ -267,7 +265,6 @@ def _check(result: Dataset) -> None:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the answers at the middle preload among the solved ones, with errors."""
     done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
     if not done.size:
         yield "No preload has an answer."

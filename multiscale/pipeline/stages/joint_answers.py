@@ -71,7 +71,6 @@ def _complete(result: Dataset, ready: ReadyBodies) -> Dataset:
 
 
 def _facts(result: Dataset, ready: ReadyBodies) -> Iterator[str]:
-    """Yield the forces of the preloads, and the forces over displacements of stiffnesses."""
     pressed, sheared = (1e6 * area for area in ready.parts.path.forces)  # mm²
     preloads = ready.jointed.case.statics.preloads
     forces = ", ".join(f"{1e-9 * pressed * preload:.4g}" for preload in preloads)
@@ -83,7 +82,6 @@ def _facts(result: Dataset, ready: ReadyBodies) -> Iterator[str]:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report stiffness, slip and loss at the last of the preloads with an answer."""
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
         return
@@ -96,7 +94,6 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show where the joints stick, slip and open, their loop, and their error budgets."""
     caption = [
         "Zones and pressure are seen along the normal of the first joint, at the last amplitude "
         "that has an answer; a point slides if contacts with more than half of its pressure "
@@ -115,7 +112,6 @@ def _sections(result: Dataset) -> Iterator[Section]:
 
 
 def _pressed(result: Dataset) -> Dataset:
-    """Return the steps before any shear."""
     sheared = np.flatnonzero(result["shear"].to_numpy())
     return result.isel(step=slice(sheared[0])) if sheared.size else result
 

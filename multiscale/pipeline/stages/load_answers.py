@@ -34,7 +34,6 @@ def _complete(result: Dataset, ready: ReadyBodies) -> Dataset:
 
 
 def _facts(result: Dataset, ready: ReadyBodies) -> Iterator[str]:
-    """Yield the zero of displacements, the facts on the bodies, and the state of interfaces."""
     if ready.jointed.laws:
         yield "Displacements are relative to step 0."
     yield from ready.parts.facts
@@ -42,7 +41,6 @@ def _facts(result: Dataset, ready: ReadyBodies) -> Iterator[str]:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report displacements and the largest stress at the last step of the path with an answer."""
     moved = 1e6 * result["load_displacement"].to_numpy()
     ends = np.flatnonzero((result["path_step"].to_numpy() >= 0) & np.isfinite(moved).all(axis=1))
     if not ends.size:
@@ -110,7 +108,6 @@ def _list_interfaces(result: Dataset) -> Iterator[str]:
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show loads, bolts and interfaces."""
     caption = [
         "Zones, pressure and outlines of the bodies are seen along the normal of each interface, "
         "at the last step that has an answer."

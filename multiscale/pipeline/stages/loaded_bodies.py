@@ -39,7 +39,6 @@ def answers_of(result: Dataset) -> structure_stage.PathAnswers:
 
 
 def _load(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
-    """Follow the path of the loads; answers have the error budgets of the laws."""
     ready = structure_stage.ReadyBodies.of(structure, case, datasets, job)
     followed, result = ready.solve(datasets, job)
     answers = answers_of(result)

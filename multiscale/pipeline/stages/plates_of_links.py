@@ -50,7 +50,6 @@ def _solve(
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report plate and links at the last load factor with an answer."""
     known = np.flatnonzero(result["converged"].to_numpy() == 1)
     sentences = (MOVES, RESOLVED, FIRST_FREQUENCY, VIBRATES)
     for last in (result.isel(step=k) for k in known[-1:]):
@@ -58,7 +57,6 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show displacements over the load, and the stiffness of the taut plate."""
     names = ("largest_displacement", "links_displacement")[: 1 + ("links_displacement" in result)]
     drawn = on_axes(partial(plot_lines, over="load_factor"), result, *names)
     strains = [str(strain) for strain in result["strain"].values]

@@ -87,7 +87,6 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report the leak rate at the middle pressure, and from which pressure the ring is tight."""
     step = result.isel(step=result.sizes["step"] // 2)
     return View(result).sentences(step, SENTENCE, "{sealing}")
 

@@ -55,7 +55,6 @@ TABLE = Table(
 
 
 def _shear(case: Case, k: int) -> PlainDataset:
-    """Shear the layer of a realisation at all pressures."""
     third, grains = case.third_body, case.grains
     radii, options = third.cell(grains, k)
     p = np.array(third.pressures)
@@ -64,7 +63,6 @@ def _shear(case: Case, k: int) -> PlainDataset:
 
 
 def _shear_all(case: Case, count: int, job: Job, folder: str) -> Dataset:
-    """Shear cells of grains, stored in a folder."""
     response = run_realisations(
         _shear,
         [(case, k) for k in range(count)],

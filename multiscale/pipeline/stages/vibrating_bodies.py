@@ -73,8 +73,6 @@ BUDGETED = ("frequency", "fall", "damping")
 
 @dataclass(frozen=True, eq=False)
 class _Vibrating:
-    """A preloaded case and its modes."""
-
     bodies: "Sequence[macro.Body]"
     rest: "macro.vibration.Preloaded"
     modes: "macro.vibration.TangentModes"
@@ -146,7 +144,6 @@ def _laws(jointed: body_sources.BodiesWithLaws, change: body_sources.Change) -> 
 
 
 def _solve(structure: SolvedBodies, case: Case, datasets: Datasets, job: Job) -> Dataset:
-    """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
     jointed = body_sources.BodiesWithLaws.of(structure, case, datasets, job)
     still, facts = _press(jointed, _laws(jointed, body_sources.Change()))
@@ -343,7 +340,6 @@ def _needs(bodies: SolvedBodies, case: Case) -> Needs:
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
-    """Show modes, backbones and joints."""
     caption = [
         "Pressure and slip of interfaces are shown at the largest amplitude with an answer of the "
         "first mode, in one direction of the motion."
@@ -358,7 +354,6 @@ def _sections(result: Dataset) -> Iterator[Section]:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Report frequency and damping of the first mode at its smallest and largest amplitude."""
     known = np.flatnonzero(
         (result["converged"].values == 1)
         & (result["step_mode"].values == result["step_mode"].values[0])

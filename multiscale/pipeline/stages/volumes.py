@@ -98,7 +98,6 @@ def _measure(
 def _cautions(
     rve: RveSettings, image: VoxelImage, result: Dataset, measured: Dataset
 ) -> Iterator[str]:
-    """Cautions for floating solid, coarse voxels and unknown intervals."""
     if ended := measured.attrs.get("ended"):
         yield ended.replace("\n", "; ")
     whole = rve.image.read() if rve.image is not None else image
@@ -220,7 +219,6 @@ def _by_size(
 
 
 def _causes(rve: Dataset) -> str:
-    """Report the half-widths of the interval by cause."""
     half = 100.0 * rve["modulus_error"].max("direction").to_numpy()
     causes = [
         f"{name} {value:.2g} %" if np.isfinite(value) else f"{name} unknown"
@@ -360,7 +358,6 @@ def _growth_answer(growth: Dataset) -> Iterator[str]:
 
 
 def _tabulate_growth(growth: Dataset) -> Rows:
-    """Head and rows of the size effect."""
     share, cut = (growth[name].to_numpy() for name in ("share", "converged"))
     means = {
         "strength (MPa)": 1e-6 * growth["volume_strength"].to_numpy(),

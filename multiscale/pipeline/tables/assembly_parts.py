@@ -50,7 +50,6 @@ CLAMPED = "xyz"
 
 
 def _read_axes(value: object) -> object:
-    """Read ``"clamped"``, or the axes along which the face is fixed."""
     if value == "clamped":
         return CLAMPED
     if not (isinstance(value, str) and value and set(value) <= set(CLAMPED)):
@@ -62,7 +61,6 @@ def _read_axes(value: object) -> object:
 
 
 def _read_component(value: object, *, unit: str) -> float:
-    """Read a quantity, or the number zero."""
     if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
         return 0.0
     try:

@@ -108,7 +108,6 @@ class Bodies(SolvedBodies):
             yield f"{' and '.join(sorted(double[0]))} meet in two interfaces; delete one of them"
 
     def _faces(self) -> list[tuple[str, str]]:
-        """Return every load, interface and bolt with its face."""
         named = [
             (f"interface {i}", face)
             for i, interface in enumerate(self.interfaces)

@@ -270,7 +270,6 @@ class MicroSettings(toml.Settings):
             yield from self._shear_faults(self.shear)
 
     def _control_faults(self) -> Iterator[str]:
-        """Report too few realisations or control cells."""
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             yield (
@@ -291,7 +290,6 @@ class MicroSettings(toml.Settings):
             )
 
     def _shear_faults(self, shear: ShearSettings) -> Iterator[str]:
-        """Report shear outside the pressures of the normal law."""
         low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
         if shear.pressures[0] < low or shear.pressures[-1] > high:
             yield (

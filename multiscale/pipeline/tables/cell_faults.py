@@ -38,7 +38,6 @@ def cell_faults(case: "Case") -> Iterator[str]:
 
 
 def _mesh_faults(case: "Case") -> Iterator[str]:
-    """Report tables and keys that are wrong for cells on meshes."""
     if case.cell.mesh is not None and case.micro.realisations != 1:
         yield (
             f"mesh in [cell] is one cell, and [micro] asks for {case.micro.realisations} "
@@ -62,7 +61,6 @@ def _mesh_faults(case: "Case") -> Iterator[str]:
 
 
 def _slide_faults(case: "Case") -> Iterator[str]:
-    """Report slides that cells cannot have, or that are too long."""
     if case.cell.geometry == "flat":
         yield 'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] out'
     periods = case.slide.distance / case.cell.size[0]
@@ -100,7 +98,6 @@ def _shear_faults(case: "Case") -> Iterator[str]:
 
 
 def _control_faults(case: "Case") -> Iterator[str]:
-    """Report control cells that cannot be built, or are flat already."""
     if not (case.micro.control or case.micro.control_realisations):
         return
     if case.cell.geometry == "flat" or case.cell.mesh is not None:
@@ -112,7 +109,6 @@ def _control_faults(case: "Case") -> Iterator[str]:
 
 
 def _leakage_faults(case: "Case") -> Iterator[str]:
-    """Report a ring without leakage, and leakage of cells that have no gap."""
     if not case.micro.leakage:
         if case.seal is not None:
             yield (
@@ -153,7 +149,6 @@ def _coarser_faults(case: "Case") -> Iterator[str]:
 
 
 def _metal_faults(case: "Case") -> Iterator[str]:
-    """Report metals and unloading that the cells do not support."""
     flat = case.cell.geometry == "flat"
     for number, body in enumerate(case.bodies, start=1):
         if flat and body.hardening_modulus is not None:
@@ -182,7 +177,6 @@ def _metal_faults(case: "Case") -> Iterator[str]:
 
 
 def _coating_faults(case: "Case") -> Iterator[str]:
-    """Report coatings of cells for which the theory is not derived."""
     if not case.coated:
         return
     if case.cell.geometry == "mesh":

@@ -320,7 +320,6 @@ class Biaxial(Granulate):
 
 
 def _refuse_long_steps(motion: Motion, resolving: float) -> None:
-    """Refuse steps in which grains under their pressure move past each other."""
     if motion.step > COARSEST * resolving:
         raise CaseError(
             f"[motion] step {motion.step:.3g} s is too long for the pressure on these grains, "

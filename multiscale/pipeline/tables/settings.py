@@ -191,7 +191,6 @@ class Case(Settings):
         return getattr(self, name) is not None
 
     def _structure_faults(self, kind: Structure) -> Iterator[str]:
-        """Report tables that are wrong for the kind of structure."""
         given = {name for name in WITH_STRUCTURE if self._has(name)}
         if self.third_body is not None:
             given.discard("grains")

@@ -191,7 +191,6 @@ class SolvedBodies(StructureKind):
         return {"slabs": self.slabs(case)}
 
     def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
-        """Stated law of an interface with its friction."""
         interface = self.interfaces[number]
         source = interface.over(case.interface)
         for fault in source.missing((), case.strict, f"interface {number}"):
@@ -274,7 +273,6 @@ def body_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> It
 
 
 def _fatigue_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> Iterator[str]:
-    """Report a history without a cycle, and a body that does not exist."""
     if case.cycles is None:
         yield (
             "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "

@@ -112,7 +112,6 @@ def list_tables(names: Iterable[str]) -> str:
 
 
 def _must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Refuse values that do not rise."""
     for early, late in pairwise(values):
         if late <= early:
             raise ValueError(f"must rise from one to the next, but {late:g} follows {early:g} (SI)")

@@ -137,7 +137,6 @@ def _read_columns(path: Path, kind: Kind, error: float | None) -> tuple[dict[str
 def _refuse_rows(
     path: Path, kind: Kind, pressure: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> None:
-    """Refuse too few rows, and rows that are not in the order of their kind."""
     least = 2 if kind in ("closure", "loop") else 1
     if pressure.size < least:
         raise CaseError(f"{path}: {pressure.size} rows, and {kind} needs {least} or more")
