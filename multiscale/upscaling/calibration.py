@@ -530,7 +530,8 @@ def _sentences(
     unlearned = [name for name, learned, value in columns if learned < LEARNS and value > 0.0]
     if unlearned:
         yield f"the measured values give no information on the {' and the '.join(unlearned)}"
-    if draws.tail > RELIABLE:
+    # few candidates have uneven weights by chance, and may give enough independent draws
+    if draws.tail > RELIABLE and draws.effective < len(draws.theta):
         yield (
             f"the weights of the draws are uneven (Pareto shape {draws.tail:.2g}); the samples "
             f"stand for {draws.effective:.3g} independent draws, and intervals are rough"

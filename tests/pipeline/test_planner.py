@@ -558,9 +558,11 @@ def test_an_error_that_is_not_measured_again_is_at_the_places_of_the_new_answer(
 
 
 @pytest.mark.slow
-def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path):
+def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path, caplog):
+    caplog.set_level("INFO", "multiscale")
     case = write(CASE.replace('"12 %"', '"7 %"'))
     results = run(case, tmp_path / "out")
+    assert "round 1: " in caplog.text
     plan = results["accuracy"]
     assert float(plan["error"].max()) <= 0.07
     assert plan.attrs["answer"] == "mean_gap"

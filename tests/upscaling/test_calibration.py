@@ -35,7 +35,7 @@ from multiscale.upscaling.measured.joints import (
     MeasuredTangential,
     split_loops,
 )
-from multiscale.upscaling.posterior import draw, find_mode, smooth_weights
+from multiscale.upscaling.posterior import Draws, draw, find_mode, smooth_weights
 from multiscale.upscaling.posterior_law import law_of_interfaces
 from multiscale.upscaling.reading import fitted_laws
 from multiscale.upscaling.sampling import half_range
@@ -189,6 +189,19 @@ def test_a_wrong_gradient_does_not_settle():
 
 def test_weights_of_a_few_draws_are_not_reliable():
     assert smooth_weights(np.append(np.zeros(3), np.full(97, -np.inf)))[1] == np.inf
+
+
+@pytest.mark.parametrize(("effective", "cautions"), [(80.0, False), (30.0, True)])
+def test_uneven_weights_are_a_caution_if_they_give_too_few_draws(
+    law, monkeypatch, effective, cautions
+):
+    def uneven(mode, residual, count, random):
+        return Draws(random.normal(size=(count, mode.theta.size)), effective, 0.8)
+
+    monkeypatch.setattr("multiscale.upscaling.calibration._draws", uneven)
+    data = measure(stiffness(), interface(), np.random.default_rng(1))
+    sentences = calibrate(law, [data]).sentences
+    assert any("stand for 30 independent draws" in text for text in sentences) == cautions
 
 
 @pytest.mark.slow

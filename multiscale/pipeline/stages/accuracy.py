@@ -1,6 +1,7 @@
 """Stage: the setting of least time at which an answer reaches a target for its error."""
 
 import json
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite
@@ -25,6 +26,8 @@ from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import ACCURACY, INTERFACE_LAW, SHOWN, Dataset
 from multiscale.units import readable
 from multiscale.upscaling.budget import OF_ONE_PART, has_budget, unknown_terms
+
+logger = logging.getLogger(__name__)
 
 INPUTS = ("fit_pressure", "nominal_pressure", "preload", "sliding_speed", "porosity")
 """Variables next to the answers of stages that have no error."""
@@ -306,6 +309,11 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
             f"{case.title}: no stage of the case has a setting that [accuracy] may change"
         )
     lines = list[str]()
+
+    def report(line: str) -> None:
+        lines.append(line)
+        logger.info("%s", line)
+
     planner = Planner(
         campaign.knobs,
         campaign.solve,
@@ -313,7 +321,7 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
         inf if accuracy.target is None else accuracy.target,
         inf if accuracy.time is None else accuracy.time,
         campaign.spent,
-        lines.append,
+        report,
         lambda done, total: job.progress(round(done), round(total), "s until the target"),
     )
     reached = planner.run()
