@@ -2,7 +2,7 @@ r"""Capacity of friction: the kinematic theorem of limit analysis for bodies on 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from scipy.linalg import null_space
@@ -66,8 +66,7 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     power = load @ modes
     if not np.any(np.abs(power) > NOTHING * np.abs(load).sum()):
         return None
-    jumps = zip(*_jumps(problem, modes), strict=True)
-    normal, *across = (np.concatenate(direction) for direction in jumps)
+    normal, *across = np.split(problem.jump @ modes, 3)
     known = [pressure for pressure in pressures if pressure.size and np.isfinite(pressure).all()]
     sliding = np.concatenate([normal, -normal])
     # motions without opening first: bodies that slide and tip have a capacity
@@ -89,23 +88,20 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
     """Name bodies that supports, interfaces and bolts leave free, and their rigid motions."""
     # jumps of joints and stretches of bolts, which must be zero
-    modes, constraints = _free_motions(problem), []
-    for joint, jump in zip(problem.joints, _jumps(problem, modes), strict=True):
-        assert joint.law is not None  # every joint has a law
-        rough = joint.law.friction_limit(np.ones(1))[0] > 0.0
-        constraints += [rows / np.sqrt(len(rows)) for rows in (jump if rough else jump[:1])]
-    for bolt in problem.bolts:
-        ends = [modes[np.argmax(problem.numbers == unknown)] for unknown in bolt.unknown]
-        constraints.append((ends[1] - ends[0])[None])
+    modes = _free_motions(problem)
+    normal, *across = np.split(problem.jump @ modes, 3)
+    rough = problem.law.friction_limit(np.ones(problem.weight.size)) > 0.0
+    rows = [normal, *(jump[rough] for jump in across)]
+    constraints = [jump / np.sqrt(len(jump)) for jump in rows if len(jump)]
+    constraints += [np.diff(modes[list(bolt.unknown)], axis=0) for bolt in problem.bolts]
     if constraints and modes.shape[1]:
         R = np.linalg.qr(np.concatenate(constraints), mode="r")
         modes = modes @ null_space(R, rcond=ZERO_MOTION)
 
     # translations and rotations of each body in the remaining modes
     sentences = []
-    for name, substructure, moved in zip(
-        names, problem.substructures, _split(problem, modes), strict=False
-    ):
+    for name, substructure in zip(names, problem.substructures, strict=False):
+        moved = modes[substructure.unknown]
         rigid = np.linalg.lstsq(substructure.rigid_motions, moved, rcond=None)[0]
         rigid[3:] *= np.ptp(substructure.position, axis=0).max()  # displacements by rotation
         size = np.abs(rigid).max(axis=1, initial=0.0)
@@ -134,25 +130,11 @@ def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None
         )
 
 
-def _split(problem: CutProblem, modes: np.ndarray) -> list[np.ndarray]:
-    start = np.cumsum([0, *(substructure.n for substructure in problem.substructures)])
-    return [modes[first:last] for first, last in pairwise(start)]
-
-
-def _jumps(problem: CutProblem, modes: np.ndarray) -> list[list[np.ndarray]]:
-    """Return normal and tangential jumps of every joint, shape (points, motions) each."""
-    moved = _split(problem, modes)
-    return [
-        np.split(joint.trace[1] @ moved[joint.sides[1]] - joint.trace[0] @ moved[joint.sides[0]], 3)
-        for joint in problem.joints
-    ]
-
-
 def _free_motions(problem: CutProblem) -> np.ndarray:
-    """Rigid motions that no support, link or shank resists, shape (unknowns, motions)."""
-    stacked = stack_substructures(problem)
-    K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
-    motions = problem.motions[problem.numbers]
+    """Rigid motions that no support, link or shank resists, shape (n, motions)."""
+    stacked, place = stack_substructures(problem), problem.placement
+    K = csr_array(place.T @ stacked.matrix(stacked.links.stiffness, None) @ place)  # links taut
+    motions = problem.motions
     free = free_motions(K, motions[:, np.any(motions != 0.0, axis=0)])
     return np.asarray(free / np.abs(free).max(axis=0))
 

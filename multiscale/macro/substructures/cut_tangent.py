@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import eigvalsh, norm
-from scipy.sparse import block_array, csr_array, diags_array, eye_array
+from scipy.sparse import csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.elasticity import CondensedStiffness, condense, split
+from multiscale.fe.multigrid import joint_matrix
 from multiscale.macro.substructures.balancing import Balancing, lay_out
 from multiscale.macro.substructures.problem import CutProblem, Substructure
 from multiscale.macro.substructures.stack import (
@@ -20,7 +21,6 @@ from multiscale.macro.substructures.stack import (
     stack_substructures,
     together,
 )
-from multiscale.macro.substructures.whole import joint_jumps, stack_jumps
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.krylov import conjugate_gradients, ritz_values
 
@@ -55,7 +55,7 @@ class CutTangent:
 
     def __init__(self, problem: CutProblem, team: ProcessGroup) -> None:
         self.team, self.n, self.softens = team, problem.n, bool(problem.joints)
-        perfect, inner = _move_joints_inside(problem)
+        perfect = _move_joints_inside(problem)
         self.stack = stack_substructures(perfect, team)
         local = self.local = self.stack.local
         self.unknown = np.concatenate([perfect.substructures[owner].unknown for owner in local])
@@ -77,15 +77,13 @@ class CutTangent:
         self.of_link = np.repeat(numbers, sizes)
 
         # joints inside these substructures
-        self.joints = [place for place, (owner, _) in enumerate(inner) if owner in local]
+        joints = list(enumerate(problem.joints))
+        self.joints = [place for place, joint in joints if joint.sides[1] in local]
         self.points = np.r_[(slice(0), *(problem.points[place] for place in self.joints))]
-        owners = [inner[at][0] - local.start for at in self.joints]
+        owners = [problem.joints[at].sides[1] - local.start for at in self.joints]
         counts = [problem.joints[at].weight.size for at in self.joints]
         self.of_point = np.repeat(np.array(owners, dtype=int), counts)
-        placed = [
-            self._place(inner[at][1], owner) for at, owner in zip(self.joints, owners, strict=True)
-        ]
-        self.jump = stack_jumps(placed, self.stack.n)
+        self.jump = self._inside(problem.jump)
 
         # preconditioner
         slot = np.zeros(self.stack.n, dtype=int)
@@ -104,10 +102,16 @@ class CutTangent:
         self.symmetric = True
         self._forget()
 
-    def _place(self, operator: csr_array, owner: int) -> csr_array:
-        shape = (operator.shape[0], self.stack.n)
-        columns = operator.indices + self.stack.start[owner]
-        return csr_array((operator.data, columns, operator.indptr), shape=shape)
+    def _inside(self, jump: csr_array) -> csr_array:
+        """Jumps of the points of this process from the unknowns of their substructures."""
+        rows = (jump.shape[0] // 3 * np.arange(3)[:, None] + self.points).ravel()
+        entries = jump[rows].tocoo()
+        row, column = entries.coords
+        key = self.of_unknown * self.n + self.unknown
+        order = np.argsort(key)
+        sought = np.tile(self.of_point, 3)[row] * self.n + column
+        at = order[np.searchsorted(key, sought, sorter=order)]
+        return csr_array((entries.data, (row, at)), shape=(rows.size, self.stack.n))
 
     def _forget(self) -> None:
         self.condensed = []
@@ -126,8 +130,7 @@ class CutTangent:
         """Tangent of all substructures for the stiffness of links and joints."""
         matrix = self.stack.matrix(share * self.stack.links.stiffness, None)
         if self.points.size:
-            blocks = [[diags_array(entry) for entry in row] for row in tangent]
-            matrix += self.jump.T @ block_array(blocks, format="csr") @ self.jump
+            matrix += self.jump.T @ joint_matrix(tangent) @ self.jump
         return csr_array(matrix + LENT * diags_array(self.taut))
 
     def block(self, matrix: csr_array, owner: int) -> csr_array | np.ndarray:
@@ -246,24 +249,21 @@ def refuse_negative(matrix: csr_array | np.ndarray, name: str) -> None:
         )
 
 
-def _move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[tuple[int, csr_array]]]:
+def _move_joints_inside(problem: CutProblem) -> CutProblem:
     """Add every joint to its second substructure, with the unknowns of the first on the joint."""
-    jumps, widened = joint_jumps(problem), list(problem.substructures)
-    places = problem.places() if jumps else ()
-    for joint, jump in zip(problem.joints, jumps, strict=True):
-        second = joint.sides[1]
-        widened[second] = _widen(widened[second], jump.indices, *places)
-    inner = [
-        (joint.sides[1], csr_array(jump[:, widened[joint.sides[1]].unknown]))
-        for joint, jump in zip(problem.joints, jumps, strict=True)
-    ]
+    widened = list(problem.substructures)
+    places = problem.places() if problem.joints else ()
+    for joint in problem.joints:
+        first, second = joint.sides
+        touched = problem.substructures[first].unknown[np.unique(joint.trace[0].indices)]
+        widened[second] = _widen(widened[second], touched, *places)
     for joint in problem.joints:
         if joint.law is None or not joint.law.compliant:
             raise CaseError(
                 f"a joint of substructures {joint.sides} needs a law that gives the traction of a "
                 f"jump; solve_latin supports rigid contact"
             )
-    return CutProblem(tuple(widened), problem.position, problem.expansion), inner
+    return CutProblem(tuple(widened), problem.position, problem.expansion)
 
 
 def _widen(

@@ -300,7 +300,8 @@ class Latin:
 
     def slide(self, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
         """Sliding motion under a load at the pressures before the step or at these, Pa, if any."""
-        return find_slide(self.problem, self.team.concatenate(load), self.state.pressure, pressure)
+        force = self.problem.sum_up([self.team.concatenate(load)])
+        return find_slide(self.problem, force, self.state.pressure, pressure)
 
     def norm(self, value: np.ndarray) -> float:
         """Norm over all processes of values of links, then sides, shape (rows + m,)."""

@@ -6,13 +6,13 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, eye_array, vstack
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw, SideBySide, lay_side_by_side
-from multiscale.numerics.factorisation import factorise, on_diagonal
+from multiscale.numerics.factorisation import compact, factorise, on_diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +253,23 @@ class CutProblem:
         return np.asarray(value.T.reshape(*displacement.shape[:-2], self.n))
 
     @cached_property
+    def jump(self) -> csr_array:
+        """Normal jumps of the points of all joints, then both tangential jumps, (3 points, n)."""
+        jumps = []
+        for joint in self.joints:
+            first, second = (
+                select(self.substructures[side].unknown, self.n, trace)
+                for side, trace in zip(joint.sides, joint.trace, strict=True)
+            )
+            jumps.append(csr_array(second - first))
+        parts = [
+            jump[k * size : (k + 1) * size]
+            for k in range(3)
+            for jump, size in ((jump, jump.shape[0] // 3) for jump in jumps)
+        ]
+        return compact(csr_array(vstack([csr_array((0, self.n)), *parts])))
+
+    @cached_property
     def numbers(self) -> np.ndarray:
         """Numbers of the unknowns of all substructures in turn."""
         return np.concatenate([substructure.unknown for substructure in self.substructures])
@@ -270,9 +287,14 @@ class CutProblem:
         """Mean over the substructures of values of all of them in turn, shape (n,)."""
         return np.asarray(self.sum_up([value]) / np.maximum(self.shares, 1.0))
 
+    @property
+    def placement(self) -> csr_array:
+        """Unknowns of all substructures in turn from the unknowns of the structure, (N, n)."""
+        return select(self.numbers, self.n)
+
     def load(self, factor: np.ndarray) -> np.ndarray:
-        """Return the forces on all substructures in turn at factors of the load cases, N."""
-        return np.concatenate([substructure.load @ factor for substructure in self.substructures])
+        """Return the forces on the structure at factors of the load cases, N, shape (n,)."""
+        return self.sum_up([substructure.load @ factor for substructure in self.substructures])
 
     def places(self) -> tuple[np.ndarray, np.ndarray]:
         """Position, (n, 3), m, and component, (n,), of the unknowns."""
@@ -321,6 +343,14 @@ class CutProblem:
     def n_links(self) -> int:
         """Number of links."""
         return sum(each.n_links for each in self.substructures)
+
+
+def select(unknown: np.ndarray, n: int, operator: csr_array | None = None) -> csr_array:
+    """Extend an operator on some of the n unknowns, by default their selection, to all."""
+    if operator is None:
+        operator = eye_array(unknown.size, format="csr")
+    entries = operator.data, unknown[operator.indices], operator.indptr
+    return compact(csr_array(entries, shape=(operator.shape[0], n)))
 
 
 def join_links(substructures: Sequence[Substructure]) -> Links:

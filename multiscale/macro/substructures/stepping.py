@@ -360,8 +360,7 @@ def _explain_opening(
     slide = find_slide(problem, load, pressure)
     if slide is None or slide.joints:
         return ""
-    component = np.concatenate([each.component for each in problem.substructures])
-    force = np.bincount(component, load, minlength=3)  # the forces of bolts cancel
+    force = np.bincount(problem.places()[1], load, minlength=3)  # the forces of bolts cancel
     along = ", ".join(f"{1e-3 * amount:.4g}" for amount in force)
     bolts = ", ".join(f"{1e-3 * amount:.4g}" for amount in tension)
     return (

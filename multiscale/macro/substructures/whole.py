@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import CondensedStiffness, condense_body
@@ -22,7 +22,7 @@ from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
 from multiscale.macro.substructures.stepping import JointState, Method, StepAnswer
-from multiscale.numerics.factorisation import compact, on_diagonal
+from multiscale.numerics.factorisation import on_diagonal
 from multiscale.schema import MACRO_RESULT, Dataset
 
 DENSE = 1500
@@ -242,36 +242,10 @@ def assemble(problem: CutProblem, linear: LinearSolver = factorise_joined) -> As
     >>> assemble(cut_assembly(Assembly((body,)), (2, 1))).stiffness.shape
     (36, 36)
     """
-    substructures, n = problem.substructures, problem.n
-    place = _placement(problem.numbers, n)
+    substructures, place = problem.substructures, problem.placement
     K = place.T @ on_diagonal(each.stiffness for each in substructures) @ place
     load = place.T @ np.concatenate([each.load for each in substructures])
-    jump = stack_jumps(joint_jumps(problem), n)
-    return Assembled(csr_array(K), load, jump, problem.weight, problem.motions, linear)
-
-
-def joint_jumps(problem: CutProblem) -> list[csr_array]:
-    """Jump of every joint from the unknowns of the structure, shape (3 points, n) each."""
-    jumps = []
-    for joint in problem.joints:
-        first, second = (
-            trace @ _placement(problem.substructures[side].unknown, problem.n)
-            for side, trace in zip(joint.sides, joint.trace, strict=True)
-        )
-        jumps.append(csr_array(second - first))
-    return jumps
-
-
-def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
-    """Stack the normal jumps of all joints, then both tangential jumps, from n unknowns."""
-    sized = [(jump, jump.shape[0] // 3) for jump in jumps]
-    blocks = [jump[k * size : (k + 1) * size] for k in range(3) for jump, size in sized]
-    return compact(csr_array(vstack([csr_array((0, n)), *blocks])))
-
-
-def _placement(unknown: np.ndarray, n: int) -> csr_array:
-    rows = np.arange(unknown.size)
-    return compact(csr_array((np.ones(unknown.size), (rows, unknown)), (unknown.size, n)))
+    return Assembled(csr_array(K), load, problem.jump, problem.weight, problem.motions, linear)
 
 
 @dataclass(frozen=True)

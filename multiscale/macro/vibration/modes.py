@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import eigh, qr
-from scipy.sparse import block_array, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.elasticity import assemble_mass, free_motions, rigid_motions
+from multiscale.fe.multigrid import joint_matrix
 from multiscale.laws.interface_law import InterfaceLaw, SideBySide
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.continuum.body import Body
@@ -244,8 +245,7 @@ class Preloaded:
             most = STIFFEST * whole.resistance
             size = np.abs(tangent).max(axis=(0, 1))
             tangent = tangent * np.minimum(1.0, most / np.where(size > 0.0, size, most))
-        blocks = [[diags_array(whole.weight * entry) for entry in row] for row in tangent]
-        stiffness = whole.stiffness + B.T @ csr_array(block_array(blocks, format="csr")) @ B
+        stiffness = whole.stiffness + B.T @ joint_matrix(whole.weight * tangent) @ B
         return csr_array(0.5 * (stiffness + stiffness.T))
 
 

@@ -189,7 +189,7 @@ def test_what_friction_carries_is_the_least_over_all_joints_that_a_motion_slides
     laws = [Sliders(Exponential(1e9, 0.4e-6), mu, pressures=(1e6, 1e8)) for mu in (0.2, 0.1)]
     joints = [Interface((k, k + 1), ("top", "bottom"), law) for k, law in enumerate(laws)]
     problem = cut_assembly(Assembly(bodies, joints))
-    load = np.concatenate([part.load[:, 0] for part in problem.substructures])
+    load = problem.load(np.ones(1))
     even = np.full(18, 20e6)
     assert find_slide(problem, load, even) is None  # 400 N of 800 N
     slide = find_slide(problem, 3.0 * load, even)
