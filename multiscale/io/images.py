@@ -61,11 +61,7 @@ class VoxelImage:
 
     @property
     def floating(self) -> np.ndarray:
-        """Whether a voxel is solid that floats in voids, shape (nx, ny, nz).
-
-        A floating piece has no common face of voxels with the largest piece and touches at most
-        one side of the box: pieces between two sides may be supported outside.
-        """
+        """Whether a voxel is solid of a floating piece, at one side at most, shape (nx, ny, nz)."""
         from scipy.ndimage import label
 
         pieces, number = label(~self.void)

@@ -88,10 +88,7 @@ class Sweep:
         return replace(self, title=title, points=points, content=content)
 
     def only_part(self, part: str, law: Path | None = None) -> "Sweep":
-        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only.
-
-        A law is the file for the joints of the structure, in place of the law that the case names.
-        """
+        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only."""
         parts = {
             "law": methodcaller("without_structure"),
             "structure": methodcaller("from_structure", law),

@@ -28,8 +28,6 @@ from .rve_figures import plot_cracked_load as plot_cracked_load
 from .rve_figures import plot_modulus_surface as plot_modulus_surface
 from .rve_figures import plot_rve as plot_rve
 from .rve_figures import plot_rve_damage as plot_rve_damage
-from .rve_figures import plot_size_damage as plot_size_damage
-from .rve_figures import plot_size_stiffness as plot_size_stiffness
 from .rve_figures import plot_softening as plot_softening
 from .surface_figures import plot_bearing_curve as plot_bearing_curve
 from .surface_figures import plot_contact_map as plot_contact_map

@@ -406,10 +406,7 @@ def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.
 
 
 def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
-    """Return a law with its budget for the scale separation of another structure.
-
-    A budget that lacks a term, as a budget of an earlier version may, is refused.
-    """
+    """Return a law with its budget for the scale separation of another structure."""
     law = of_this_version(law)
     require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]

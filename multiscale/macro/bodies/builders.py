@@ -161,11 +161,7 @@ def _fading(direction: float, position: np.ndarray, time: float) -> np.ndarray:
 
 
 def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
-    """Mesh both plates by hexahedra; their faces match in the overlap, at z = 0.
-
-    A plane mesh of quadrilaterals covers the overlap and the rest of each plate. Each plate is an
-    extrusion of its elements, downwards or upwards.
-    """
+    """Mesh both plates by hexahedra; their faces match in the overlap, at z = 0."""
     points, quads = _plan(shape)
     middle = points[0, quads].mean(axis=0)
     half = 0.5 * shape.overlap

@@ -9,7 +9,6 @@ from .homogenised import solve_homogenised as solve_homogenised
 from .latin_solver import LatinMethod as LatinMethod
 from .latin_solver import simulate_latin as simulate_latin
 from .latin_solver import solve_latin as solve_latin
-from .load_path import FEW_STEPS as FEW_STEPS
 from .load_path import LoadPath as LoadPath
 from .load_path import joint_path as joint_path
 from .measures import FollowedLoads as FollowedLoads
@@ -30,7 +29,6 @@ from .problem import Substructure as Substructure
 from .schur import NewtonSchur as NewtonSchur
 from .stack import Alone as Alone
 from .stack import ProcessGroup as ProcessGroup
-from .stack import Ranks as Ranks
 from .stack import world as world
 from .stepping import FollowedPath as FollowedPath
 from .stepping import JointState as JointState

@@ -94,11 +94,8 @@ def solve_latin(
 
     Notes
     -----
-    Each iteration is a *local stage*, a scalar projection for each link and a mean for each
-    interface, and a *linear stage*, a solve for each substructure with factors that last until the
-    status of a link or joint changes, and a coarse solve. Anderson acceleration combines the last
-    iterates. :func:`multiscale.macro.solve_static` on one process is faster at every size that
-    fits into its memory.
+    Local and linear stage with a coarse solve, accelerated by Anderson's method.
+    :func:`multiscale.macro.solve_static` is faster at every size that fits into its memory.
 
     References
     ----------

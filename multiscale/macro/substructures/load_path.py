@@ -117,10 +117,7 @@ class LoadPath:
         return [slice(start, start + cycle + 1) for start in starts.tolist()]
 
     def cycle_energy(self, displacement: np.ndarray) -> np.ndarray:
-        """Energy dissipated in every cycle, J, from the displacement of all loads, (steps, loads).
-
-        See :func:`cycle_work`.
-        """
+        """Energy dissipated in every cycle, J, by displacements of all loads, (steps, loads), m."""
         case = self.names.index(self.cycled)
         q = np.array([displacement[cycle, case] for cycle in self.closed()])
         return np.asarray(self.forces[case] * cycle_work(self.amplitude, q))
@@ -151,11 +148,7 @@ class LoadPath:
         ]
 
     def answers(self, moved: np.ndarray, work: np.ndarray, jointed: bool) -> dict[str, Any]:
-        """Return factors, displacements and stiffnesses of the loads.
-
-        They follow from displacements, shape (steps, loads), m, and
-        :attr:`~.measures.FollowedLoads.work`, with or without interfaces.
-        """
+        """Return factors, displacements and stiffnesses of loads that moved (steps, loads), m."""
         factors, forces = self.factors(), np.array(self.forces)
         (stuck, *_), (whole, of_interfaces, _) = work
         free = np.isinf(whole)

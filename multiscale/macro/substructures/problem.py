@@ -211,10 +211,7 @@ class CutProblem:
         return replace(self, joints=joints)
 
     def with_locked_bolts(self) -> "CutProblem":
-        """Return the structure with the shanks of its bolts as substructures.
-
-        A load case for each bolt, a tension of 1 N in its washers, follows the other load cases.
-        """
+        """Return the structure with the shanks as substructures; a case of 1 N in each follows."""
         if not self.bolts:
             return self
         position, component = self.places()
@@ -305,10 +302,7 @@ class CutProblem:
 
     @cached_property
     def bodies(self) -> np.ndarray:
-        """Number of the body of every substructure but shanks.
-
-        Substructures of a body share unknowns.
-        """
+        """Number of the body of every substructure but shanks; those of a body share unknowns."""
         shanks = len(self.bolts) if self.locked else 0
         cut = self.substructures[: len(self.substructures) - shanks]
         numbers = np.concatenate([substructure.unknown for substructure in cut])

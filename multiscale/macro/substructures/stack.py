@@ -251,10 +251,7 @@ def split_columns(
 
 
 def world() -> ProcessGroup:
-    """Return the processes that ``mpiexec`` has started, or a single process.
-
-    MPI is loaded only under ``mpiexec``.
-    """
+    """Return the processes that ``mpiexec`` has started, or a single process."""
     if not any(name in environ for name in LAUNCHERS):
         return ALONE
     try:

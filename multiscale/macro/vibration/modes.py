@@ -234,10 +234,7 @@ class Preloaded:
         return self.followed.end
 
     def tangent(self) -> csr_array:
-        """Stiffness of the whole against small changes, N/m, shape (whole.n, whole.n).
-
-        Bolts are locked, and no point slips.
-        """
+        """Stiffness of the whole with locked bolts and without slip, N/m, (whole.n, whole.n)."""
         whole, law = assemble(self.free.with_locked_bolts()), self.law
         tangent = law.respond(self.state.jump, law.unsheared(self.state.history)).tangent
         B, points = whole.jump, whole.weight.size
