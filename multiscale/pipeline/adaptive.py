@@ -1,4 +1,4 @@
-"""The adaptive and the concurrent way: cells are pressed where a structure asks for them."""
+"""The adaptive and the concurrent way: cells are pressed at the pressures of a structure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ from multiscale.upscaling.budget import OF_ONE_PART, has_budget
 from multiscale.upscaling.response_observations import join_pressures
 
 NEAR = 0.03
-"""Relative distance of pressures of the concurrent way that share a cell."""
+"""Relative difference of pressures of the concurrent way that share a cell."""
 
 FOLDER = "adaptive"
 """Folder of further cells and of the laws with them in a run folder."""
@@ -55,7 +55,7 @@ class PressedCells:
     def further(
         self, way: str, shares: np.ndarray, points: tuple[np.ndarray, np.ndarray]
     ) -> tuple[float, ...]:
-        """Return the pressures for which the load of some interfaces, or their points, ask, Pa."""
+        """Return the further pressures that the load of interfaces, or their points, need, Pa."""
         ends, known = data_ends(law_from_dataset(self.law)), self.case.micro.pressures
         if way == "concurrent":
             asked, near = pressures_of_points(ends, *points), NEAR
@@ -96,7 +96,7 @@ class PressedCells:
         count = self.case.micro.realisations
         listed = _list_pressures(self.added)
         return (
-            f"the structure asks for further pressures, and {count} cells were pressed under "
+            f"the structure needs further pressures, and {count} cells were pressed under "
             f"{listed} too ({self.solved} steps of cells and control cells, which all points share)"
         )
 
@@ -109,7 +109,7 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
             f"structure, in one process, got {job.team.size}"
         )
     assert case.interface is not None  # it has the way
-    # answers stand far outside the data, where they ask for pressures
+    # answers far outside the data determine the further pressures
     interface = case.interface.model_copy(update={"extrapolate": True})
     others = dict.fromkeys(("vibration", "fatigue", "growth"))
     still = case.model_copy(update={**others, "interface": interface})
@@ -137,7 +137,7 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
     if any(further.values()):
         listed = _list_pressures(p for pressures in further.values() for p in pressures)
         notes.append(
-            f"all {ROUNDS} solves of the structure ask for further pressures, the last for "
+            f"all {ROUNDS} solves of the structure need further pressures, the last "
             f"{listed}: the answer may change with cells at further pressures; give more "
             f"pressures in [micro]"
         )
@@ -145,7 +145,7 @@ def reach_loads(case: Case, datasets: Datasets, job: Job) -> tuple[Datasets, Job
 
 
 def _unsure(law: Dataset) -> np.ndarray:
-    """Return where the form of a law has a larger error of its stiffness than all else."""
+    """Return the steps at which the form of a law has the largest error of its stiffness."""
     if not has_budget(law):
         return np.zeros(law["fit_pressure"].size, dtype=bool)
     half = law["error_half_width"].sel(quantity="stiffness")

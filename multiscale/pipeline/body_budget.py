@@ -36,8 +36,8 @@ UNKNOWN_LOSS = (
     "cycles; shear cells by [micro.shear]"
 )
 NO_MESH = (
-    "not known: nothing was solved with elements of twice the size; give smaller ones, or an even "
-    "number of them, in [structure], or a coarser mesh of every body"
+    "not known: no structure was solved with elements of twice the size; give smaller elements, or "
+    "an even number, in [structure], or a coarser mesh of every body"
 )
 
 AT_POINTS = ("traction", "point_area", "point_joint", "point_position")
@@ -180,7 +180,7 @@ def _of_law(
     mean = force / np.where(closed > 0.0, closed, np.nan)
     group, cells, cautions = _shared_by_cells(group, points.isel(point=inside), inside, asked)
     law, cycles, listed = group.law, asked.cycles, list[upscaling.Source]()
-    # errors of the cycles of the cells, in proportion to the loss of the joints
+    # errors from the cycles of the cells, in proportion to the loss of the joints
     bounds: dict[str, Term] = {}
     if cycles is not None:
         cautions += [] if "shear_loss_ratio" in law else [UNKNOWN_LOSS]

@@ -17,7 +17,7 @@ from multiscale.upscaling.propagation import STRETCH
 from multiscale.upscaling.shear_budget import shear_errors
 
 UNKNOWN_LAW = (
-    "intervals do not count the error of the law of interface {number}, which is not known: take "
+    "intervals do not contain the error of the law of interface {number}, which is unknown: take "
     "the law of a run"
 )
 NO_BUDGET = (

@@ -48,7 +48,7 @@ def measured_structure(table: MeasuredTable) -> Case | None:
 
 
 def prepare_calibration(case: Case) -> None:
-    """Refuse tables, structures without modes, and a law without the friction that they need."""
+    """Refuse wrong tables, structures without modes, and a law without friction."""
     from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 
     for table in case.measured or ():
@@ -65,7 +65,7 @@ def _unsolved(amplitudes: np.ndarray) -> tuple[float, np.ndarray, Answer]:
 
 
 def calibration_needs(case: Case) -> list[Needs]:
-    """Return the needs of the structures that are solved for the calibration."""
+    """Return the needs of structures solved for the calibration."""
     from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 
     listed = []
@@ -88,7 +88,7 @@ def calibrate_case(case: Case, law: Dataset, job: Job) -> Calibration:
     for name in (name for name in stated if name in known):
         raise CaseError(
             f"{name} in [law] is {stated[name]:.3g}, and the sheared cells have measured "
-            f"{known[name]:.3g}, from which the calibration begins; leave out {name}"
+            f"{known[name]:.3g}, the start of the calibration; leave out {name}"
         )
     cautions = law.attrs["cautions"]
     if stated:

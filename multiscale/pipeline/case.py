@@ -89,7 +89,7 @@ def load_case(case: str | Path) -> Case:
     path = find_case(case)
     content = read_case(path)
     if "sweep" in content:
-        raise CaseError(f"{path}: lists values in [sweep]; load it with load_sweep")
+        raise CaseError(f"{path}: contains [sweep]; load it with load_sweep")
     return validate_case(content, path)
 
 
@@ -119,7 +119,7 @@ def read_case(path: Path) -> dict[str, Any]:
             raise CaseError(f"{path}: the keys of [{table}] of earlier versions are now {places}")
     for (table, key), instead in GONE.items():
         if key in _table(content, (table,)):
-            raise CaseError(f"{path}: [{table}] has no key {key!r} any more: {instead}")
+            raise CaseError(f"{path}: [{table}] no longer has the key {key!r}: {instead}")
     for *tables, key in FILES:
         for named in _tables(content, tables):
             if isinstance(named.get(key), str):
@@ -151,7 +151,7 @@ def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
     """Return the part of a case that makes its law, and its place in another case's run folder."""
     other = load_case(file)
     if not other.makes_law:
-        raise CaseError(f"{file}: the case has no cells, and so it makes no law")
+        raise CaseError(f"{file}: the case has no cells, so it makes no law")
     return _placed("laws", file, other.without_structure(), quick)
 
 
@@ -204,9 +204,8 @@ def validate_case(content: dict[str, Any], path: Path) -> Case:
     if unread := [name for name in given if name not in read]:
         of_tables = {name for name, value in content.items() if isinstance(value, dict)}
         tables = " and ".join(f"[{name}]" if name in of_tables else name for name in unread)
-        those = "them" if unread[1:] else "it"
         raise CaseError(
-            f"{path}: {tables} would be read by no stage of this case, which has the stages "
-            f"{', '.join(stage.name for stage in stages)}; leave {those} out"
+            f"{path}: no stage of this case reads {tables}; its stages are "
+            f"{', '.join(stage.name for stage in stages)}; leave {tables} out"
         )
     return case

@@ -200,8 +200,8 @@ def coating_caution(case: Case) -> list[str]:
         return cautions
     return [
         *cautions,
-        f"a single coated body replaces both: the compliance of some wavelength is "
-        f'{100.0 * error:.2g} % off; geometry = "flat" in [cell] adds the compliances of both',
+        f"a single coated body replaces both, with an error of its compliance of up to "
+        f'{100.0 * error:.2g} %; geometry = "flat" in [cell] adds the compliances of both',
     ]
 
 

@@ -46,7 +46,7 @@ def _refuse_without_cells(case: Case) -> None:
         else:
             continue
         raise CaseError(
-            f'{case.title}: way = "{case.way}" in [interface] presses the cells of a law further, '
+            f'{case.title}: way = "{case.way}" in [interface] presses the cells of a law again, '
             f"and {where}; name a case with cells by law, or leave way out"
         )
 
@@ -126,7 +126,7 @@ def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int =
             if cost.memory > limit:
                 raise CaseError(
                     f"{case.title}: {stage.name} takes {1e-9 * cost.memory:.6g} GB of memory, and "
-                    f"this machine has {1e-9 * limit:.3g} GB for it; take a coarser grid, or give "
+                    f"this machine has {1e-9 * limit:.3g} GB; use a coarser grid, or give "
                     f"--force"
                 )
             seconds += 0.0 if isnan(cost.seconds) else cost.seconds
@@ -134,5 +134,5 @@ def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int =
                 raise CaseError(
                     f"{case.title}: the stages up to {stage.name} take about "
                     f"{readable_time(seconds / workers)} with --jobs {workers}, more than a day; "
-                    f"ask for less, or give --force"
+                    f"reduce the case, or give --force"
                 )

@@ -74,7 +74,7 @@ def cost_section(seconds: Mapping[str, float], costs: Iterable[SourceCost], answ
     figure = on_axes(plot_costs, shown, [(c.name, c.error, c.seconds) for c in costs], size=WIDE)
     text = (
         f"Time of the stages, and the largest 95 % error of the {answer} by its sources; the last "
-        f"column has the time of a finer setting that halves an error."
+        f"column is the time of a finer setting with half of the error."
     )
     return Section("Time and error", [text], HEAD, rows, {"time_and_error": figure}, printed=False)
 

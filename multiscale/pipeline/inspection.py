@@ -47,7 +47,7 @@ def inspect_surfaces(
     detrend_order: int = 2,
     spikes: Literal["keep", "remove"] = "keep",
 ) -> list[Dataset]:
-    """Describe one or two measured surfaces; the last one has the case proposed for all."""
+    """Describe one or two measured surfaces; the last result has the proposed case for all."""
     further = write_structure(structure, preload) if structure else ""
     faces, described = [], []
     for file in files:
@@ -111,7 +111,7 @@ def _with_proposal(
                 "the windows of the proposed cells are rougher than the map: more realisations "
                 "cover more of it"
             )
-        shares = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
+        shares = f"The cells have {height:.2f} of the rms height and {slope:.2f} of the rms slope."
         listed.append(with_cautions(statistics, *cautions).assign_attrs(held=shares))
     listed[-1] = listed[-1].assign_attrs(proposal=proposal.text)
     return listed
@@ -123,31 +123,31 @@ def _doubts(statistics: Dataset, topography: Topography) -> Iterator[str]:
     if not low <= slope <= high:
         lengths = " x ".join(f"{edge:.4g} m" for edge in statistics["size"].values)
         yield (
-            f"the rms slope is {slope:.2g}, which no machined surface has: the file states a size "
-            f"of {lengths} and an rms height of {float(statistics['rms_height']):.3g} m, at least "
-            f"one of which is wrong; give size or unit"
+            f"the rms slope is {slope:.2g}, implausible for a machined surface: the size of "
+            f"{lengths} or rms height of {float(statistics['rms_height']):.3g} m in the file is "
+            f"wrong; give size or unit"
         )
     if filled > FILLED:
         yield (
             f"{100.0 * filled:.0f} % of the points are undefined; spectrum, Hurst exponent and lay "
-            f"count them as filled"
+            f"are of the filled map"
         )
     if (kurtosis := float(statistics["kurtosis"])) > SPIKED:
         spikes = 0 if topography.spikes else int(np.count_nonzero(find_spikes(topography.heights)))
         removed = (
-            f'{spikes} spikes go with --remove-spikes, and with spikes = "remove" in the surface '
+            f'remove {spikes} spikes by --remove-spikes, or spikes = "remove" in the surface '
             f"table; remove wider dust and holes in the instrument's software"
             if spikes
             else "remove dust and holes wider than spikes in the instrument's software"
         )
         yield (
-            f"few points have most of the rms height, as the kurtosis of {kurtosis:.3g} shows: "
+            f"few points cause most of the rms height, since the kurtosis is {kurtosis:.3g}: "
             f"{removed}, or measure another place"
         )
     if (deviation := float(statistics["fit_deviation"])) > SELF_AFFINE:
         yield (
-            f"the spectrum is {deviation:.2g} decades off the self-affine fit, so that Hurst "
-            f"exponent and roll-off describe it poorly"
+            f"the spectrum differs by {deviation:.2g} decades from the self-affine fit, so Hurst "
+            f"exponent and roll-off are poor descriptions"
         )
 
 
@@ -200,7 +200,7 @@ def _answer(statistics: Dataset) -> Iterator[str]:
 
 INSPECTION = Shown(
     schema=SURFACE_STATISTICS,
-    question="How rough is this surface, and which cells stand for it?",
+    question="How rough is this surface, and which cells represent it?",
     answer=_answer,
     sections=_sections,
 )

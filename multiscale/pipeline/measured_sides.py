@@ -90,7 +90,7 @@ def cut_windows(
         surfaces = [Surface(heights, cell.size) for heights in tiled]
     if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
         raise CaseError(
-            f"{settings.file.name} has a window without wavelengths of {_length(cutoff)} and "
+            f"{settings.file.name} has a window without wavelengths of {_length(cutoff)} or "
             f"more; give a finer grid with a shorter short_cutoff"
         )
     # roughness of map, windows and cells, and its losses
@@ -175,7 +175,7 @@ def _cutoff(
         cutoff, chosen = resolved, "two pixels of the map"
     else:
         cutoff = resolved
-        chosen = f"{POINTS_PER_WAVE} points of the grid, as the case gives no short_cutoff"
+        chosen = f"{POINTS_PER_WAVE} points of the grid, as the case has no short_cutoff"
     least = max(2.0 * spacing, 2.0 / float(np.hypot(1.0 / pixel[0], 1.0 / pixel[1])))  # diagonal
     if cutoff < least:
         raise CaseError(
@@ -185,7 +185,7 @@ def _cutoff(
         )
     if cutoff > 0.5 * min(cell.size):
         raise CaseError(
-            f"short_cutoff {_length(cutoff)} leaves no roughness in a cell of "
+            f"short_cutoff {_length(cutoff)} removes all roughness of a cell of "
             f"{_length(min(cell.size))}; it must be at most half as long as the cell"
         )
     return cutoff, chosen
@@ -194,7 +194,7 @@ def _cutoff(
 def _corners(
     whole: Surface, pixels: tuple[int, int], most: float, seed: int
 ) -> list[tuple[int, int]]:
-    """Choose the corners of separate windows, with fewest filled points first."""
+    """Choose the corners of separate windows, those with the fewest filled points first."""
     (nx, ny), (m, n) = whole.heights.shape, pixels
     if m > nx or n > ny:
         return []
@@ -231,9 +231,9 @@ def _too_few(
         else ""
     )
     message = (
-        f"{settings.file.name} measures {_lengths(whole.size)} and holds {available} separate "
+        f"{settings.file.name} measures {_lengths(whole.size)} and has {available} separate "
         f"window{'s' * (available != 1)} of {_lengths(size)}{within}, but {count} are needed; "
-        f"{'ask for fewer realisations' if available else 'make the cell smaller'}"
+        f"{'reduce realisations' if available else 'make the cell smaller'}"
     )
     scale = 1.0
     while True:
@@ -278,12 +278,12 @@ def _losses(
             edge = of_map.length_holding(HELD) / window_share
             separate = np.prod([floor(length / (window_share * edge)) for length in size])
             lost.append(
-                f"its windows hold {pieces / whole:.2g}, "
+                f"its windows have {pieces / whole:.2g}, "
                 + (
-                    f"where cells of {_length(edge)} would hold {HELD:g} (the map has room for "
+                    f"and cells of {_length(edge)} would have {HELD:g} (the map has space for "
                     f"{separate} of their windows)"
                     if order == 0 and edge > max(cell.size)
-                    else "as the map is rougher elsewhere: more realisations cover more of it"
+                    else "as the map is rougher elsewhere: use more realisations"
                 )
             )
         if periodic < HELD * pieces:
@@ -318,7 +318,7 @@ def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> 
         return []
     degrees = np.rad2deg(lay.angle)
     return [
-        f"the lay runs at {degrees:.0f} degrees to the x axis, and mirrored it becomes a "
+        f"the lay is at {degrees:.0f} degrees to the x axis, and mirrored it becomes a "
         f"herringbone of {degrees:.0f} and {180.0 - degrees:.0f} degrees: measure the map along "
         f'its lay, or set periodic = "window"'
     ]
@@ -395,7 +395,7 @@ def measured_side(
     surfaces, record = cut_windows(
         whole, settings, cell, which, needed, seed, of_map=of_map, other_map=other_map
     )
-    if side == 1:  # measured from outside: turned over as paper is
+    if side == 1:  # measured from outside: turned over like a sheet of paper
         surfaces = [Surface(piece.heights[::-1], piece.size) for piece in surfaces]
     return RoughSide(surfaces, record)
 
@@ -412,7 +412,7 @@ def _isotropic(
     if fit is None:
         raise CaseError(
             f"{settings.file}: a line scan of {scan.heights.size} points has too few wavelengths "
-            f"for a spectrum; measure a longer one"
+            f"for a spectrum; measure a longer line"
         )
     longest, shortest = float(statistics["longest_wave"]), 2.0 * scan.spacing[0]
     long = min(longest, max(cell.size))
@@ -420,8 +420,8 @@ def _isotropic(
     short = settings.short_cutoff or resolved
     if short >= long:
         raise CaseError(
-            f"short_cutoff {short:.3g} m leaves no wavelength of the line scan, the longest of "
-            f"which is {long:.3g} m; give a shorter one, and more points"
+            f"short_cutoff {short:.3g} m removes all wavelengths of the line scan, at most "
+            f"{long:.3g} m; give a shorter cut-off, and more points"
         )
     surfaces = [
         self_affine(
@@ -451,10 +451,10 @@ def _isotropic(
     cautions = (
         f"isotropic self-affine surfaces replace a line scan, fitted with a Hurst exponent of "
         f"{fit.hurst_exponent:.2g} and a roll-off at {readable(f'{fit.roll_off:.3g} m')}; a lay "
-        f"is not seen in one line",
+        f"is invisible in a line",
         *(
-            f"the cells hold {share:.2g} of the {name.replace('_', ' ')} that belongs to the line "
-            f"scan, with wavelengths from {ends[0]} to {ends[1]}"
+            f"the cells have {share:.2g} of the {name.replace('_', ' ')} of the line scan, "
+            f"with wavelengths from {ends[0]} to {ends[1]}"
             for name, share in shares.items()
             if not HELD <= share <= 1.0 / HELD
         ),

@@ -1,4 +1,4 @@
-"""A case for measured surfaces: cells that fit into their maps, and a structure under a preload."""
+"""A case for measured surfaces: cells that fit into the maps, and a structure under a preload."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -75,7 +75,7 @@ def propose_case(faces: Sequence[MeasuredFace], further: str = "") -> Proposal:
             f"{readable(f'{max(small.whole.size):.3g} m')}; measure both faces over similar lengths"
         )
     shared = len({face.settings.file for face in faces}) < len(faces)  # windows of one map
-    refusal = CaseError("the map holds no window of roughness")
+    refusal = CaseError("the map has no rough window")
     for count in REALISATIONS:
         sizes = _common_sizes(faces, count * (1 + shared))
 
@@ -224,7 +224,7 @@ def write_structure(kind: str, preload: str) -> str:
     shank = next((bolt for bolt in BOLTS if bolt >= wanted), 0)
     if not shank:
         raise CaseError(
-            f"--preload {preload}: no bolt of up to {BOLTS[-1]} mm bears this force; give a "
+            f"--preload {preload}: no bolt of up to {BOLTS[-1]} mm carries this force; give a "
             f"smaller one"
         )
     hole, washer = shank + 1, 2 * shank + 2

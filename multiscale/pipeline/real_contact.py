@@ -49,9 +49,9 @@ def with_real_pressure(case: Case, response: Dataset) -> Dataset:
         modulus = surface_modulus(case)
         if largest > ELASTIC * modulus and not case.elastic:
             caution = (
-                f"{reached}, {largest / modulus:.2g} of the contact modulus, and nothing flows, "
-                f"though a metal flows well below: give its hardness, or set elastic = true for a "
-                f"body that does not flow"
+                f"{reached}, {largest / modulus:.2g} of the contact modulus, in an elastic model; "
+                f"most metals flow at lower pressures: give the hardness, or set elastic = true "
+                f"for a body that does not flow"
             )
     else:
         flow += f" The mean real pressure reaches {largest / hardness:.2f} of that hardness."
@@ -66,16 +66,16 @@ def with_real_pressure(case: Case, response: Dataset) -> Dataset:
 
 def _flow(case: Case) -> str:
     if case.hardness is None:
-        return "The answer is elastic: no body has a hardness, and nothing flows."
+        return "The answer is elastic, as no body has a hardness."
     alike = case.body_1.surface_hardness == case.body_2.surface_hardness
     number = 1 + case.bodies.index(case.softer) if case.softer else 0
     which = "both bodies" if alike else f"body_{number}, the softer body"
     hardness = f"the hardness of {1e-9 * case.hardness:g} GPa of {which}"
     if case.yield_stress is None:
-        return f"The local pressure is cut off at {hardness}; all else is elastic."
+        return f"The local pressure is limited to {hardness}; otherwise the bodies are elastic."
     return (
-        f"The composite body flows from a yield stress of "
-        f"{1e-9 * case.yield_stress:.4g} GPa on, {hardness} over {TABOR} less what hardening adds."
+        f"The composite body flows above a yield stress of "
+        f"{1e-9 * case.yield_stress:.4g} GPa: {hardness} over {TABOR}, minus the part of hardening."
     )
 
 
@@ -89,11 +89,11 @@ def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
     if not np.any(gap < 0.0):
         return []
     if law.attrs.get("family") == TABLE:
-        return ["The mean gap counts from first contact: it is the overclosure, negative."]
+        return ["The mean gap is zero at first contact: it is the negative overclosure."]
     return [
-        "The mean gap is the mean of the obstacle less the deformed surface: it is negative where "
-        "points that a hardness cuts off overlap, by the depth to which they would flow, more than "
-        "the rest is open, or where a law is extrapolated."
+        "The mean gap is the mean distance from the deformed surface to the obstacle: it is "
+        "negative if the overlap of points at the limit of the hardness, where they would flow, "
+        "exceeds the gap of the others, or if a law is extrapolated."
     ]
 
 

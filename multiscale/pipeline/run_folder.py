@@ -44,7 +44,7 @@ def require_claimed(out: Path, case: Case) -> None:
     file = out / "case.toml"
     if file.exists() and read_text(file) != case.to_toml():
         raise CaseError(
-            f"{out}: another run has written its case into this folder in the meantime; delete the "
+            f"{out}: another run has written its case into this folder since the start; delete the "
             f"folder, and give each run a separate folder"
         )
 
@@ -56,7 +56,7 @@ def _difference(file: Path, case: Case) -> str:
         if other.identity() == case.identity():
             return ""
     except MultiscaleError as error:  # of another version, or its files have moved
-        return f"another run, with a case that cannot be read any more ({error})"
+        return f"another run, with a case that can no longer be read ({error})"
     for whole, part, text in (
         (other, case, "the cells of this case too, which --from structure leaves out"),
         (case, other, "the run of this case --from structure, without its cells"),
@@ -69,7 +69,7 @@ def _difference(file: Path, case: Case) -> str:
     ours, theirs = _keys(case), _keys(other)
     keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
     more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
-    where = ", ".join(keys[:MOST_KEYS]) or "the files that it names"
+    where = ", ".join(keys[:MOST_KEYS]) or "the files named in it"
     return f"another run, {other.title!r}, of {other.scope}, which differs in {where}{more}"
 
 
@@ -104,7 +104,7 @@ def open_stages(out: Path) -> dict[Shown, Dataset]:
     """Open the datasets of the stages of a finished run, or of a finished sweep."""
     file = out / "case.toml"
     if not file.exists():
-        raise SchemaError(f"{out}: no results; a run leaves its case.toml and datasets")
+        raise SchemaError(f"{out}: no results; the folder of a run has its case.toml and datasets")
     swept = "sweep" in read_toml(file)
     stages: tuple[Shown, ...] = (POINTS,) if swept else stages_of(load_case(file).tables)
     if missing := [stage.file for stage in stages if not (out / stage.file).exists()]:

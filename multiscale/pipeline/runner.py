@@ -88,7 +88,7 @@ def run(
     force: bool = False,
     sparing: bool = False,
 ) -> Results:
-    """Run the stages that a case asks for, one after another, as far as they are out of date.
+    """Run the stages of a case that are out of date, in their order.
 
     Parameters
     ----------
@@ -102,8 +102,8 @@ def run(
     force : bool, default False
         Whether all stages and cells are computed again, even if they are up to date.
     sparing : bool, default False
-        Whether only slow results are written, from which a run that was killed goes on: no case,
-        no fields, and no cells and datasets that cost less than :data:`WORTH`.
+        Whether to write only slow results, with which a stopped run can continue: no case, no
+        fields, and no cells and datasets that took less time than :data:`WORTH`.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def run_macro(
     law: str | Path | None = None,
     team: "ProcessGroup | None" = None,
 ) -> Dataset:
-    """Solve the structure of a case; write its result and, next to it, ``fields`` for ParaView.
+    """Solve the structure of a case; write its result and ``fields`` for ParaView next to it.
 
     Cells of the case are not solved. With ``homogenise`` in ``[substructures]`` the condensed
     stiffness of the substructures is written as well.
@@ -191,7 +191,7 @@ def run_macro(
     ----------
     case : Case
     file : path, dataset to write; its folder is made if needed
-    law : path, optional, interface law of the joints, instead of the law that the case names
+    law : path, optional, interface law of the joints, in place of the law of the case
     team : ProcessGroup, optional
         Processes that share the substructures. All call this function; the first one writes.
 
@@ -223,7 +223,7 @@ def job_in(
     progress: ShowProgress = unseen,
     team: "ProcessGroup | None" = None,
 ) -> Job:
-    """Return the job of a folder; other cases that a case names are run in its subfolders."""
+    """Return the job of a folder; other cases named in a case are run in its subfolders."""
 
     def run_alone(place: Path, case: Case) -> Path:
         """Run a case, unless it is up to date, in the first process of a team."""
@@ -288,7 +288,7 @@ def _compute(stage: Stage, case: Case, datasets: Datasets, job: Job, file: Path)
 
 
 def _solve(stage: Stage, case: Case, datasets: Datasets, job: Job) -> Dataset:
-    """Compute a stage; a structure has laws that reach its loads first, if it asks for them."""
+    """Compute a stage; laws of a structure are first extended to its loads, if requested."""
     if case.adaptive and "structure" in stage.tables:
         datasets, job = reach_loads(case, datasets, job)
     return with_cautions(stage.run(case, datasets, job), *job.notes)

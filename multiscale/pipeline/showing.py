@@ -37,7 +37,7 @@ LOWER_BOUND = " + ?"  # mark of errors and intervals without a term that is not 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """How the variables of a dataset are shown, all stiffnesses in one unit."""
+    """Formats of the variables of a dataset, with all stiffnesses in the same unit."""
 
     data: Dataset
     labels: Mapping[str, str] = field(default_factory=dict)  # in place of the labels of ``SHOWN``
@@ -208,7 +208,7 @@ def some_steps(count: int, most: int) -> list[int]:
 
 
 def round_by(value: float, half_width: float) -> str:
-    """Write a value with the digits that its error allows: two for an error up to 3.5, else one.
+    """Write a value with the digits of its error: two for an error up to 3.5, otherwise one digit.
 
     >>> round_by(18.7, 0.14), round_by(18.56, 0.14), round_by(17.893, 0.8), round_by(18.7034, 0.0)
     ('18.70', '18.56', '17.9', '18.7')

@@ -57,12 +57,12 @@ def require_known(result: Dataset, answer: str) -> None:
 def choose_solver(
     case: Case, size: "substructures.JointSize", team: "ProcessGroup | None" = None
 ) -> "substructures.MethodChoice":
-    """Choose the solver of bodies, unless the case names it, or asks for substructures."""
+    """Choose the solver of bodies, unless the case has a method or substructures."""
     method, shared = case.statics.method, team is not None and team.size > 1
     if method in ("newton", "multigrid"):
         if shared:
             raise CaseError(
-                f'method = "{method}" in [statics] solves the whole on one process; take "latin", '
+                f'method = "{method}" in [statics] runs on a single process; take "latin", '
                 f"or one process"
             )
         whole = substructures.MultigridNewton if method == "multigrid" else macro.AssembledNewton
@@ -95,7 +95,7 @@ def solver_needs(structure: SolvedBodies, case: Case) -> Needs:
 
 
 def structure_of(case: Case) -> Any:
-    """Return the structure of a case as its stage takes it."""
+    """Return the structure of a case for its stage."""
     assert case.structure is not None  # it asks for the stage
     return case.structure.for_solver(case)
 
@@ -166,7 +166,7 @@ def with_too_far(result: Dataset, *cautions: str) -> Dataset:
     return with_cautions(
         result,
         f"nodes move by up to {moved:.3g} m, more than the structure measures ({size:.3g} m), "
-        f"where no law of its parts holds: check loads, moduli and their units",
+        f"outside the validity of its laws: check loads, moduli and their units",
     )
 
 

@@ -46,7 +46,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class _Cases(Sequence[Case]):
-    """Cases that are made on access, as all cases of a sweep would fill the memory."""
+    """Cases that are made on access, to save memory."""
 
     make: Callable[[Any], Case]
     given: Sequence[Any]
@@ -68,7 +68,7 @@ class Sweep:
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
     points : sequence of Case
-        Every combination of the values, the last key fastest; each is made when it is asked for.
+        Every combination of the values, the last key fastest; made on access.
     settings : tuple of tuple of str, the values of each point as in the file
     content : dict
         Content of the file, including ``[sweep]``; empty if there is no file.
@@ -201,7 +201,7 @@ def run_sweep(
     out = make_folder(Path(out))
     file = out / "case.toml"
     if file.exists() and any(out.rglob("*.nc")) and "sweep" not in read_toml(file):
-        raise CaseError(f"{out} holds a single run; choose another folder for a sweep")
+        raise CaseError(f"{out} has a single run; choose another folder for a sweep")
     remove(out / POINTS.file)  # of other points
     columns = zip(*sweep.settings, strict=True)
     values = {
@@ -264,7 +264,7 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     for name in key[:-1]:
         content = content.setdefault(name, {})
         if not isinstance(content, dict):
-            raise CaseError(f"{path}: [sweep] {'.'.join(key)} leads through {name}, no table")
+            raise CaseError(f"{path}: [sweep] {'.'.join(key)}: {name} is not a table")
     content[key[-1]] = value
 
 

@@ -123,7 +123,7 @@ def _list_missing(result: Dataset) -> list[str]:
     missing = ", ".join(
         dict.fromkeys(name for terms in lists if terms for name in terms.split(", "))
     )
-    marked = f"Intervals that end with '{showing.LOWER_BOUND.strip()}' do not count unknown terms"
+    marked = f"Intervals that end with '{showing.LOWER_BOUND.strip()}' do not contain unknown terms"
     return [f"{marked}: {missing}."] if missing else []
 
 
@@ -152,9 +152,9 @@ def _sections(datasets: Datasets, out: Path) -> Iterator[Section]:
     head, rows = _tabulate_steps(result)
     if rows:
         text = [
-            "After an answer stands its error, the larger side of the 95 % interval of one part, "
+            "After an answer is its error, the larger side of the 95 % interval of one part, "
             "or of the mean law if there is no other; or both sides if they differ much, or "
-            "the interval if its half is not smaller than the answer."
+            "the interval if its half-width is not smaller than the answer."
         ]
         yield Section("All steps", text, head, rows, printed=False)
 

@@ -1,4 +1,4 @@
-"""Check of a finished run: its first realisation is computed again and compared."""
+"""Check of a finished run by computing its first realisation again."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def verify_run(out: Path) -> str:
     """Compute the first realisation of a finished run again, and report the largest difference."""
     content = read_toml(out / "case.toml")
     if "sweep" in content:
-        raise CaseError(f"{out}: holds a sweep; verify the folder of one of its points")
+        raise CaseError(f"{out}: contains a sweep; verify the folder of one of its points")
     case = load_case(out / "case.toml")
     if case.accuracy is not None:
         plan = open_dataset(out / ACCURACY_STAGE.file, ACCURACY_STAGE.schema)
@@ -27,7 +27,7 @@ def verify_run(out: Path) -> str:
     again = [(stage, stage.again) for stage in stages_of(case.tables) if stage.again]
     if not again:
         raise CaseError(
-            f"{out}: its case has no cells, of which a realisation could be computed again; run "
+            f"{out}: its case has no cells for a second computation; run "
             f"the case in another folder and compare"
         )
     ((stage, compute),) = again

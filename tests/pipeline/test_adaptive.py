@@ -145,7 +145,7 @@ def test_concurrent_blocks_have_cells_around_every_preload(ways, tmp_path):
 def test_a_structure_that_asks_for_ever_more_pressures_has_a_caution(ways, tmp_path, monkeypatch):
     monkeypatch.setattr("multiscale.pipeline.adaptive.ROUNDS", 1)
     cautions = run(steel((20.0, 40.0, 80.0), "adaptive"), tmp_path).macro_result.attrs["cautions"]
-    assert "all 1 solves of the structure ask for further pressures, the last for 5 MPa" in cautions
+    assert "all 1 solves of the structure need further pressures, the last 5 MPa" in cautions
     assert "solves of the structure" not in ways[0]["adaptive"].macro_result.attrs["cautions"]
 
 

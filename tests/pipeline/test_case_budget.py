@@ -26,4 +26,4 @@ def test_a_scene_with_elements_that_cannot_be_doubled_is_reported(run_folder, tm
         tmp_path / "result.nc",
         law=run_folder / "interface_law.nc",
     )
-    assert "an even number of them, in [structure]" in result.attrs["how_macro_discretisation"]
+    assert "an even number, in [structure]" in result.attrs["how_macro_discretisation"]

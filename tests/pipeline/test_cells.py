@@ -93,9 +93,7 @@ def test_a_measured_map_gives_one_separate_window_for_each_realisation(case, tmp
 def test_a_map_with_too_few_windows_reports_how_many_it_holds(case, tmp_path):
     rng = np.random.default_rng(seed=1)
     path = write_map(tmp_path / "map.txt", rng.standard_normal((125, 213)))
-    with pytest.raises(
-        CaseError, match=r"map.txt measures .* holds 2 separate windows .* but 4 are"
-    ):
+    with pytest.raises(CaseError, match=r"map.txt measures .* has 2 separate windows .* but 4 are"):
         make_cells(measured(case, path))
 
 
@@ -169,7 +167,7 @@ def test_windows_keep_the_scale_of_the_map(case, tmp_path):
     ("size", "settings", "message"),
     [
         pytest.param("40 um", {}, "has only 5 measured points across", id="pixels"),
-        pytest.param("800 um", {"short_cutoff": "700 um"}, "leaves no roughness", id="cutoff"),
+        pytest.param("800 um", {"short_cutoff": "700 um"}, "removes all roughness", id="cutoff"),
     ],
 )
 def test_windows_that_make_no_sense_are_refused(case, tmp_path, size, settings, message):

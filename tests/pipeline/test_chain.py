@@ -62,7 +62,7 @@ def test_joints_take_the_law_of_another_case_which_is_run_before_them(chain, tmp
 @pytest.mark.parametrize(
     ("law", "sentence"),
     [
-        ("tyre_on_road", "tyre_on_road.toml: the case has no cells, and so it makes no law"),
+        ("tyre_on_road", "tyre_on_road.toml: the case has no cells, so it makes no law"),
         ("ground_stel", "ground_stel"),
     ],
 )

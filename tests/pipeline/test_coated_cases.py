@@ -78,7 +78,7 @@ def test_one_conforming_body_replaces_both_within_the_limits_of_a_caution(tmp_pa
     assert coating_caution(case_of(tmp_path, TEXT)) == []
     caution = coating_caution(case_of(tmp_path, TEXT, conforming))
     assert "gets 2 layer(s) of elements" in caution[0]
-    assert "some wavelength is 0.4" in caution[1]
+    assert "error of its compliance of up to 0.4" in caution[1]
     both = (COATING, COATING + COATING.replace("body_1", "body_2"))
     assert len(coating_caution(case_of(tmp_path, TEXT, conforming, both))) == 1  # alike bodies
 

@@ -74,7 +74,7 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
     assert "biaxial_curve" in names
 
     free = result.assign(stress=0.0 * result["stress"])
-    assert "so that no stress ratio q/p is known" in " ".join(GRAINS.summary(free).answer)
+    assert "so the stress ratio q/p is unknown" in " ".join(GRAINS.summary(free).answer)
     loosened = result.assign(stress=result["stress"].where(result["step"] < 2, 0.0))
     text = " ".join(GRAINS.summary(loosened).answer)
     assert "in the last step with stress" in text
@@ -114,7 +114,7 @@ def test_the_run_out_counts_from_the_gate_to_the_farthest_edge(tmp_path):
     np.testing.assert_allclose(result["run_out"], edge)
     answer = GRAINS.summary(result).answer
     assert answer[0] == "After 0.04 s no grain has passed the gate."
-    assert "they run farther; take a longer duration" in answer[1]
+    assert "they spread farther; use a longer duration" in answer[1]
     ran = result.assign(run_out=result["run_out"] + 0.1)
     sentence = f"the farthest grain is {1e3 * float(ran['run_out'][-1]):.4g} mm beyond the gate"
     assert sentence in GRAINS.summary(ran).answer[0]
@@ -127,6 +127,6 @@ def test_the_pressure_on_the_plate_is_the_pressure_of_the_scene(tmp_path):
     np.testing.assert_allclose(result["plate_shear"], -force[:, 0] / 0.01)
     np.testing.assert_allclose(result["plate_slip"], 0.1 * result["time"])
     answer = GRAINS.summary(result).answer
-    assert "the stress of steady sliding is not known below 3" in answer[1]
+    assert "the stress of steady sliding is unknown below 3" in answer[1]
     apart = result.assign({name: 0.0 * result[name] for name in ("plate_shear", "plate_pressure")})
-    assert "so that no friction coefficient is known" in GRAINS.summary(apart).answer[0]
+    assert "so the friction coefficient is unknown" in GRAINS.summary(apart).answer[0]

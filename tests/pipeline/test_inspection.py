@@ -113,9 +113,9 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
         "page",
     )
     assert status == 0
-    assert "The cells hold" in output
+    assert "The cells have" in output
     case = tomllib.loads((tmp_path / "proposed.toml").read_text())
-    height = float(output.split("The cells hold ")[1].split()[0])
+    height = float(output.split("The cells have ")[1].split()[0])
     assert 0.8 < height < 1.2
     page = (tmp_path / "page" / "report.html").read_text()
     for name in ("measured heights", "spectral density", "bearing curve"):
@@ -185,7 +185,7 @@ def test_inspect_counts_spikes_and_removes_them(store, rough, spiked):
     inspection = inspect_surface(store(heights), **known)
     number = int(spikes.sum())
     assert (
-        f'{number} spikes go with --remove-spikes, and with spikes = "remove"'
+        f'remove {number} spikes by --remove-spikes, or spikes = "remove"'
         in (inspection.attrs["cautions"])
     )
     clean, text = (
@@ -193,7 +193,7 @@ def test_inspect_counts_spikes_and_removes_them(store, rough, spiked):
         for item, spikes in ((rough, "keep"), (heights, "remove"))
     )
     assert f"{number} of {heights.size} points (0.049 %) stood out" in text.attrs["cautions"]
-    assert "few points have" not in text.attrs["cautions"]
+    assert "few points cause" not in text.attrs["cautions"]
     assert float(inspection["kurtosis"]) > 10 * float(text["kurtosis"])
     for name in ("rms_height", "rms_slope"):
         assert float(text[name]) == pytest.approx(float(clean[name]), rel=1e-2)
@@ -252,7 +252,7 @@ def test_the_share_that_proposed_cells_hold_is_the_share_of_their_surfaces(store
     share = np.sqrt(np.mean([surface.heights.var() for surface in side.surfaces])) / float(
         inspection["rms_height"]
     )
-    assert f"hold {share:.2f} of the rms height" in inspection.attrs["held"]
+    assert f"have {share:.2f} of the rms height" in inspection.attrs["held"]
 
 
 # Surface keys
@@ -469,4 +469,4 @@ def test_spikes_that_make_the_rms_height_are_a_caution(store, rough):
         for heights in (rough, spiked)
     )
     assert "kurtosis" not in clean.attrs["cautions"]
-    assert "20 spikes go with --remove-spikes" in dusty.attrs["cautions"]
+    assert "remove 20 spikes by --remove-spikes" in dusty.attrs["cautions"]

@@ -86,7 +86,7 @@ def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):
     real = 40.0 / float(result["contact_fraction"][1])
     assert float(row["real pressure (MPa)"].split(" ± ")[0]) == pytest.approx(real, rel=1e-2)
     assert list_facts(result) == [
-        "The answer is elastic: no body has a hardness, and nothing flows.",
+        "The answer is elastic, as no body has a hardness.",
         "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm.",
     ]
 

@@ -74,7 +74,7 @@ def test_a_quantity_missing_in_a_table_has_no_column_and_its_gap_is_the_overclos
     lines = "\n".join(JOINT.lines(result))
     assert "nan" not in lines
     assert "contact" not in lines.splitlines()[1]
-    assert "it is the overclosure, negative" in lines
+    assert "it is the negative overclosure" in lines
 
 
 def test_errors_of_a_table_and_of_a_body_share_the_rows_without_a_value(folder):
@@ -113,7 +113,7 @@ def test_the_error_of_a_table_is_unknown_if_it_is_not_stated(folder):
     result = solve(folder, BLOCKS, ('law_error = "10 %"', ""))
     assert "joint_stiffness_mean_law" not in result
     assert "the error of a table is unknown" in result.attrs["cautions"]
-    assert "not count the error of the law of interface" not in result.attrs["cautions"]
+    assert "not contain the error of the law of interface" not in result.attrs["cautions"]
     assert "cells" not in result.attrs["facts"]
 
 
@@ -125,7 +125,10 @@ def test_the_error_of_a_law_of_measurements_is_unknown_in_blocks(folder):
     save_law(fit_law(seen), folder / "measured.nc")
     result = solve(folder, BLOCKS, ('"table.csv"\nlaw_error = "10 %"', '"measured.nc"'))
     assert "joint_stiffness_mean_law" not in result
-    assert "not count the error of the law of interface 0, which is not" in result.attrs["cautions"]
+    assert (
+        "not contain the error of the law of interface 0, which is unknown"
+        in result.attrs["cautions"]
+    )
     assert "cells" not in result.attrs["facts"]
 
 

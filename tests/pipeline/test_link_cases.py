@@ -147,7 +147,7 @@ def test_tensions_of_links_that_turn_are_a_caution_with_their_work(run):
     }
     status, _, warned, _ = run(files)
     assert status == 0, warned
-    assert "tensions do 40 % of the work of the load as their links turn" in warned
+    assert "the work of tensions by rotation of links is 40 %" in warned
 
 
 MOTION = """[dynamics]

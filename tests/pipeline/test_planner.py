@@ -523,7 +523,7 @@ def test_an_answer_is_read_at_its_pressure_with_its_terms(run_folder):
     np.testing.assert_array_equal(at, preloads == preloads[1])
     with pytest.raises(CaseError, match=r"stiffness is computed at .* MPa; give one of these"):
         asked.is_at(preloads, 1.1 * preloads[1])
-    with pytest.raises(CaseError, match="does not depend on one"):
+    with pytest.raises(CaseError, match="depends on no pressure"):
         asked.is_at(None, preloads[1])
     half = np.linspace(0.01, 0.05, preloads.size)  # of every term
     along = xr.DataArray(half, dims="step")
@@ -589,7 +589,7 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
         (
             'quantity = "mean_gap"',
             'of = "damping"',
-            r"asks for 'damping', no answer .* 'joint_stiff",
+            r"'damping' in .accuracy. is not an answer .* 'joint_stiff",
         ),
         (
             'quantity = "mean_gap"',

@@ -45,10 +45,8 @@ def test_the_real_pressure_is_the_load_over_the_area_that_touches():
 def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(share, sentence):
     touching = 1e6 / (share * MODULUS)
     changed = with_real_pressure(steel(), response(touching))
-    assert changed.attrs["behaviour"] == (
-        "The answer is elastic: no body has a hardness, and nothing flows."
-    )
-    assert ("give its hardness, or set elastic = true" in changed.attrs["cautions"]) == sentence
+    assert changed.attrs["behaviour"] == ("The answer is elastic, as no body has a hardness.")
+    assert ("give the hardness, or set elastic = true" in changed.attrs["cautions"]) == sentence
     meant = with_real_pressure(steel(elastic=True), response(touching))
     assert meant.attrs["cautions"] == ""
     assert "elastic" in meant.attrs["behaviour"]
@@ -57,8 +55,8 @@ def test_elastic_metal_is_a_caution_above_a_hundredth_of_the_contact_modulus(sha
 def test_a_hardness_is_compared_with_the_real_pressure_and_reports_who_flows():
     changed = with_real_pressure(metal(2.8e9, 1.4e9), response(1e6 / 1.26e9))
     assert changed.attrs["behaviour"] == (
-        "The composite body flows from a yield stress of 0.5 GPa on, the hardness "
-        "of 1.4 GPa of body_2, the softer body over 2.8 less what hardening adds. The mean "
+        "The composite body flows above a yield stress of 0.5 GPa: the hardness "
+        "of 1.4 GPa of body_2, the softer body over 2.8, minus the part of hardening. The mean "
         "real pressure reaches 0.90 of that hardness."
     )
     assert changed.attrs["cautions"] == ""
@@ -66,7 +64,7 @@ def test_a_hardness_is_compared_with_the_real_pressure_and_reports_who_flows():
     assert "of both bodies over 2.8" in above.attrs["behaviour"]
     assert "3 GPa, 1.50 of the hardness" in above.attrs["cautions"]
     flat = with_real_pressure(metal(2e9, None, "flat"), response(1e6 / 2e9))
-    assert "cut off at the hardness of 2 GPa of body_1" in flat.attrs["behaviour"]
+    assert "limited to the hardness of 2 GPa of body_1" in flat.attrs["behaviour"]
 
 
 def test_the_keys_of_flow_and_of_the_law_of_a_case_change_no_cell():

@@ -82,7 +82,7 @@ load_factors = [1.0]
     other.write_text(text.replace("links.csv", "rods.csv"))
     (tmp_path / "links.csv").rename(tmp_path / "rods.csv")
     message = (
-        r"out holds another run, with a case that cannot be read any more \(.*links.csv: no such"
+        r"out holds another run, with a case that can no longer be read \(.*links.csv: no such"
     )
     with pytest.raises(CaseError, match=message):
         run(load_case(other), out)

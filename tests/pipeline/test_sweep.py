@@ -156,7 +156,7 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     assert list(load_sweep(tmp_path / "out" / "case.toml").points) == list(sweep.points)
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(sweep.points[0], tmp_path / "out")
-    with pytest.raises(CaseError, match="holds a single run; choose another folder for a sweep"):
+    with pytest.raises(CaseError, match="has a single run; choose another folder for a sweep"):
         run_sweep(sweep, stored.parent)
 
 

@@ -162,7 +162,7 @@ def test_stated_half_widths_reach_frequency_fall_and_damping(meshes):
         np.testing.assert_allclose(computed[f"frequency_{kind}"], ends, rtol=1e-12)
     heads = [section.heading for section in VIBRATING_BODIES.sections(results, meshes)]
     assert heads[-2:] == ["Error budget of the damping", "Sensitivity"]
-    assert "intervals do not count the error of the law" not in computed.attrs["cautions"]
+    assert "intervals do not contain the error of the law" not in computed.attrs["cautions"]
 
 
 @pytest.mark.slow

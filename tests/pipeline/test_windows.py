@@ -74,12 +74,12 @@ def test_windows_keep_every_pixel_as_it_was_measured(cut):
 def test_missing_roughness_is_a_caution_with_advice_that_holds(cut):
     heights = rough(256, 4)
     _, windows = cut(heights, "128 um", 32)
-    assert windows.cutoff == "32 µm, 8 points of the grid, as the case gives no short_cutoff"
+    assert windows.cutoff == "32 µm, 8 points of the grid, as the case has no short_cutoff"
     (text,) = [caution for caution in windows.cautions if "rms slope" in caution]
     share = windows.stages[2].rms_slope / windows.stages[0].rms_slope
     assert share < 0.5
     assert f"the cells hold {share:.2g} of the rms slope of the map" in text
-    assert "the cut-off (8 points of the grid, as the case gives no short_cutoff) leaves" in text
+    assert "the cut-off (8 points of the grid, as the case has no short_cutoff) leaves" in text
     cutoff = text.split('short_cutoff = "')[1].split('"')[0]
     points = int(text.split("grid of ")[1].split(" x ")[0])
     _, better = cut(heights, "128 um", points, short_cutoff=cutoff)
@@ -109,7 +109,7 @@ def test_windows_that_are_too_small_for_the_long_waves_report_which_cells_are_no
     heights = 1e-6 * np.cos(2.0 * np.pi * x / 128.0)[:, None] + noise((512, 512))
     _, windows = cut(heights, "64 um", 32)
     (text,) = [caution for caution in windows.cautions if "rms height" in caution]
-    needed = float(text.split("where cells of ")[1].split(" µm")[0])
+    needed = float(text.split("and cells of ")[1].split(" µm")[0])
     assert needed == pytest.approx(256.0, rel=0.02)  # windows of one wave, mirrored
     _, windows = cut(heights, f"{needed} um", 128)
     assert not [caution for caution in windows.cautions if "rms height" in caution]
@@ -175,7 +175,7 @@ def test_a_case_may_allow_more_filled_points(cut):
     shape = (200, 200)
     filled = np.zeros(shape, dtype=bool)
     filled[::5] = True
-    with pytest.raises(CaseError, match="holds 0 separate windows"):
+    with pytest.raises(CaseError, match="has 0 separate windows"):
         cut(noise(shape), "200 um", 64, filled=filled, short_cutoff="12 um")
     whole = Surface(noise(shape), (2e-4, 2e-4), filled)
     given = {"file": "map.txt", "filled": "30 %", "short_cutoff": "12 um"}
@@ -201,7 +201,7 @@ def test_an_oblique_lay_that_is_mirrored_is_a_caution(cut, degrees, periodic, ca
     lines = [caution for caution in windows.cautions if "herringbone" in caution]
     assert bool(lines) == cautioned
     if cautioned:
-        assert "the lay runs at 30 degrees to the x axis" in lines[0]
+        assert "the lay is at 30 degrees to the x axis" in lines[0]
         assert "herringbone of 30 and 150 degrees" in lines[0]
 
 

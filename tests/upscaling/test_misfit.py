@@ -225,4 +225,4 @@ def test_a_negative_mean_gap_is_explained():
     law = xr.Dataset()  # of cells
     assert negative_gap(np.array([1e-6, 0.0]), law) == []
     (sentence,) = negative_gap(np.array([1e-6, -1e-9]), law)
-    assert "points that a hardness cuts off overlap" in sentence
+    assert "points at the limit of the hardness" in sentence

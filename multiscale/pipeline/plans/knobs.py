@@ -14,12 +14,12 @@ Setting = Mapping[str, int]
 """Rungs of all knobs of a case, by their names."""
 
 LOWEST, HIGHEST = -2, 6
-"""Rungs that are tried."""
+"""Rungs under test."""
 
 
 @dataclass(frozen=True, eq=False)
 class Knob:
-    """A setting of accuracy on a ladder; rung 0 is the case as it is given."""
+    """A setting of accuracy on a ladder; rung 0 is the given case."""
 
     name: str
     change: "Callable[[Case, int], Case]"
@@ -50,8 +50,8 @@ class Knob:
             if self.ratio(self.change(case, first + self.measured)) > 1.0:
                 return first
         raise CaseError(
-            f"the {self.name} of all settings that [accuracy] may choose are the same, and their "
-            f"error is not known; ask for other {self.name}, or leave the target out"
+            f"the {self.name} of all settings of [accuracy] are the same, and their error is "
+            f"unknown; give other {self.name}, or leave the target out"
         )
 
     def _has(self, case: "Case", rung: int) -> bool:
@@ -73,7 +73,7 @@ def scaled(factors: Mapping[str, float]) -> "Callable[[Case, int], Case]":
 
 
 def _scale(table: AnySettings, path: tuple[str, ...], factor: float) -> AnySettings:
-    """Return a table with a key multiplied; a missing key stays missing."""
+    """Return a table with a multiplied key; a missing key stays missing."""
     name, *inner = path
     value = getattr(table, name, None)
     if value is None:
@@ -87,7 +87,7 @@ def _scale(table: AnySettings, path: tuple[str, ...], factor: float) -> AnySetti
 
 
 def as_read(value: float) -> float:
-    """Return a number with the 15 digits that case files are read with."""
+    """Return a number with the 15 digits of case files."""
     return float(f"{value:.15g}")
 
 

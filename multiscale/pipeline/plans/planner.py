@@ -75,7 +75,7 @@ class Planner:
     spent: Callable[[], float] = lambda: 0.0  # seconds so far
     report: Callable[[str], None] = lambda line: None  # takes a sentence after every round
     expect: Callable[[float, float], None] = lambda spent, total: None
-    """Takes the seconds so far, and those until the target, as expected, before every round."""
+    """Called before every round with the seconds so far and the expected seconds to the target."""
     refused: list[Setting] = field(default_factory=list)  # with all settings above them
 
     def run(self) -> Reached:
@@ -184,7 +184,7 @@ class Planner:
         if coarse.value.shape != outcome.value.shape or not np.isfinite(coarse.value).all():
             raise CaseError(
                 f"the answer at the coarser setting {_rungs(below)} is not known at all of its "
-                f"places, and its error by {name} neither; ask for another answer, or give "
+                f"places, so its error by {name} is unknown; choose another answer, or give "
                 f"finer settings"
             )
         difference = 1.0 - coarse.value / outcome.value
@@ -252,20 +252,20 @@ class Planner:
             named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())
             raise CaseError(
                 f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
-                f"reduces {named}; ask for more than {100.0 * floor:.2g} %, or change what that "
+                f"reduces {named}; set a target above {100.0 * floor:.2g} %, or change what that "
                 f"comes from"
             )
 
     def _reason(self, state: State, error: float, rounds: int) -> str:
         aimed = self.cheapest(state, AIM * self.target, inf)
         more = f"; a setting for it takes about {aimed.expected_seconds:.3g} s" if aimed else ""
-        why = "no step that lowers it fits into the time"
+        why = "no step that reduces it fits into the time"
         if rounds == MOST_ROUNDS:
             why = f"{MOST_ROUNDS} rounds are over"
         elif self.choose(state, inf) is None:
             largest = max(state.sources(), key=lambda source: source.error)
             why = (
-                f"no further setting of the case lowers it; its largest part is {largest.name} "
+                f"no further setting of the case reduces it; its largest part is {largest.name} "
                 f"({100.0 * largest.error:.2g} %)"
             )
         return (
@@ -276,7 +276,7 @@ class Planner:
 
 def _rungs(setting: Setting) -> str:
     moved = ", ".join(f"{name} {rung:+d}" for name, rung in setting.items() if rung)
-    return moved or "the case as it is given"
+    return moved or "the given case"
 
 
 def _line(number: int, done: Round) -> str:

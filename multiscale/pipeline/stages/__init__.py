@@ -1,4 +1,4 @@
-"""The stages of all cases: to add one is to add a file and a line here."""
+"""The stages of all cases; a new stage needs a file and a line here."""
 
 from collections.abc import Container
 
@@ -58,9 +58,9 @@ COMPUTED: tuple[Stage, ...] = (
 
 ACCURACY_STAGE = accuracy_stage(COMPUTED)
 STAGES: tuple[Stage, ...] = (*COMPUTED, ACCURACY_STAGE)
-"""All stages; a target for the error is planned before others are run, and shown first."""
+"""All stages; the plan of a target for the error is run and shown before the others."""
 
 
 def stages_of(tables: Container[str]) -> tuple[Stage, ...]:
-    """Return the stages that the tables of a case file ask for, in their order."""
+    """Return the stages of the tables of a case file, in their order."""
     return tuple(stage for stage in STAGES if stage.asked_for(tables))

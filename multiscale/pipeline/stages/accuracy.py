@@ -84,7 +84,7 @@ class Asked:
         """Whether a place of the answer is at a pressure, Pa."""
         if pressures is None:
             raise CaseError(
-                f"at in [accuracy] is a pressure, and the {self.label} does not depend on one; "
+                f"at in [accuracy] is a pressure, and the {self.label} depends on no pressure; "
                 f"leave it out"
             )
         near = np.abs(pressures / asked - 1.0) < SAME  # zero may be among them
@@ -167,12 +167,12 @@ def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
         ]
     if not answers:
         raise CaseError(
-            f"{case.title}: [accuracy] asks for {accuracy.answer!r}, no answer of this case; its "
+            f"{case.title}: {accuracy.answer!r} in [accuracy] is not an answer of this case; its "
             f"answers are {_listed(every) or 'none'}"
         )
     if len({asked.name for asked in answers}) > 1:
         raise CaseError(
-            f"{case.title}: [accuracy] asks for {accuracy.answer!r}, which may be "
+            f"{case.title}: {accuracy.answer!r} in [accuracy] may be "
             f"{_listed(answers)}; give one of these names as of"
         )
     return answers
@@ -256,7 +256,7 @@ class Campaign:
             if not self.places:
                 raise CaseError(
                     f"{case.title}: the {asked.label} is zero or not known, and has no relative "
-                    f"error; ask for another answer, or another pressure by at in [accuracy]"
+                    f"error; choose another answer, or another pressure by at in [accuracy]"
                 )
             value = value[self.places]
             self.pressures = [] if pressures is None else pressures[self.places].tolist()
@@ -333,7 +333,7 @@ def _plan(case: Case, stages: Sequence[Stage], job: Job) -> Dataset:
         lines.append(f"No setting reduces: {listed}.")
     if isfinite(planner.time):
         left = max(planner.time - campaign.spent(), 0.0)
-        lines.append(f"{left:.3g} s of the time are left.")
+        lines.append(f"{left:.3g} s of the time remain.")
     if reached.halving is not None:
         lines.append(
             f"Half of the error takes about {reached.halving.expected_seconds:.3g} s more."
@@ -357,9 +357,9 @@ def _dataset(
         cautions.append(f"the error of the answer lacks unknown terms: {', '.join(missing)}")
     if case.has_cells and case.cell.depth is not None:
         cautions.append(
-            f"depth in [cell] stays {readable(f'{case.cell.depth:.4g} m')} under the cells of "
-            f"all sizes that [accuracy] compares, and their errors mix with the errors of "
-            f"the depth; leave it out, and it grows with the cells"
+            f"depth in [cell] is {readable(f'{case.cell.depth:.4g} m')} for the cells of all "
+            f"sizes that [accuracy] compares, so their errors include errors of the depth; "
+            f"leave depth out, and it grows with the cells"
         )
     seconds = state.outcome.seconds
     dataset = ACCURACY.build(
@@ -412,8 +412,8 @@ def _answer(plan: Dataset) -> Iterator[str]:
     if np.any(np.abs(added) > 1e-6):
         most = added[np.argmax(np.abs(added))]
         yield (
-            f"It has corrections of up to {100.0 * most:+.2g} % by the differences from coarser "
-            f"settings, which the tables of the last setting do not have."
+            f"It contains corrections of up to {100.0 * most:+.2g} % from the differences to "
+            f"coarser settings; the tables of the last setting do not contain them."
         )
 
 
@@ -447,7 +447,7 @@ def _row(done: Dataset, number: int) -> tuple[str, ...]:
 
 
 def _prepare(case: Case, stages: Sequence[Stage]) -> None:
-    """Refuse a target that the case cannot have."""
+    """Refuse a wrong target."""
     find_answers(case, stages)
     if not case.has_cells:
         return

@@ -52,9 +52,9 @@ STATES, CYCLE_SECONDS = 5, 5e-4
 CLOSED = 0.02  # stress between the ends of a closed cycle over its largest range, at most
 
 ELEMENT_MEANS = (
-    "the stress of an element is its mean, and the life depends on it by a high power: intervals "
-    "do not count the error of the mesh, which is not known; give every body a coarser mesh, on "
-    "which it cracks too"
+    "the life depends on the mean stress of an element with a high power, and intervals do not "
+    "contain the error of the mesh, which is unknown; give every body a coarser mesh, on which "
+    "it also cracks"
 )
 
 NO_SCATTER = (
@@ -130,7 +130,7 @@ def _follow_cycles(case: Case, datasets: Datasets, job: Job) -> schema.Dataset:
     stress = cycled.stress(result, built.path, built.assembly.bodies)
     if (most := float(von_mises(stress).max())) > table.strength:
         raise CaseError(
-            f"an element of {names[number]} bears {1e-6 * most:.4g} MPa in the cycle, above the "
+            f"an element of {names[number]} has {1e-6 * most:.4g} MPa in the cycle, above the "
             f"strength of {1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure, "
             f"not fatigue; lower the loads, or correct the strength"
         )
@@ -256,8 +256,9 @@ def _caution_open_cycle(stress: np.ndarray) -> Iterator[str]:
     missed = float(np.abs(stress[-1] - stress[0]).max()) / largest
     if missed > CLOSED:
         yield (
-            f"the last cycle ends {100.0 * missed:.2g} % of its largest range of stress away from "
-            f"its start, and is repeated as if it were closed: give more cycles in [cycles]"
+            f"the stress at the end of the last cycle differs from its start by "
+            f"{100.0 * missed:.2g} % of its largest range, but the cycle is repeated as closed: "
+            f"give more cycles in [cycles]"
         )
 
 
@@ -366,9 +367,9 @@ BODY_FATIGUE = Stage(
 
 EVENT_SECONDS = 2e-6  # CPU seconds of an element in an event; about 20 events crack it
 
-NO_MESH = "intervals do not count the error of the mesh, which is not known: give coarser"
+NO_MESH = "intervals do not contain the error of the mesh, which is unknown: give coarser"
 
-FAILED = "the load has not fallen to zero, so that the energy of the cracks is not known"
+FAILED = "the load has not fallen to zero, so the energy of the cracks is unknown"
 
 
 def _loaded(bodies: SolvedBodies, case: Case) -> "tuple[macro.Body, np.ndarray]":

@@ -239,7 +239,7 @@ def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarr
             "not known: the footprint has uniform pressure over the wavelengths of the road"
         ),
         MACRO: Term(
-            "not known: elements of twice the size do not fit; give smaller ones in [tread]"
+            "not known: elements of twice the size do not fit; give smaller elements in [tread]"
         ),
     }
     sources: list[upscaling.Source] = []
@@ -267,7 +267,7 @@ BRAKING = Stage(
     ),
     needs=_needs,
     check=_check,
-    question="How hard does the tread block brake at its speeds and temperatures?",
+    question="Which braking force has the tread block at its speeds and temperatures?",
     answer=braking_answer,
     sections=_sections,
     answers=("braking_force", "braking_coefficient", "sliding_speed"),

@@ -37,8 +37,8 @@ from multiscale.surfaces.surface import Surface
 COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
 MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
 MESH_CAUTION = (
-    "each volume of the mesh has the moduli of itself and body_2 together, against a rigid flat: "
-    "this is right where body_2 is much stiffer, or has the moduli of the mesh at every depth"
+    "each volume of the mesh has its compliance plus that of body_2, against a rigid flat: this is "
+    "exact if body_2 is much stiffer, or has the moduli of the mesh at every depth"
 )
 
 STEEP = 0.3  # root mean square slope

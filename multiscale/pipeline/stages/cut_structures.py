@@ -32,15 +32,15 @@ FURTHEST = 0.05
 """Displacement of the ends of a link, over its length, and work of the tensions of links that turn,
 over the work of the load, up to which displacements are small."""
 
-OF_MOTION = "How do the links move, which tensions do they carry, and where does the energy go?"
+OF_MOTION = "How do the links move, which tensions do they carry, and how does the energy change?"
 """Question of a motion."""
 
-OF_PATH = "At which load do the links snap through or buckle, and where do they come to rest?"
+OF_PATH = "At which load do the links snap through or buckle, and where do they rest?"
 """Question of a path past limit points."""
 
 BY_MODULES = (
     "Substructures follow the law of their modules with slack links: by a specimen of fewer "
-    "modules the largest displacement is right within {largest_displacement_error}, the largest "
+    "modules the largest displacement is accurate to {largest_displacement_error}, the largest "
     "tension within {largest_tension_error}, and the number of slack links within "
     "{slack_links_error}."
 )
@@ -110,7 +110,7 @@ def strained(
         link = int(np.argmax(strain.max(axis=0)))
         yield (
             f"link {link} has a strain of up to {strain.max():.2g}, and the linear law of its "
-            f"material does not hold above {STRAINED:g}: check loads, rigidities and their units"
+            f"material is not valid above {STRAINED:g}: check loads, rigidities and their units"
         )
     if statics.exact:
         return
@@ -123,22 +123,22 @@ def strained(
     share = np.divide(left_out, work, out=np.zeros_like(work), where=work > 0.0)
     if max(turned.max(), share.max()) > FURTHEST:
         yield (
-            f"the ends of a link move against each other by up to {turned.max():.2g} of its "
-            f"length, and tensions do {100.0 * share.max():.2g} % of the work of the load as their "
-            f"links turn, which small displacements leave out: the larger share is about the error "
-            f"of the answers; set exact to true in [statics] if the links are bars and cables that "
-            f"are not cut, or take smaller loads"
+            f"the ends of a link move relative to each other by up to {turned.max():.2g} of its "
+            f"length, and the work of tensions by rotation of links is {100.0 * share.max():.2g} % "
+            f"of the work of the load; the theory of small displacements neglects both, and the "
+            f"larger share is about the error of the answers: set exact to true in [statics] if "
+            f"the links are bars and cables without a cut, or reduce the loads"
         )
 
 
 def _indefinite(path: Dataset) -> Iterator[str]:
-    """Caution on the part of a path that no slow load can follow."""
+    """Caution on the unstable part of a path."""
     if "critical_factor" in path:
         factor, kind = float(path["critical_factor"]), path.attrs["critical"]
         yield (
             f"the tangent is indefinite beyond the {kind} at the load factor {factor:.6g}: states "
             f"with a negative eigenvalue are in equilibrium but not stable, and under a dead load "
-            f"the links jump there"
+            f"the links leave them suddenly"
         )
 
 
@@ -391,7 +391,7 @@ LINKS = structure_stage(
     TABLE,
     write_link_fields,
     reads={"structure", "statics", "dynamics", "substructures"},
-    question="Which tensions do the links carry, and which of them are slack?",
+    question="Which tensions do the links carry, and which links are slack?",
     answers=("slack_links", "largest_displacement", "largest_tension"),
     more=_sections,
     answer=_answer,

@@ -326,7 +326,7 @@ def describe_sliding(response: Dataset) -> list[str]:
         friction = loaded["effective_friction"].values[1:]
         pressure = 1e-6 * float(loaded["nominal_pressure"])
         if not np.isfinite(friction).any():
-            lines.append(f"Under {pressure:.4g} MPa nothing slid.")
+            lines.append(f"Under {pressure:.4g} MPa the bodies did not slide.")
             continue
         steady = float(loaded["steady_friction"])
         last = friction[np.isfinite(friction)][-1]

@@ -50,7 +50,7 @@ OPEN = (
     "and its contact fraction {contact_fraction:±}."
 )
 FLAT = (
-    "At {fit_pressure} the interface is in full contact: its roughness is flattened, and its gap "
+    "At {fit_pressure} the interface is in full contact: its roughness is flattened, and it "
     "adds no compliance to the bodies."
 )
 """Answers at a pressure, with an open and with a closed gap."""

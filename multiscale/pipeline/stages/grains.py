@@ -82,13 +82,13 @@ def _report_weight(result: Dataset) -> Iterator[str]:
     sides, least, most = _late(result, "side_share", LAST)
     floor, *_ = _late(result, "floor_share", LAST)
     yield (
-        f"In the last fifth of the motion the side walls bear {100.0 * sides:.3g} % of the weight "
+        f"In the last fifth of the motion the side walls carry {100.0 * sides:.3g} % of the weight "
         f"of the grains ({100.0 * least:.3g} to {100.0 * most:.3g} %), the floor "
         f"{100.0 * floor:.3g} %."
     )
     if abs(sides + floor - 1.0) > UNSETTLED:
         yield (
-            f"Together they bear {100.0 * (sides + floor):.3g} %: the grains are not at rest; take "
+            f"Together they carry {100.0 * (sides + floor):.3g} %: the grains are not at rest; use "
             f"a longer duration."
         )
     force = np.linalg.norm(granulate.network(result)[1], axis=1)
@@ -112,7 +112,7 @@ def _report_run_out(result: Dataset) -> Iterator[str]:
     if energy[-1] > MOVING * energy.max():
         yield (
             f"The grains still move, with {100.0 * energy[-1] / energy.max():.3g} % of their "
-            f"largest kinetic energy: they run farther; take a longer duration."
+            f"largest kinetic energy: they spread farther; use a longer duration."
         )
 
 
@@ -121,12 +121,12 @@ def _report_plate(result: Dataset) -> Iterator[str]:
     pressure = 1e-3 * _late(result, "plate_pressure", 0.5)[0]
     if not pressure > 0.0:
         yield (
-            "In the second half of the motion the grains bear no load of the plate, so that no "
-            "friction coefficient is known; start with denser grains, or take a longer duration."
+            "In the second half of the motion the grains carry no load of the plate, so the "
+            "friction coefficient is unknown; start with denser grains, or use a longer duration."
         )
         return
     yield (
-        f"In the second half of the motion the layer bears a mean shear stress of {shear:.3g} kPa "
+        f"In the second half of the motion the layer has a mean shear stress of {shear:.3g} kPa "
         f"({ends[0]:.3g} to {ends[1]:.3g} kPa in single steps) under a pressure of "
         f"{pressure:.3g} kPa, a friction coefficient of {shear / pressure:.2g}."
     )
@@ -134,7 +134,7 @@ def _report_plate(result: Dataset) -> Iterator[str]:
     if slip < STEADY * grain:
         yield (
             f"The plate has slid by {slip / grain:.2g} diameters of a grain, and the stress of "
-            f"steady sliding is not known below {STEADY:g}; take a longer duration."
+            f"steady sliding is unknown below {STEADY:g}; use a longer duration."
         )
 
 
@@ -152,7 +152,7 @@ def _report_cell(result: Dataset) -> Iterator[str]:
         )
     else:
         yield (
-            "The cell bears no stress in any step, so that no stress ratio q/p is known; start "
+            "The cell has no stress in any step, so the stress ratio q/p is unknown; start "
             "with denser grains, or compress the cell more."
         )
     changed = "compacted" if volume > 0.0 else "dilated"

@@ -96,14 +96,14 @@ def _answer(result: Dataset) -> Iterator[str]:
 def _sections(result: Dataset) -> Iterator[Section]:
     caption = [
         "Zones and pressure are seen along the normal of the first joint, at the last amplitude "
-        "that has an answer; a point slides if contacts with more than half of its pressure "
-        "slide, and is open below 1 % of the mean pressure; lines are the outlines of the bodies."
+        "with an answer. A point slides if contacts with more than half of its pressure "
+        "slide, and is open below 1 % of the mean pressure. Lines are outlines of the bodies."
     ]
     figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
     yield Section("Joint", caption, figures=figures)
     if "cycle_loss" in result:
         cycles = [
-            "At each preload the shear makes a closed cycle of each amplitude, in rising order. "
+            "At each preload the shear has a closed cycle of each amplitude, in rising order. "
             "The secant stiffness is the shear over the displacement of the sheared face between "
             "both ends of a cycle. Bands are the 95 % intervals of the mean law and of one part."
         ]

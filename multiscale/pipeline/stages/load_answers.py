@@ -210,7 +210,7 @@ def _with_errors(result: Dataset, path: LoadPath) -> JointAnswers:
 
 
 LOAD_ANSWERS = PathAnswers(
-    question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
+    question="How do the bodies move under their loads, and how are interfaces and bolts loaded?",
     complete=_complete,
     facts=_facts,
     with_errors=lambda result, path, first_order: _with_errors(result, path),

@@ -87,8 +87,8 @@ def _needs(bodies: SolvedBodies, case: Case) -> Needs:
     if bodies.interfaces:
         solves = (
             f"{'5 to 7' if path.cycles else '3 to 6'} more solves, of the steps {again}, for each "
-            f"law with a budget: one for each of its terms, measured friction and stiffness ratio, "
-            f"and one with coarser beds and meshes"
+            f"law with a budget: a solve for each of its terms, measured friction and stiffness "
+            f"ratio, and a solve with coarser beds and meshes"
         )
         choices.append(Choice("intervals", solves))
     libraries = (*needs.libraries, *bodies.mesher)

@@ -1,4 +1,4 @@
-"""Stage: a structure of links as a plate, next to the links themselves."""
+"""Stage: a structure of links as a plate, compared with its links."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -28,10 +28,10 @@ MOVES = (
     "{slack_links} of {links} links are slack by its cells."
 )
 RESOLVED = (
-    "The links themselves move by up to {links_displacement}; the distance of the plate from their "
-    "nodes is {plate_error} of the displacements."
+    "The links move by up to {links_displacement}; the difference between plate and nodes "
+    "is {plate_error} of the displacements."
 )
-VIBRATES = "The first frequency of the links themselves is {links_frequency}."
+VIBRATES = "The first frequency of the links is {links_frequency}."
 
 
 def _solve(
@@ -110,7 +110,7 @@ EQUIVALENT_PLATE = structure_stage(
     ),
     write_link_fields,
     reads={"structure", "statics"},
-    question="How far does a plate of the mean stiffness of its links move, and how far do these?",
+    question="How much does a plate with the mean stiffness of links differ from the links?",
     answers=("largest_displacement", "slack_links", "plate_error", "first_frequency"),
     more=_sections,
     answer=_answer,

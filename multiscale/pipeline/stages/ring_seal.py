@@ -59,7 +59,7 @@ def _run(case: Case, datasets: Datasets, job: Job) -> Dataset:
     cells = seal.width / max(case.cell.size)
     if cells < FEWEST_CELLS:
         cautions.append(
-            f"the ring is {cells:.2g} cells wide, and a patchwork of cells needs {FEWEST_CELLS:g} "
+            f"the ring is {cells:.2g} cells wide, and the mean over cells needs {FEWEST_CELLS:g} "
             f"or more; single leak paths across a narrower ring may leak more"
         )
     low, high = law["hydraulic_aperture_mean_law"].sel(direction=["x", "y"]).to_numpy()
@@ -100,7 +100,7 @@ RING_SEAL = Stage(
     needs=lambda case: Needs(
         choices=(Choice("seal", "leak rate through the hydraulic apertures of the law"),)
     ),
-    question="How much leaks through the roughness under a ring, against its pressure?",
+    question="How does the leak rate through the roughness under a ring depend on its pressure?",
     answer=_answer,
     sections=_sections,
     answers=ANSWERS,

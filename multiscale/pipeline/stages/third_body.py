@@ -197,13 +197,13 @@ def _answer(law: Dataset) -> Iterator[str]:
         else ", and its intervals do not contain the size of its cells"
     )
     yield (
-        f"At {law.attrs['sliding_speed']:.3g} m/s the layer bears a friction of {mu[-1]:.3g} to "
-        f"{mu[0]:.3g} of the pressure, at inertial numbers of {number[-1]:.2g} to {number[0]:.2g}, "
-        f"and is {height[-1]:.4g} to {height[0]:.4g} mm high, {layers[-1]:.2g} to {layers[0]:.2g} "
-        f"mean diameters."
+        f"At {law.attrs['sliding_speed']:.3g} m/s the layer has a friction of {mu[-1]:.3g} to "
+        f"{mu[0]:.3g} of the pressure, at inertial numbers of {number[-1]:.2g} to "
+        f"{number[0]:.2g}, and is {height[-1]:.4g} to {height[0]:.4g} mm high, "
+        f"{layers[-1]:.2g} to {layers[0]:.2g} mean diameters."
     )
     yield (
-        f"At another speed v the law holds at pressures in proportion to v squared; it is of this "
+        f"At another speed v the law is valid at pressures proportional to v squared, for this "
         f"number of grains on the area{unknown}."
     )
 
@@ -246,7 +246,7 @@ THIRD_BODY_LAW = Stage(
     takes=(THIRD_BODY_CELLS, WIDER_CELLS),
     run=_fit,
     needs=lambda case: Needs(seconds=2.0),
-    question="Which friction and height has the layer of grains over pressure and speed?",
+    question="How do friction and height of the layer of grains depend on pressure and speed?",
     answer=_answer,
     sections=_sections,
     answers=("sliding_friction", "layer_height"),

@@ -66,7 +66,7 @@ TABLE = Table(
     missing="slides away",
 )
 
-SMOOTH = 1e-4  # friction of a smooth preload; none would leave bodies that slide freely to rounding
+SMOOTH = 1e-4  # friction of a smooth preload: without it, rounding moves free bodies
 
 BUDGETED = ("frequency", "fall", "damping")
 
@@ -107,7 +107,7 @@ def _press(
 ) -> tuple[_Vibrating, list[str]]:
     """Preload bodies, from a state ``near``, and compute their modes; also return facts."""
     asked, parts = jointed.case.vibration, jointed.build(laws)
-    smooth = [replace(cast(Sliders, law), friction=SMOOTH) for law in laws]  # all have a friction
+    smooth = [replace(cast(Sliders, law), friction=SMOOTH) for law in laws]  # all have friction
     try:
         rest = macro.vibration.press_structure(
             parts.assembly,

@@ -130,7 +130,7 @@ def _cautions(
         yield f"voxels measure {size}: check voxel_size in [rve.image]"
     if not np.isfinite(result["scatter"]).all():
         yield (
-            "a single volume has no scatter, and intervals are not known; give several volumes, or "
+            "a single volume has no scatter, so intervals are unknown; give several volumes, or "
             "parts of half its size or less"
         )
 
@@ -144,7 +144,7 @@ def is_representative(rve: Dataset) -> str:
     scatter = float(rve["scatter"].max())
     if np.isnan(gap) or np.isnan(scatter):
         return (
-            "Whether the volume is representative is not known, as there are no bounds by "
+            "It is unknown whether the volume is representative, as there are no bounds by "
             "traction and displacement sides, or no scatter."
         )
     differ = (
@@ -249,7 +249,7 @@ def _answer(rve: Dataset) -> Iterator[str]:
         rve.isel(direction=int(np.argmin(E))),
         "Young's modulus lies between {low} and {high} GPa with the direction, {least} to {most} % "
         "below the solid (softest direction: {modulus:mean_law}, 95 %), and the worst plane "
-        "section has lost {lost} % of its area.",
+        "section has {lost} % less area.",
         low=f"{low:.4g}",
         high=f"{high:.4g}",
         least=f"{loss.min():.3g}",
@@ -401,7 +401,7 @@ GROWING_CRACKS = Stage(
     run=_grow,
     needs=_growth_needs,
     prepare=lambda case: case.growth.volumes(case.rve),
-    question="Which tension does the solid with its cracks bear, and how does it soften?",
+    question="Which tension does the solid with its cracks carry, and how does it soften?",
     answer=_growth_answer,
     sections=_growth_sections,
     answers=("strength", "fracture_energy"),
