@@ -120,6 +120,8 @@ def check_whole(out):
             imread(file)
         elif file.suffix == ".html":
             assert file.read_text(encoding="utf-8").rstrip().endswith("</html>")
+        elif file.parent.name == "exports":  # compared with those of the reference at the end
+            assert file.read_text(encoding="utf-8").endswith("\n")
         else:
             assert file.name in ("case.toml", "log.txt"), file
 
@@ -140,6 +142,14 @@ def contents(out):
             del dataset.attrs[name]
         results[str(file.relative_to(out))] = dataset
     return results
+
+
+def exports(out):
+    """Return laws and meshes for other codes, by their names."""
+    return {
+        str(file.relative_to(out)): file.read_text(encoding="utf-8")
+        for file in out.rglob("exports/*")
+    }
 
 
 def assert_identical(out, reference):
@@ -212,6 +222,7 @@ def test_a_run_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_path,
             lost.append(count - len(stored))
         go_on(folder, stored)
         assert_identical(out, expected)
+        assert exports(out) == exports(reference / "out")
     logging.getLogger(__name__).info("%s; cells left to compute: %s", kills, lost)
 
 
