@@ -43,8 +43,6 @@ def _registry() -> "pint.UnitRegistry[Any]":
 def to_si(text: object, unit: str) -> float:
     """Convert a quantity such as ``"0.8 um"`` to a float in an SI unit.
 
-    Examples
-    --------
     >>> to_si("0.8 um", "m")
     8e-07
     >>> to_si("210 GPa", "Pa")
@@ -85,8 +83,6 @@ def to_si(text: object, unit: str) -> float:
 def to_lengths(text: str) -> tuple[float, ...]:
     """Convert an edge length, or two, to m.
 
-    Examples
-    --------
     >>> to_lengths("90 um x 130 um"), to_lengths("90 x 130 um"), to_lengths("(1.5mm, 1mm)")
     ((9e-05, 0.00013), (9e-05, 0.00013), (0.0015, 0.001))
     """
@@ -142,8 +138,6 @@ LENGTH_UNITS = (Unit("m", 1.0), Unit("mm", 1e3), Unit("µm", 1e6), Unit("nm", 1e
 def stiffness_unit(values: Iterable[float]) -> Unit:
     """Choose the unit of stiffnesses per area, Pa/m: soft joints are shown in MPa/mm.
 
-    Examples
-    --------
     >>> stiffness_unit([1.2e13, 2e13]).name, stiffness_unit([4.4e8]).name
     ('MPa/µm', 'MPa/mm')
     """
@@ -195,8 +189,6 @@ def _largest(values: Iterable[float], units: tuple[Unit, ...], least: float) -> 
 def readable(value: object) -> str:
     """Format a value for reading, a quantity with a prefix for a short number.
 
-    Examples
-    --------
     >>> readable("2000000.0 Pa"), readable("4e-07 m"), readable("0.01 m/s"), readable("flat")
     ('2 MPa', '400 nm', '10 mm/s', 'flat')
     """

@@ -170,8 +170,8 @@ def _joint_faults(
     before, faults = np.zeros((3, whole.weight.size)), []
     for factor, jump, traction in steps:
         y, t = jump.T, traction.T
-        # (K + k B^T w B) u = f + B^T w (k y - t): the bodies have the jumps B u under t + k (B u -
-        # y), and k |B u - y| is the error of both
+        # (K + k B^T w B) u = f + B^T w (k y - t): the bodies have the jumps B u under the tractions
+        # t + k (B u - y), and k |B u - y| is the error of both
         # the jumps of the bodies under the tractions
         u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
         faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())

@@ -110,7 +110,7 @@ def impact(speed: float, friction: float, restitution: float) -> float:
 
 
 def third_body(speed: float, pressure: float) -> float:
-    """Shear grains between plates at speed and pressure, and at 2 and 4 times: change of t / p."""
+    """Shear grains at a speed, and at twice with 4 times the pressure: change of the friction."""
     from multiscale.macro.granulate import ContactLaw, Solver, shear_cells
 
     radii, size = np.full(30, 0.005), (0.04, 0.04)

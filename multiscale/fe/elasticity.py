@@ -46,8 +46,7 @@ def assemble_elasticity(
     laplace = sum(by_shear[k][k] for k in range(d))
 
     def block(i: int, j: int) -> csr_array:
-        # K_ij = ∫ lame v,i u,j + shear v,j u,i + δ_ij shear v,k u,k
-        # (1)
+        # K_ij = ∫ lame v,i u,j + shear v,j u,i + δ_ij shear v,k u,k (1)
         return by_lame[i][j] + by_shear[j][i] + (laplace if i == j else 0.0 * laplace)  # (1)
 
     return _interleave([[block(i, j) for j in range(d)] for i in range(d)])

@@ -254,9 +254,9 @@ def contact_areas(
         B = \frac14 + \frac{1}{4 \pi} \int_0^\pi \frac{f}{\sin^2(\theta / 2)}\, \mathrm{d}\theta,
         \qquad b = \frac12 - \frac1\pi \int_0^\pi f \cos \theta\, \mathrm{d}\theta.    \tag{1}
 
-    Forces from the outermost node inwards have the generating function :math:`\sum \lambda_n z^n =
-    (\alpha + \beta z) (1 - z)^{-3/2} \exp(-\sum_{n > 0} a_n z^n)`: their square root far inside
-    ends
+    Forces from the outermost node inwards have the generating function
+    :math:`(\alpha + \beta z) (1 - z)^{-3/2} \exp(-\sum_{n > 0} a_n z^n)`, of which the square root
+    far inside ends
 
     .. math:: s = \frac{1}{\lambda_1 / \lambda_0 - b} - B, \qquad
         \lambda_1 / \lambda_0 \ge 1 + b,    \tag{2}

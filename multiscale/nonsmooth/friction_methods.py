@@ -69,7 +69,7 @@ def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     #     b = q_T - W_TN q_N / W_NN,
     #     r_T = -(S + alpha I)^-1 b,  r_N = -(q_N + W_NT r_T) / W_NN,
     #     g = mu r_N / |r_T| - 1 = 0;  (1)
-    # g is negative at 0 and positive beyond |b| (W_NN + mu |W_NT|) / (-mu q_N)                  (2)
+    # g is negative at 0 and positive beyond |b| (W_NN + mu |W_NT|) / (-mu q_N) (2)
     low, high = 0.0, size * (w + mu * np.sqrt(n1 * n1 + n2 * n2)) / (-mu * q0)  # (2)
     mobility = block[1, 1] + block[2, 2]
     floor = 1e-14 * (mobility if mobility > 0.0 else w)
@@ -130,7 +130,7 @@ def semismooth_newton(
     smallest = merit
     for _ in range(max_iterations):
         # direction, and the largest of 1, 1/2, 1/4 ... that lowers the merit enough
-        # F' = A W + B; a proximal term makes it regular: (A (W + alpha I) + B) dr = -F       (1)
+        # F' = A W + B; a proximal term makes it regular: (A (W + alpha I) + B) dr = -F (1)
         solve = factorise_blocks(problem, B + alpha * A + SMALLEST * np.eye(3), A)  # (1)
         step = np.full_like(r, np.nan) if solve is None else -solve(residual)
         length = 0.0

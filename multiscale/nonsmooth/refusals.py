@@ -103,8 +103,8 @@ def infeasibility_detail(
             return ""
         y = np.maximum(y / largest, 0.0)
         power, reach = float(vector @ y), float(np.max(transposed @ y))
-        # y >= 0, A^T y <= 0, b^T y < 0 (1): every admissible x has a sum of at least -b^T y /
-        # max(A^T y)
+        # y >= 0, A^T y <= 0, b^T y < 0 (1): every admissible x has a sum of at least
+        # -b^T y / max(A^T y)
         if power >= 0.0 or -power <= FARTHEST * reach:
             return ""
         return (

@@ -233,8 +233,7 @@ def _errors(
     blind = [dict(best) if parameters is None else parameters for parameters in fits]
     fit = (regression.predict(best) - mean) / regression.scale
     total = max(float(np.sum(regression.weights * fit**2)), 1e-24 * n)
-    # n ln(R/n) + 2 (k+1) + 2 (k+1)(k+2) / (n-k-2), corrected for few points, of weighted residuals
-    # (1)
+    # n ln(R/n) + 2 (k+1) + 2 (k+1)(k+2) / (n-k-2) (1) of weighted residuals, for few points
     criterion = float("nan")
     if n - k - 2 > 0:
         criterion = float(n * np.log(total / n) + 2 * (k + 1) + 2 * (k + 1) * (k + 2) / (n - k - 2))

@@ -133,8 +133,8 @@ def _nearest_beds(cells: _Sheared) -> tuple[np.ndarray, np.ndarray]:
     full = loaded & (cells.response["slip_fraction"].to_numpy() >= FULL_SLIP)
     friction = np.sum(full * size * per_pressure, axis=1) / full.sum(axis=1)
     # ratios from the steps below, without closed cycles
-    # least squares of the distance from (1), over p, on the normal law of the cell; beyond t = mu
-    # (p - p_min) springs that stick lie outside the pressures of the law
+    # least squares of the distance from (1), over p, on the normal law of the cell; beyond
+    # t = mu (p - p_min) springs that stick lie outside the pressures of the law
     inside = loaded & (size < friction[:, None] * (cells.pressure - cells.lowest))
     for _, (first, _, last) in closed_cycles(cells.slip.mean(axis=0), cells.pressure):
         inside[:, first + 1 : last + 1] = False

@@ -84,9 +84,9 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     mean, following = np.full((2, 3, p.size), np.nan)
     if n > 1:
         t, widths = student(n - 1), np.sqrt([1.0 / n, 1.0 + 1.0 / n])[:, None]
-        # s of the logarithm of the factors, t of n - 1: 1 + h = exp(t s / sqrt n) of the mean, 1 +
-        # h' = exp(t s sqrt(1 + 1/n)) of the next specimen, which contains the mean (1); gaps of a
-        # stiffness, from the largest pressure, are in inverse proportion
+        # with the deviation s of the logarithm of the factors and Student's t of n - 1
+        #     1 + h = exp(t s / sqrt n),  1 + h' = exp(t s sqrt(1 + 1/n))  (1)
+        # of the mean and of the next specimen; gaps of a stiffness are in inverse proportion
         mean[2], following[2] = np.expm1(t * factor.std(ddof=1) * widths)  # (1)
         mean[0], following[0] = mean[2], following[2]
         if of_gap:

@@ -91,9 +91,9 @@ def linearise_contact(
     lost[:, 1:] |= lost[:, :1] | (friction == 0.0)[:, None]
     space = np.zeros((2, len(reaction), 3))
     space[:, :, :c] = np.where(lost, 0.0, [stiffness[:, None] * jump, reaction])
-    # y = r - rho (g, s), ball of radius b = mu max(0, y_n): R_n = r_n - max(0, y_n), R_t = r_t -
-    # P_b(y_t)
-    #     (1), zero if and only if (5) of the source holds with Coulomb's law
+    # with y = r - rho (g, s) and the ball of radius b = mu max(0, y_n)
+    #     R_n = r_n - max(0, y_n),  R_t = r_t - P_b(y_t),  (1)
+    # zero if and only if (5) of the source holds with Coulomb's law
     residual, by_jump, by_reaction = linearise(*space, friction)  # (1)
     return LocalLaw(
         np.where(lost, reaction, residual[:, :c]),

@@ -373,7 +373,7 @@ def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: i
             for c in range(impulse.shape[0]):
                 for k in range(impulse.shape[1]):
                     size += (impulse[c, k] - before[c, k]) ** 2 / mass[c]
-            # conjugate gradients with the sweep G as gradient, in the norm of the masses, (M.
+            # conjugate gradients with the sweep G as gradient, in the norm of the masses (M.
             # Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901); the last
             # of a burst stays in the cones:
             #     g = G(r) - r,  beta = |g|²/|g'|² or 0 above 1,  p = g + beta p',  r = r + p  (4)

@@ -60,9 +60,9 @@ def interface_stiffness(
         {index: S[np.ix_(at, at)] for index, at in places.items()}
         for places, (_, S) in zip(local, schur, strict=True)
     ]
-    # from S_ee (other interfaces fixed), which is far too stiff where bars are much stiffer than
-    # cables
-    #     k_e = mean over sides of S_ee - S_eo (S_oo + k_o)^-1 S_oe  (1),
+    # with the stiffness k_o of the other interfaces; the start S_ee is far too stiff where bars are
+    # much stiffer than cables
+    #     k_e = mean over sides of S_ee - S_eo (S_oo + k_o)^-1 S_oe  (1)
     # fixed-point iteration of (1)
     stiffness = start or _mean(fixed, counts, team)
     for _ in range(PASSES):

@@ -66,8 +66,8 @@ class LatinIterate(NamedTuple):
 class Latin:
     r"""A problem prepared for LATIN iterations of :math:`x = (z, r)`.
 
-    The *local stage* solves links, :math:`z = \tau - l \lambda`, and interfaces, :math:`r = k_0 T u
-    - F`; the *linear stage* the equilibrium of every substructure and of the coarse forces.
+    The *local stage* solves links, :math:`z = \tau - l \lambda`, and interfaces,
+    :math:`r = k_0 T u - F`; the *linear stage* solves the substructures and the coarse forces.
     """
 
     def __init__(

@@ -127,7 +127,7 @@ def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -
 
 @dataclass(frozen=True, eq=False)
 class Inclusions:
-    """Inclusions of elements, in classes of fatigue limits: point ``e classes + k`` is class k."""
+    """Inclusions of elements, in classes of fatigue limits: ``e * classes + k`` is class k."""
 
     material: FatigueMaterial
     factors: np.ndarray  # (classes,), fatigue limits over the limit of the material

@@ -76,8 +76,7 @@ class ReferenceInverse:
     """Exactly constrained inverse of a stiffness :math:`K_0` equal or spectrally close to K.
 
     ``solve(force, correct, out)`` returns :math:`K_0^{-1} (f - N^t l)` for forces f, ``None`` for
-    zero, possibly written into ``out``; ``correct`` returns the contact forces l for :math:`N
-    K_0^{-1} f`.
+    zero, possibly in ``out``; ``correct`` returns the contact forces l for :math:`N K_0^{-1} f`.
     """
 
     solve: Callable[..., np.ndarray]

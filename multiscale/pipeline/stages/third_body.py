@@ -132,8 +132,9 @@ def size_errors(response: Dataset, wider: Dataset, law: Dataset) -> list[float]:
         each, variance, _ = _differences(*ratios)
         mean, of_mean, free = _differences(*(np.nanmean(r, axis=1)[:, None] for r in ratios))
         square = np.fmax(np.nanmean(each**2 - np.nan_to_num(variance)), mean[0] ** 2)
-        # at least linear in the periods: twice the difference from cells of twice the periods, 2
-        # sqrt(max(mean(d² - s²), mean(d)²) + w²) with scatter s and half-width w of the mean  (2)
+        # errors at least linear in the periods are at most twice the difference d from cells of
+        # twice the periods, with their scatter s and the half-width w of the mean
+        #     2 sqrt(max(mean(d² - s²), mean(d)²) + w²)  (2)
         errors.append(2.0 * float(np.sqrt(square + student(free[0]) ** 2 * of_mean[0])))  # (2)
     return errors
 

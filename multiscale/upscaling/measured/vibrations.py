@@ -49,8 +49,8 @@ class MeasuredVibration(_Vibration, MeasuredLoop):
 
     A mass m over the nominal area at its phase resonance, of the frequency f without damping and
     the damping ratio :math:`\zeta`, has the first harmonic of the shear of a closed loop, with the
-    first loading B of :class:`MeasuredLoop` at :math:`a \sin^2(\theta/2)` and the work :math:`\pi
-    a^2 k''`,
+    first loading B of :class:`MeasuredLoop` at :math:`a \sin^2(\theta/2)` and the work
+    :math:`\pi a^2 k''`,
 
     .. math::
         k' = m (2 \pi f)^2 = -\frac{4}{\pi a} \int_0^\pi B \cos\theta\, \mathrm{d}\theta, \qquad
