@@ -1,6 +1,6 @@
 """From observations of many cells, or of specimens, to laws with their uncertainty."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +8,14 @@ import numpy as np
 
 from multiscale.errors import CaseError, require
 from multiscale.laws import AreaLaw
-from multiscale.schema import INTERFACE_LAW, LAW_COMPARISON, Dataset, Variable, with_cautions
+from multiscale.schema import (
+    INTERFACE_LAW,
+    LAW_COMPARISON,
+    Dataset,
+    Schema,
+    Variable,
+    with_cautions,
+)
 from multiscale.upscaling.family import FAMILIES, Family, families_of
 from multiscale.upscaling.free_form import (
     N_TERMS,
@@ -22,8 +29,12 @@ from multiscale.upscaling.free_form import (
 )
 from multiscale.upscaling.law_checks import admissibility
 from multiscale.upscaling.observations import QUANTITIES, Observations
-from multiscale.upscaling.reading import area_from_dataset, fitted_law
-from multiscale.upscaling.regression import BY_REALISATION, NONE, fit_family, regression_of
+from multiscale.upscaling.reading import (
+    BY_REALISATION,
+    area_from_dataset,
+    fitted_law,
+)
+from multiscale.upscaling.regression import NONE, fit_family, regression_of
 from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.sampling import draw_counts
 
@@ -142,19 +153,8 @@ def fit_law(
         ("seed", seed, 0),
     ):
         require(name, count, f"[{least}, inf)", integer=True)
-    observations = data if isinstance(data, Observations) else normal_observations(data, control)
+    observations, area, share = _observe(data, control, weights)
     chosen = _choose(family, observations.quantity)
-    share = np.ones(observations.pressure.size)
-    if weights is not None:
-        given = np.asarray(weights, dtype=float)
-        n = observations.order.size if isinstance(data, Observations) else data.sizes["step"]
-        if given.shape != (n,) or not np.all((given >= 0.0) & np.isfinite(given)):
-            raise CaseError(
-                f"weights must be {n} finite numbers that are not negative, one for each point "
-                f"given, got shape {given.shape}"
-            )
-        share = given[observations.order]
-    area = None if isinstance(data, Observations) else area_observations(data, control)
     attributes: dict[str, Any] = {}
     cautions: list[str] = []
     # a normal law ends at the pressure that a convex function no longer follows
@@ -197,6 +197,26 @@ def fit_law(
         attributes["branches"] = _join_branches(BRANCHES)
     attributes |= result.attributes | {"seed": seed}
     return _build(observations, chosen, values, attributes, cautions, share > 0.0)
+
+
+def _observe(
+    data: Dataset | Observations, control: Dataset | None, weights: np.ndarray | None
+) -> tuple[Observations, Observations | None, np.ndarray]:
+    """Return observations, those of the contact fraction of cells, and weights of the points."""
+    if isinstance(data, Observations):
+        observations, area, given = data, None, data.order.size
+    else:
+        observations, area = normal_observations(data, control), area_observations(data, control)
+        given = data.sizes["step"]
+    if weights is None:
+        return observations, area, np.ones(observations.pressure.size)
+    share = np.asarray(weights, dtype=float)
+    if share.shape != (given,) or not np.all((share >= 0.0) & np.isfinite(share)):
+        raise CaseError(
+            f"weights must be {given} finite numbers that are not negative, one for each point "
+            f"given, got shape {share.shape}"
+        )
+    return observations, area, share[observations.order]
 
 
 def describe_control(name: str, observed: Observations) -> str:
@@ -274,44 +294,20 @@ def _build(
     counted: np.ndarray,
 ) -> Dataset:
     """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
-    quantity = QUANTITIES[observations.quantity]
-    attributes = {**observations.attributes, **attributes}
-    mean, p = observations.mean, observations.pressure
-    steps = np.unique(p).size - 1
-    if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
-        cautions.append(
-            f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
-            f"gaps in m"
-        )
-    if steps:
-        per_decade = steps / np.log10(p.max() / p.min())
-        attributes["pressures_per_decade"] = float(per_decade)
-        if observations.quantity == "gap" and per_decade < FEWEST_PER_DECADE * (1.0 - 1e-9):
-            cautions.append(
-                f"the law rests on {per_decade:.2g} pressures a decade; from "
-                f"{FEWEST_PER_DECADE} on its accuracy was measured"
-            )
-
-    schema = INTERFACE_LAW
-    if isinstance(family, Family):  # its parameters are variables of the law
-        text = f"parameter of the {family.name} law"
-        added = {
-            name: Variable((), parameter.unit, text)
-            for name, parameter in family.parameters.items()
-        }
-        for name, (_, unit) in family.held(observations).items():
-            added[name] = Variable((), unit, f"given by the data to the {family.name} law")
-        schema = replace(schema, optional={**schema.optional, **added})
-        schema = schema.with_samples(sample=family.parameters)
+    quantity, p = QUANTITIES[observations.quantity], observations.pressure
+    cautions = [*cautions, *_doubts(observations)]
+    decades = np.log10(p.max() / p.min())
+    coverage = {"pressures_per_decade": float(_steps(p) / decades)} if decades else {}
     conditions = zip(quantity.conditions, observations.conditions, strict=True)
     sizes = [len(value) for name, value in values.items() if name.endswith("_sample")]
-    dataset = schema.build(
+    custom = None if isinstance(family, str) else family
+    dataset = _schema_of(custom, observations).build(
         {
             **values,
             **{f"fit_{name}": condition for name, condition in conditions},
-            quantity.variable: mean,
+            quantity.variable: observations.mean,
         },
-        **attributes,
+        **{**observations.attributes, **attributes, **coverage},
         family=family if isinstance(family, str) else family.name,
         quantity=observations.quantity,
         n_realisations=observations.n_realisations,
@@ -319,11 +315,11 @@ def _build(
         pressure_min=float(p.min()),
         pressure_max=float(p.max()),
     )
-    if family == "monotone":
-        law: Any = area_from_dataset(dataset)
-    else:
-        law = fitted_law(dataset, family=family if isinstance(family, Family) else None)
+    # distance from the data, and admissibility
     name, free_form = dataset.attrs["family"], FREE_FORM.get(observations.quantity)
+    law: Any = (
+        area_from_dataset(dataset) if family == "monotone" else fitted_law(dataset, family=custom)
+    )
     missed = f"the law of the family {name!r} misses the observed {observations.quantity}"
     other = f"such as {free_form!r}" if free_form not in (None, name) else "or fewer pressures"
     misfit = observations.at(counted).misses(law, missed.replace("_", " "))
@@ -331,6 +327,44 @@ def _build(
     report = admissibility(law, (float(p.min()), float(p.max())))
     dataset = dataset.assign_attrs(admissible=int(report.passed), admissibility=str(report))
     return with_cautions(dataset, *cautions)
+
+
+def _steps(pressure: np.ndarray) -> int:
+    """Count the steps between the pressures."""
+    return int(np.unique(pressure).size - 1)
+
+
+def _doubts(observations: Observations) -> Iterator[str]:
+    """Caution on gaps in another unit, and on few pressures."""
+    p, mean = observations.pressure, observations.mean
+    if observations.quantity != "gap":
+        return
+    if mean.max() > LARGEST_GAP:
+        yield (
+            f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
+            f"gaps in m"
+        )
+    if _steps(p):
+        per_decade = _steps(p) / np.log10(p.max() / p.min())
+        if per_decade < FEWEST_PER_DECADE * (1.0 - 1e-9):
+            yield (
+                f"the law rests on {per_decade:.2g} pressures a decade; from "
+                f"{FEWEST_PER_DECADE} on its accuracy was measured"
+            )
+
+
+def _schema_of(family: Family | None, observations: Observations) -> Schema:
+    """Return the schema of a law, whose variables include the parameters of a family."""
+    if family is None:
+        return INTERFACE_LAW
+    text = f"parameter of the {family.name} law"
+    added = {
+        name: Variable((), parameter.unit, text) for name, parameter in family.parameters.items()
+    }
+    for name, (_, unit) in family.held(observations).items():
+        added[name] = Variable((), unit, f"given by the data to the {family.name} law")
+    schema = replace(INTERFACE_LAW, optional={**INTERFACE_LAW.optional, **added})
+    return schema.with_samples(sample=family.parameters)
 
 
 def compare_laws(

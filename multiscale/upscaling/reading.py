@@ -19,6 +19,8 @@ from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.family import FAMILIES, Family
 from multiscale.upscaling.sampling import most_confident, widening
 
+BY_REALISATION = "bootstrap over realisations"  # attribute ``uncertainty`` of a law of cells
+
 TABLE = "table"  # family of laws that are linear between the points of a table of the user
 
 
@@ -146,7 +148,7 @@ def law_band(
     if refusal := refuse_band(dataset, confidence):
         raise CaseError(refusal)
     n_samples, n = int(dataset.sizes["sample"]), int(dataset.attrs["n_realisations"])
-    by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
+    by_realisation = dataset.attrs["uncertainty"] == BY_REALISATION
     laws = fitted_laws(dataset, [None, *range(n_samples)], family=family)
     centre, *answers = (evaluate(law) for law in laws)
     tail = 50.0 * (1.0 - confidence)
@@ -161,7 +163,7 @@ def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
     """Return why the samples of a law are too few for a band; empty if they suffice."""
     require_law(dataset, "n_realisations", "uncertainty")
     n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
-    by_realisation = "realisations" in str(dataset.attrs["uncertainty"])
+    by_realisation = dataset.attrs["uncertainty"] == BY_REALISATION
     if (n_samples == 0 or by_realisation) and confidence > most_confident(n):
         enough = next(m for m in range(3, 1000) if most_confident(m) >= confidence)
         few = f"{count_realisations(dataset)} {'are' if n > 1 else 'is'} too few"

@@ -12,12 +12,11 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.upscaling.family import Family, Parameter, gaps_of
 from multiscale.upscaling.free_form import FitResult, Values, normal_errors, unseen_errors
 from multiscale.upscaling.observations import QUANTITIES, Observations
+from multiscale.upscaling.reading import BY_REALISATION
 from multiscale.upscaling.sampling import widening
 
 FARTHEST = 60.0  # a parameter moves at most e^60 times in one fit
 REFUSED = 1e6  # relative error of a law that cannot be made
-
-BY_REALISATION = "bootstrap over realisations"
 
 BY_POINT = "bootstrap over the residuals of independent points"
 
