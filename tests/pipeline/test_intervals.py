@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
+from multiscale.errors import SchemaError
 from multiscale.io import save_law
 from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import joint_path, load_joint
@@ -76,6 +77,13 @@ class ByPickle(Executor):
         function, *given = pickle.loads(pickle.dumps(args))
         future.set_result(function(*given))
         return future
+
+
+def test_a_result_without_the_kind_of_its_path_is_refused_with_what_to_do(joint):
+    assert LOADED_BODIES.summary(joint).question.startswith("How stiff are the joints")
+    old = joint.drop_attrs()
+    with pytest.raises(SchemaError, match="run the case again"):
+        LOADED_BODIES.summary(old)
 
 
 @pytest.mark.slow
