@@ -24,7 +24,7 @@ from multiscale.pipeline.stage import (
     Stage,
     list_cautions,
 )
-from multiscale.pipeline.tables.assembly_parts import doubt_density
+from multiscale.pipeline.tables.meshed_bodies import doubt_density
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.settings import Case
 from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts

@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.stages.grains import GRAINS
-from multiscale.pipeline.tables.assembly_parts import doubt_density
+from multiscale.pipeline.tables.meshed_bodies import doubt_density
 from multiscale.schema import GRANULATE
 from tests.support import SCENES, write_scene
 

@@ -13,8 +13,8 @@ from multiscale.needs import Needs
 from multiscale.pipeline.showing import Rows, Table
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.structure_stage import structure_stage
-from multiscale.pipeline.tables.assembly_parts import doubt_density
 from multiscale.pipeline.tables.grain_settings import Granulate
+from multiscale.pipeline.tables.meshed_bodies import doubt_density
 from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.grain_figures import grain_pictures

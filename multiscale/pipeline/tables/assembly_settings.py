@@ -13,7 +13,7 @@ from multiscale import macro
 from multiscale.errors import CaseError, suggest
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import substructures
-from multiscale.pipeline.tables import assembly_parts
+from multiscale.pipeline.tables import assembly_parts, meshed_bodies
 from multiscale.pipeline.tables.joint_settings import (
     SLABS,
     JointLaw,
@@ -236,6 +236,21 @@ class Bodies(SolvedBodies):
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies, interfaces and bolts, and the path over the loads."""
         meshes = [body.load() for body in self.bodies]
+        bodies, forces = self._build_bodies(meshes)
+        interfaces = [self._join(meshes, number, law) for number, law in enumerate(laws)]
+        bolts, sections, described = self._tighten(meshes, bodies)
+        facts = (
+            f"Interface {number}: {interface.name}."
+            for number, interface in enumerate(self.interfaces)
+        )
+        times = tuple(map(float, range(len(self.loads))))
+        assembly = macro.Assembly(
+            tuple(bodies), tuple(interfaces), times, bolts=tuple(bolts), sections=tuple(sections)
+        )
+        return StructureParts(assembly, self.path(case, forces), (*facts, *described))
+
+    def _build_bodies(self, meshes: Sequence["Mesh"]) -> tuple[list["macro.Body"], list[float]]:
+        """Build the bodies with their loads, and return the resultants of all loads, N."""
         kinds = {
             body.name: KINDS[mesh.t.shape[0]]
             for body, mesh in zip(self.bodies, meshes, strict=True)
@@ -255,48 +270,33 @@ class Bodies(SolvedBodies):
         for supported in self.bodies:
             for boundary in supported.supports:
                 self.place(meshes, f"supports of {supported.name}", f"{supported.name}.{boundary}")
-        bodies = [
-            body.build(mesh, pull)
-            for body, mesh, pull in zip(self.bodies, meshes, pulls, strict=True)
-        ]
-        interfaces = []
-        for number, (joint, law) in enumerate(zip(self.interfaces, laws, strict=True)):
-            first, second = joint.sides
-            lower = (
-                macro.bodies.GROUND
-                if first == assembly_parts.GROUNDED
-                else self.place(meshes, f"interface {number}", first)
-            )
-            upper = self.place(meshes, f"interface {number}", second)
-            sides = (lower[0], upper[0]), (lower[1], upper[1])
-            gap = None if joint.gap is None else joint.gap.build()
-            interfaces.append(macro.Interface(*sides, law, gap=gap))
-        facts = [
-            f"Interface {number}: {interface.name}."
-            for number, interface in enumerate(self.interfaces)
-        ]
-        bolts, sections = [], []
+        built = zip(self.bodies, meshes, pulls, strict=True)
+        return [body.build(mesh, pull) for body, mesh, pull in built], forces
+
+    def _join(self, meshes: Sequence["Mesh"], number: int, law: InterfaceLaw) -> "macro.Interface":
+        """Build an interface of two bodies, or of a body and the ground."""
+        joint, user = self.interfaces[number], f"interface {number}"
+        grounded = joint.sides[0] == assembly_parts.GROUNDED
+        lower = macro.bodies.GROUND if grounded else self.place(meshes, user, joint.sides[0])
+        upper = self.place(meshes, user, joint.sides[1])
+        gap = None if joint.gap is None else joint.gap.build()
+        return macro.Interface((lower[0], upper[0]), (lower[1], upper[1]), law, gap=gap)
+
+    def _tighten(
+        self, meshes: Sequence["Mesh"], bodies: "Sequence[macro.Body]"
+    ) -> tuple[list["macro.Bolt"], list["macro.BoltSection"], list[str]]:
+        """Build springs and meshed sections of bolts, and describe the springs."""
+        bolts, sections, described = [], [], []
         for number, bolt in enumerate(self.bolts):
             head, nut = (self.place(meshes, f"bolt {number}", face) for face in bolt.sides)
+            sides = (head[0], nut[0]), (head[1], nut[1])
             if bolt.meshed:
-                cut = (head[0], nut[0]), (head[1], nut[1])
-                sections.append(macro.BoltSection(*cut, bolt.preload))
+                sections.append(macro.BoltSection(*sides, bolt.preload))
                 continue
-            made, description = bolt.build((head[0], nut[0]), (head[1], nut[1]), bodies)
+            made, description = bolt.build(*sides, bodies)
             bolts.append(made)
-            facts.append(f"Bolt {number}, {description}: {1e-6 * made.stiffness:.4g} N/µm.")
-        times = tuple(map(float, range(len(self.loads))))
-        return StructureParts(
-            macro.Assembly(
-                tuple(bodies),
-                tuple(interfaces),
-                times,
-                bolts=tuple(bolts),
-                sections=tuple(sections),
-            ),
-            self.path(case, forces),
-            tuple(facts),
-        )
+            described.append(f"Bolt {number}, {description}: {1e-6 * made.stiffness:.4g} N/µm.")
+        return bolts, sections, described
 
     def place(self, meshes: "Sequence[Mesh]", user: str, face: str) -> tuple[int, str]:
         """Return the number of a body and the name of its face, which its mesh must have."""
@@ -381,7 +381,7 @@ class Bodies(SolvedBodies):
         """Return the ratio of the sizes of elements at twice the asked sizes; 1 if alike."""
         sized = [body for body in self.bodies if body.element is not None]
         ratio = _size_ratio(sized, [body.coarsened() or body for body in sized]) if sized else 1.0
-        return ratio if ratio >= assembly_parts.COARSER else 1.0
+        return ratio if ratio >= meshed_bodies.COARSER else 1.0
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, if any, by the ratio of the element sizes."""
@@ -390,7 +390,7 @@ class Bodies(SolvedBodies):
         if len(bodies) < len(coarse):
             return {}
         ratio = _size_ratio(self.bodies, bodies)
-        if ratio < assembly_parts.COARSER:
+        if ratio < meshed_bodies.COARSER:
             return {}
         return {ratio: self.model_copy(update={"bodies": bodies})}
 
@@ -401,11 +401,10 @@ class Bodies(SolvedBodies):
 
 
 def _size_ratio(
-    fine: Sequence[assembly_parts.MeshedBody], coarse: Sequence[assembly_parts.MeshedBody]
+    fine: Sequence[meshed_bodies.MeshedBody], coarse: Sequence[meshed_bodies.MeshedBody]
 ) -> float:
     """Return the ratio of the sizes of the elements of coarse and fine bodies."""
     many, few = (
-        sum(assembly_parts.n_tetrahedra(body.load()) for body in bodies)
-        for bodies in (fine, coarse)
+        sum(meshed_bodies.n_tetrahedra(body.load()) for body in bodies) for bodies in (fine, coarse)
     )
     return float((many / few) ** (1.0 / 3.0))

@@ -17,7 +17,7 @@ from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
-from multiscale.pipeline.tables import assembly_parts, joint_settings
+from multiscale.pipeline.tables import assembly_parts, joint_settings, meshed_bodies
 from multiscale.pipeline.tables import toml_model as toml
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.solved_bodies import SolvedBodies, StructureParts, body_faults
@@ -109,7 +109,7 @@ counted for four element sizes."""
 Elasticity = Elastic | AnisotropicElastic
 
 
-class MadeBodies(StructureKind, assembly_parts.Material):
+class MadeBodies(StructureKind, meshed_bodies.Material):
     """Elastic bodies of the same material with rough joints between neighbours, if several."""
 
     stage: ClassVar[str] = "loaded_bodies"
@@ -130,7 +130,7 @@ class MadeBodies(StructureKind, assembly_parts.Material):
 
     damage: tuple[joint_settings.Damage, ...] = ()
     """Damage D of bodies, from the lowest; each stiffness has the factor 1 - D. 0 if not given."""
-    quick_rve: Annotated[bool, assembly_parts.RUN_QUICK_RVE] = False
+    quick_rve: Annotated[bool, meshed_bodies.RUN_QUICK_RVE] = False
     """Whether a case that `rve` names is run `--quick`."""
 
     @property
@@ -168,9 +168,9 @@ class MadeBodies(StructureKind, assembly_parts.Material):
         """Build bodies and joints from materials and laws, the lowest first."""
 
     @property
-    def bodies(self) -> tuple[assembly_parts.MeshedBody, ...]:
+    def bodies(self) -> tuple[meshed_bodies.MeshedBody, ...]:
         """All bodies, the lowest first."""
-        material = self.model_dump(include=set(assembly_parts.Material.model_fields)) | {
+        material = self.model_dump(include=set(meshed_bodies.Material.model_fields)) | {
             "quick": self.quick_rve
         }
         damages = self.damage or (0.0,) * (self.joints + 1)
@@ -218,7 +218,7 @@ class MadeBodies(StructureKind, assembly_parts.Material):
             )
 
 
-class BuiltBody(assembly_parts.MeshedBody):
+class BuiltBody(meshed_bodies.MeshedBody):
     """A body with a generated mesh; no case has such a table."""
 
     source: Any
@@ -422,7 +422,7 @@ class LapJoint(MadeBodies):
             macro.bodies.lap_meshes(joint.shape)[0].nelements for joint in (self, larger)
         )
         ratio = sqrt(fine / coarse)
-        return {ratio: larger} if ratio >= assembly_parts.COARSER else {}
+        return {ratio: larger} if ratio >= meshed_bodies.COARSER else {}
 
     def _faults(self) -> Iterator[str]:
         yield from super()._faults()

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.fe.faces import face_of
 from multiscale.laws.bulk import AnisotropicElastic
-from multiscale.pipeline.tables.assembly_parts import MeshedBody
+from multiscale.pipeline.tables.meshed_bodies import MeshedBody
 from multiscale.pipeline.tables.structure_kind import Face
 from multiscale.schema import Dataset
 from multiscale.units import readable

@@ -13,7 +13,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk.bulk_law import mindlin_ratio
 from multiscale.macro import substructures
-from multiscale.pipeline.tables import assembly_parts
+from multiscale.pipeline.tables import assembly_parts, meshed_bodies
 from multiscale.pipeline.tables.joint_settings import SLABS, OpenLaw
 from multiscale.pipeline.tables.porous_body import PorousBody
 from multiscale.pipeline.tables.structure_kind import StructureKind
@@ -52,7 +52,7 @@ class SolvedBodies(StructureKind):
     no_coarser: ClassVar[str]  # caution if no coarser structure can be solved
 
     kind: str
-    bodies: tuple[assembly_parts.MeshedBody, ...] = Field(min_length=1)
+    bodies: tuple[meshed_bodies.MeshedBody, ...] = Field(min_length=1)
     interfaces: tuple[assembly_parts.BodyInterface, ...] = ()
 
     @property
@@ -242,7 +242,7 @@ class SolvedBodies(StructureKind):
         require(self.build(case, laws).assembly)
 
 
-def body_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> Iterator[str]:
+def body_faults(bodies: Sequence[meshed_bodies.MeshedBody], case: "Case") -> Iterator[str]:
     """Report bodies without the data for the other tables of their case."""
     takers = [body.name for body in bodies if body.porous and body.rve is None]
     if takers and case.rve is None:
@@ -272,7 +272,7 @@ def body_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> It
         )
 
 
-def _fatigue_faults(bodies: Sequence[assembly_parts.MeshedBody], case: "Case") -> Iterator[str]:
+def _fatigue_faults(bodies: Sequence[meshed_bodies.MeshedBody], case: "Case") -> Iterator[str]:
     if case.cycles is None:
         yield (
             "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
