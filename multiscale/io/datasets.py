@@ -36,9 +36,6 @@ def write_dataset(
 
     Parameters
     ----------
-    dataset : Dataset
-    path : Path
-    schema : Schema
     **attributes
         Further attributes, such as the checksum of the case.
 
@@ -80,7 +77,6 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
 
     Parameters
     ----------
-    path : path
     schema : Schema, optional
         Schema that the dataset must follow; the schema that it names if not given.
     """

@@ -195,7 +195,6 @@ class SteadySliding(InterfaceLaw):
     Parameters
     ----------
     normal : NormalLaw, law of the pressure, with the initial gap
-    friction : FrictionLaw
     velocity : tuple of float
         Velocity :math:`v` of side 2 relative to side 1 along each tangent, m/s, not zero.
 

@@ -185,7 +185,6 @@ def solve_cell(
     Parameters
     ----------
     cell : FlatCell, GraphCell, FiniteCell or MeshCell
-    path : Path
     keep_fields : bool
         Keep pressure and gap at every surface node, or at the points of a cell on a mesh.
     keep_spots : bool

@@ -130,7 +130,6 @@ def slide_cell(
     distance : float
         Sliding distance, m. An elastic cell repeats itself after a period of its surface; a
         plastic cell is run in after a few periods.
-    steps : int
     executor : Executor, optional, runs the pressures; see :func:`multiscale.executors.run_jobs`
     tolerance : float, see :func:`multiscale.micro.solve_cell`
 

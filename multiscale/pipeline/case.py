@@ -100,10 +100,8 @@ def case_of_image(
 
     Parameters
     ----------
-    image : Path
     youngs_modulus, voxel_size : str
         Quantities as in case files; an empty size of the voxels is read from the image.
-    poissons_ratio, void_value : float
     """
     stack = {"file": str(image.resolve()), "void_value": void_value}
     solid = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}

@@ -79,7 +79,6 @@ def requirements(case: Case, *, processes: int = 1) -> Needs:
 
     Parameters
     ----------
-    case : Case
     processes : int, that share the substructures of a structure
 
     Examples
@@ -107,7 +106,6 @@ def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int =
 
     Parameters
     ----------
-    cases : iterable of Case
     folders : iterable of Path
         Run folder of each case; up-to-date datasets in it cost nothing.
     jobs : int, worker processes; 0 for one per core

@@ -92,7 +92,6 @@ def run(
 
     Parameters
     ----------
-    case : Case
     out : path
         Run folder; made if needed. Finished cells of the same case in it are not computed again,
         nor are stages with unchanged tables that depend only on such stages.
@@ -189,7 +188,6 @@ def run_macro(
 
     Parameters
     ----------
-    case : Case
     file : path, dataset to write; its folder is made if needed
     law : path, optional, interface law of the joints, in place of the law of the case
     team : ProcessGroup, optional

@@ -64,7 +64,6 @@ class Sweep:
 
     Attributes
     ----------
-    title : str
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
     points : sequence of Case
@@ -171,7 +170,6 @@ def run_sweep(
 
     Parameters
     ----------
-    sweep : Sweep
     out : path
         Gets ``sweep.nc``, and in the folder ``points`` the answers of each point in a small file.
         Finished points and cells in it are not computed again, even if another sweep wrote them.

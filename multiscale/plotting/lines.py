@@ -28,7 +28,6 @@ def plot_lines(
 
     Parameters
     ----------
-    data : Dataset
     *names : str, variables of :data:`multiscale.schema.SHOWN`; missing variables are left out
     by : str
         Dimension or variable; each of its labels or values has a line.

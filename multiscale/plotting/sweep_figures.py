@@ -21,11 +21,6 @@ def key_in_words(key: str) -> str:
 def sweep_ends(result: Dataset, answer: str) -> Dataset:
     """Return an answer at the end of its steps or cycles at every point.
 
-    Parameters
-    ----------
-    result : Dataset
-    answer : str
-
     Returns
     -------
     Dataset
@@ -53,7 +48,6 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
 
     Parameters
     ----------
-    result : Dataset
     answer : str, label of the coordinate ``answer``, such as ``"joint_stiffness"``
     ax : Axes, optional, axes to draw on
     """

@@ -159,7 +159,6 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
 
     Parameters
     ----------
-    surfaces : sequence of Surface
     periodic : bool
         Whether the surfaces are periodic. Otherwise the modes are
         :math:`\cos(\pi i x / L_x) \cos(\pi j y / L_y)` of the mirror image, which is continuous

@@ -164,7 +164,6 @@ def self_affine(
     Parameters
     ----------
     points, size : tuple, grid points (nx, ny) and edge lengths (Lx, Ly) of the cell, m
-    seed : int
     hurst_exponent : float, :math:`0 \le H \le 1`, dimensionless
     long_cutoff, short_cutoff : float
         Longest and shortest wavelength :math:`\lambda_l \ge \lambda_s`, m.

@@ -123,7 +123,6 @@ def calibrate(
     cells : float, optional
         Number of cells in the nominal area of the joint, whose scatter is then part of the prior.
     extrapolate : bool, whether preloads outside the pressures of the law are used
-    seed : int
 
     Returns
     -------

@@ -35,10 +35,8 @@ class Family:
 
     Parameters
     ----------
-    name : str
     quantities : tuple of str
         Quantities that the family can be fitted to: keys of ``QUANTITIES``.
-    parameters : mapping of str to Parameter
     make : callable
         Builds the law from the parameters and the ``held`` values, as keywords. A normal law gets
         the pressures of the data as its ``pressure_range``.

@@ -91,7 +91,6 @@ def fit_law(
         Number of bootstrap samples. With fewer than three realisations the scatter is unknown,
         and the dimension ``sample`` has size 0; for a single realisation of independent
         measurements, the residuals of a family with parameters are resampled instead.
-    seed : int
 
     Returns
     -------

@@ -56,7 +56,6 @@ class Source(ABC):
 
     Attributes
     ----------
-    name : str
     of : str, optional, object that the source belongs to, such as an interface
     changes : sequence, inputs with which the answers are solved again, any type
     answers : sequence of ndarray, shape (answers, steps), optional

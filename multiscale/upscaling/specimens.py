@@ -37,7 +37,6 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     Parameters
     ----------
     law : Dataset, follows ``INTERFACE_LAW``; fitted to ``seen``, values over pressures only
-    seen : Observations
     pressure : ndarray, shape (points,), Pa
 
     Returns

@@ -26,8 +26,6 @@ class Platen:
 
     Attributes
     ----------
-    body : int
-    boundary : str
     force : float or callable, along the axis, N; in the form of the tractions of a body
     point : tuple of float, optional
         Point of action of the force, m: the plate tilts freely. It is guided if not given.

@@ -78,7 +78,6 @@ def solve_contact(
 
     Parameters
     ----------
-    assembly : FiniteAssembly
     times : sequence of float
         Ends of the load steps, increasing and positive; the path starts undeformed at zero.
         Friction and plasticity depend on the steps.

@@ -42,12 +42,10 @@ def follow_crack_band(
     ----------
     body : Body
         Elastic, of quadrilaterals (plane strain, isotropic) or hexahedra; its supports are at rest.
-    law : Softening
     load : ndarray, shape (d nodes,), optional
         Nodal forces at the factor 1, N; of the tractions at the time 1 if not given.
     teeth : int, number of teeth of the law of an element
     stop : float, load over the largest load at which the path ends, dimensionless
-    max_events : int
 
     Returns
     -------

@@ -26,7 +26,6 @@ class FiniteAssembly:
     Parameters
     ----------
     bodies : mapping of str to Body, all of two or all of three dimensions
-    contacts : mapping of str to Contact
     """
 
     bodies: Mapping[str, Body]

@@ -46,10 +46,8 @@ def compact(
     ----------
     radii : ndarray, shape (grains,), radii of the grains, m
     pressure : float, pressure on the cell, Pa; refused if it is not positive
-    law : ContactLaw
     planar : bool, whether the grains are discs, 1 m thick, instead of spheres
     density : float, density of the grains, kg/m3
-    max_steps : int
     solver : Solver, optional
     seed : int, seed of the loose packing at the start
 
@@ -211,7 +209,6 @@ def shear_response(
         As for :func:`shear_layer`.
     pressures, speeds : ndarray, shape (steps,)
         Pressures on the upper plate, Pa, and its speeds, m/s.
-    n_realisations : int
     n_steps : int, optional
         Number of time steps of each simulation; the second half is averaged. If None, the plate
         slides by the ``distance``.

@@ -100,9 +100,6 @@ class Model:
 
     Parameters
     ----------
-    grains : Grains
-    walls : tuple of Wall
-    law : ContactLaw
     gravity : array_like, shape (3,), acceleration of gravity, m/s2
     period : array_like, shape (3,)
         Period of space along each axis, m; infinite along axes without a period.

@@ -26,7 +26,6 @@ def simulate_grains(
 
     Parameters
     ----------
-    model : Model
     duration, step : float
         Simulated time and length of a step, s. The step is shortened so that the duration is a
         multiple of it. Times of impacts have an error of the order of the step.
@@ -221,7 +220,6 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
     Parameters
     ----------
     ends : ndarray, shape (contacts, 2), bodies in contact; walls from ``n_grains`` on
-    n_grains : int
     rattlers_below : int
         A grain with fewer contacts is a rattler: 4 for spheres and 3 for discs without friction, 2
         with friction. Rattlers are removed with their contacts until all are removed.

@@ -123,7 +123,6 @@ def press_joint(
 
     Parameters
     ----------
-    joint : RoughJoint
     law : GapLaw, in its first loading
     preloads : ndarray, shape (steps,), nominal pressures :math:`p > 0`, Pa: force over section
     samples : sequence of GapLaw

@@ -50,7 +50,6 @@ class CondensedTread:
 
     Attributes
     ----------
-    block : TreadBlock
     whole : Assembled
         Its unknowns are displacements of the face and, last, of the carcass along z. Side 1 of the
         jump is the ground; the load case is a nominal pressure of 1 Pa.
@@ -129,7 +128,6 @@ def slide_tread(
 
     Parameters
     ----------
-    tread : CondensedTread
     law : SteadySliding, law of the contact, with a velocity along x and y
     pressure : float, nominal, Pa
     tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`

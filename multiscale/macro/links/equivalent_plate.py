@@ -43,7 +43,6 @@ class EquivalentPlate:
     system : LinkSystem
         The structure, from a corner at the origin; its fixed nodes are all nodes at z = 0 of some
         edges.
-    cell : PlateCell
     elements : tuple of int, elements of the plate along x and y
     """
 
@@ -180,8 +179,6 @@ def solve_plate(
 
     Parameters
     ----------
-    structure : EquivalentPlate
-    load_factors : sequence of float
     mass : float, optional, of every node of the structure, kg, for the first frequency
     links : bool
         Whether to evaluate ``tension`` and ``slack`` of every link, by a cell in the strain of the

@@ -199,7 +199,6 @@ def system_from_table(
     links : mapping of str to array_like
         ``first`` and ``second``: rows of the nodes, from 0; ``law``: name of the law. Optional:
         ``prestress``, N, and ``group``.
-    laws : mapping of str to LinkLaw
 
     Examples
     --------

@@ -38,7 +38,6 @@ class LinkSystem:
     ----------
     position : ndarray, shape (nodes, 3), positions of the nodes, m
     ends : ndarray of int, shape (links, 2), nodes at both ends of every link
-    laws : tuple of LinkLaw
     kind : ndarray of int, shape (links,), index of the law of each link
     fixed : ndarray of bool, shape (nodes, c)
         Fixed unknowns. With c = 3 displacements along x, y, z; with beams c = 6, the rotations

@@ -74,7 +74,6 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
 
     Parameters
     ----------
-    system : LinkSystem
     largest : float, largest force in a link, N
 
     Returns

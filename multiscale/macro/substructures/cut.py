@@ -30,7 +30,6 @@ def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
 
     Parameters
     ----------
-    body : Body
     parts : tuple of int, number of boxes along each axis
 
     Returns
@@ -58,7 +57,6 @@ def cut_assembly(
 
     Parameters
     ----------
-    assembly : Assembly
     parts : tuple of int, boxes of every body in plan, along x and y
     owners : sequence of ndarray of int, shape (elements,), optional
         Substructure of every element, counted from 0 in each body, in place of the boxes.

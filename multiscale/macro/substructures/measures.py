@@ -96,11 +96,9 @@ class FollowedLoads:
 
     Attributes
     ----------
-    loads : LoadPath
     load : ndarray, shape (n, cases), forces of the loads at the factor 1, N
     work : ndarray, shape (2, 3, steps, cases)
         :meth:`~.tangents.Tangents.work` of each load at the end of each step of the path, J.
-    path : FollowedPath
     ended : list of JointState, at the ends of the steps of the path
     cycles : list of FollowedPath
         From the end of each step, all amplitudes: the load rises in one step to an amplitude, makes
@@ -125,7 +123,6 @@ def follow_loads(
     problem : CutProblem
         Its load cases are the loads of the path; with bolts, the first is their tightening. For
         instance the small problem of :func:`condense_assembly`.
-    path : LoadPath
     method : Method, as in :func:`solve_assembly`
     near : FollowedLoads, optional, the same path under other laws, as initial guess
     """
@@ -173,7 +170,6 @@ def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Data
 
     Parameters
     ----------
-    followed : FollowedLoads
     extrapolate : bool
         Whether steps far outside the data of a law have the values that the law extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.

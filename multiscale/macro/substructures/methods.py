@@ -62,7 +62,6 @@ def solve_assembly(
 
     Parameters
     ----------
-    assembly : Assembly
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         Factors of the load cases, a row for each step; the first step starts from rest, each other
         from the step before. With bolts, the first factor multiplies their preloads, and a step
@@ -154,7 +153,6 @@ def choose_method(
 
     Parameters
     ----------
-    size : JointSize
     asked : Method, optional, choice of the user, which is followed
     memory : float, optional, byte available; four fifths of the memory of this machine if not given
 

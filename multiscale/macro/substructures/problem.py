@@ -132,7 +132,6 @@ class CutProblem:
 
     Attributes
     ----------
-    substructures : tuple of Substructure
     position : ndarray, shape (nodes, 3), m
     expansion : csr_array, shape (nodes * c, n)
         Components of the displacement of the nodes from the unknowns: rows are empty where a

@@ -150,7 +150,6 @@ class Method:
     Parameters
     ----------
     parts : tuple of int, substructures of every body along x and y
-    tolerance : float
     max_iterations : int, limit of a step
     after_step : callable, optional, called after every step that converged
     """
@@ -212,7 +211,6 @@ class FollowedPath:
 
     Attributes
     ----------
-    problem : CutProblem
     start, end : JointState, before the first step, and after the last step that converged
     result : Dataset, follows ``MACRO_RESULT``
     unknowns : ndarray, shape (steps, n), m
@@ -254,7 +252,6 @@ def follow(
 
     Parameters
     ----------
-    prepared : PreparedStructure
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
     after : JointState, optional, the end of an earlier path, maybe under other loads
     near : FollowedPath, optional, the same steps under other laws, as initial guesses

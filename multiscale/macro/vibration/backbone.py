@@ -228,11 +228,8 @@ def follow_backbone(
 
     Parameters
     ----------
-    rest : Preloaded
-    modes : TangentModes
     load : ndarray, shape (whole unknowns, modes), M phi of all modes, kg^1/2
     mode : int, counted from 0
-    amplitudes : Amplitudes
     progress : callable, called after each amplitude of each direction
     """
     square, points = float(modes.square[mode]), rest.state.jump.shape[1]
@@ -364,8 +361,6 @@ def vibrate(
 
     Parameters
     ----------
-    rest : Preloaded
-    modes : TangentModes
     load : ndarray, shape (whole unknowns, modes), M phi of all modes, kg^1/2
     amplitudes : mapping of int to Amplitudes, amplitudes by mode, counted from 0
     material_damping : float, share of critical damping of every mode due to the bodies

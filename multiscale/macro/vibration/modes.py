@@ -73,7 +73,6 @@ def structure_mass(
     Parameters
     ----------
     problem : CutProblem, of the bodies
-    bodies : sequence of Body
     densities : sequence of float, of each body, kg/m3; bolts have no mass
     """
     for number, (body, density) in enumerate(zip(bodies, densities, strict=True)):

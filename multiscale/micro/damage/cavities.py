@@ -349,7 +349,6 @@ def random_spheres(
     radius : float, median radius, m
     porosity : float
         Volume fraction, met up to the rounding of the number of spheres; at most about 0.38.
-    seed : int
     spread : float, standard deviation of the logarithm of the log-normal radii; 0 gives equal radii
     max_tries : int, largest number of places tried for a sphere
     """

@@ -159,7 +159,6 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
 
     Parameters
     ----------
-    cracks : Microcracks
     stress : ndarray, shape (6,), stress at the factor 1, Pa: xx, yy, zz, yz, xz, xy
     through : bool
         Whether a crack that reaches another crack grows on regardless. Otherwise the search ends

@@ -65,14 +65,12 @@ def local_fatigue(
     stress_of : callable
         Solves the structure: from the cracked share :math:`c_e` of every element, shape
         (elements,), to the corners of the stress of a cycle, shape (corners, elements, 6), Pa.
-    elements : int
     material : FatigueMaterial, material with the median of the fatigue limits
     scatter : float, scatter of the fatigue limits in an element, see :func:`limit_factors`
     tolerance : float
         Bound on the relative error of the change of damage and plastic strain over a jump of
         cycles between two solves of the structure.
     jump_tolerance, substeps : see :func:`~.fatigue.two_scale_fatigue`; between two solves
-    max_cycles : float
 
     Returns
     -------

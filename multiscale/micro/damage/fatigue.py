@@ -286,11 +286,9 @@ def two_scale_fatigue(
     stress : ndarray, shape (points,) or (points, 6)
         Corners of a closed path of the macro stress, joined by straight lines, Pa: uniaxial
         stress, or xx, yy, zz, yz, xz, xy. A program of several kinds of cycles is a single path.
-    material : FatigueMaterial
     jump_tolerance : float, optional
         Bound on the relative difference between two extrapolations of the change over a jump of
         cycles: from its start, and from both its ends, which is used. None computes every cycle.
-    max_cycles : float
     substeps : int
         Steps for the plastic range of each straight segment. The flow is exact in any step; the
         errors of the feedback of damage and of the damage law are of second order in the steps.
@@ -372,7 +370,6 @@ def woehler_curve(
 
     Parameters
     ----------
-    material : FatigueMaterial
     amplitudes : ndarray, shape (steps,), half the range of stress, Pa
     stress_ratio : float, smallest over largest stress, below 1; -1 for reversed loading
     direction : ndarray, shape (6,), optional

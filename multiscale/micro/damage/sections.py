@@ -57,7 +57,6 @@ def plane_damage(
 
     Parameters
     ----------
-    rve : Cavities or VoxelImage
     normal : array_like, shape (3,), direction :math:`n`, of any length but zero
     offset : float or ndarray
         Distance of the planes from the centre of the volume along the normal, m.
@@ -115,11 +114,9 @@ def max_damage(
 
     Parameters
     ----------
-    rve : Cavities or VoxelImage
     level : int
         Refinement of the sphere of normals, see :func:`sphere_directions`; edges
         and diagonals of the box are always among the normals.
-    sections : int
     slab, closed
         See :func:`plane_damage`; normals of closed planes are lattice directions with Miller
         indices up to ``level + 1``.

@@ -103,12 +103,10 @@ def solve_sliding(
     Parameters
     ----------
     surface : Surface, heights of the rough body below the half-space, m; its summits touch first
-    solid : RelaxingSolid
     pressure : float, mean pressure, Pa, positive
     velocity : float, :math:`v`, m/s, at least 0
     shift : float, factor of all relaxation times, for instance :func:`~multiscale.laws.wlf_shift`
     start : ndarray, optional, first guess of the pressure, Pa
-    max_iterations : int
     tolerance : float
         Bound on the distance of contact points from contact, relative to the range of heights.
 

@@ -73,7 +73,6 @@ def graph_mesh_cell(
     depth : float, distance from the clamped base to the mean plane of the top, m
     layers : int, layers of nodes above the base, graded towards the top; even for second order
     law : Elastic, GradedElastic or J2, graded moduli have the shape (layers,), from the base up
-    element : ElementKind
     sides, obstacle, friction_coefficient : see :class:`MeshCell`
     pores : Cavities, optional
         Cavities of an elastic layer, in a box from its base to its mean plane that is lifted with
@@ -196,7 +195,6 @@ def cell_from_file(
     volumes : mapping of str to Elastic, optional
         Law of every named volume. With named volumes, every element must belong to a volume.
     contact, base : str, names of the face that meets the obstacle and of the clamped face
-    sides : CellSides
     points : tuple of int, optional, points along x and y of the stored fields
     friction_coefficient : float, see :class:`MeshCell`
     """

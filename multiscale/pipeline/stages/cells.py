@@ -70,7 +70,6 @@ def run_micro(
 
     Parameters
     ----------
-    case : Case
     file : Path, response; cells and fields go to the folders ``micro`` and ``fields`` next to it
     executor, progress
         As of :func:`~multiscale.pipeline.run`.

@@ -63,7 +63,6 @@ def read_measured(
         order of the path, which begins at zero or at an end of a symmetric loop. Preload and shear
         are over the nominal area. A column ``error``, in the unit of the value or in %, has the
         half-width of the 95 % interval of every value.
-    kind : str
     error : float, optional
         Half-width of the 95 % interval of all values, without the column: over the value, and in
         loops over the largest shear of the loop; between 0 and 1.
