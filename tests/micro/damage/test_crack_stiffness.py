@@ -9,46 +9,12 @@ import pytest
 
 from multiscale.micro.damage import (
     Cavities,
-    VoxelImage,
     effective_stiffness,
     penny_cracks,
     spheres,
     voxelise,
 )
 from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, ellipsoids, ratio
-from tests.support import observed_rate
-
-# validation: plane strain, bar of height W with a crack of length 2a per width W
-COLLINEAR = {0.1: 0.98447, 0.3: 0.87187, 0.5: 0.69383, 0.7: 0.49864}
-
-
-def collinear(damage, n, height):
-    """Plane-strain modulus along z of voxels with one row of them taken out, 2a = damage."""
-    void = np.zeros((n, 1, height * n), dtype=bool)
-    void[: round(damage * n), 0, 0] = True
-    image = VoxelImage(void, (1.0, 1.0 / n, float(height)))
-    C = effective_stiffness(image, E, NU, tolerance=1e-5).unwrap()
-    S = np.linalg.inv(C[np.ix_([0, 2, 4], [0, 2, 4])])  # no strain along y
-    return 1.0 / S[1, 1] / (E / (1.0 - NU**2))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", COLLINEAR)
-def test_collinear_cracks_are_softer_than_by_their_damage(damage):
-    height = 3
-    extra = 1.0 / COLLINEAR[damage] - 1.0  # x = (4/pi) (-ln cos(pi a / W)) for the height W
-    expected = 1.0 / (1.0 + extra / height)
-    assert extra == pytest.approx(-4.0 / np.pi * np.log(np.cos(np.pi * damage / 2.0)), rel=2e-3)
-    sizes = np.array([40, 80, 160])
-    result = np.array([collinear(damage, n, height) for n in sizes])
-    limit = 2.0 * result[-1] - result[-2]  # the error is first order in the thickness of the crack
-    assert limit == pytest.approx(expected, rel=0.005)
-    assert result[-1] == pytest.approx(expected, rel=0.02)
-    assert observed_rate(1.0 / sizes, np.abs(result - expected)) == pytest.approx(1.0, abs=0.35)
-    # per cell of height W: far from 1 - D
-    cell = 1.0 / (1.0 + height * (1.0 / limit - 1.0))
-    assert cell > 1.0 - damage + 0.08 if damage < 0.6 else cell > 1.0 - damage + 0.1
-
 
 CRACK = penny_cracks(MIDDLE, (0, 0, 1), 0.3)
 REFERENCES = {
@@ -100,12 +66,3 @@ def test_few_penny_cracks_have_the_limit_without_interaction():
     # sliding of a layer of voxels adds a quarter more than the crack: .6 % of the compliance
     sliding = normal / (1.0 - NU / 2.0)
     assert S[3, 3] == pytest.approx(2.0 * (1.0 + NU) + sliding, rel=0.01)
-
-
-# validation: E3/E0 = .8047 without interaction at rho = .05
-@pytest.mark.slow
-def test_a_cubic_array_of_penny_cracks_is_near_the_limit_without_interaction():
-    """A cubic array interacts: the compliance added is 8 % larger."""
-    result = moduli([penny_cracks(MIDDLE, (0, 0, 1), 0.05 ** (1.0 / 3.0))], 48)
-    assert result[2] == pytest.approx(0.8047, rel=0.03)
-    assert result[0] == pytest.approx(1.0, abs=0.01)

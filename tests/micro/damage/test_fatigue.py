@@ -59,19 +59,6 @@ def test_reversed_tension_has_its_closed_form(amplitude, dp, dD, initiation, rup
     assert state[1] - before[1] == pytest.approx(plastic, rel=1e-10)
 
 
-@pytest.mark.parametrize("hardening", [0.0, 5e9, 100e9])
-def test_torsion_flows_by_its_mises_stress(hardening):
-    material = dataclasses.replace(PLAIN, hardening=hardening, threshold=1.0)
-    shear = 130e6
-    path = np.array([shear, -shear])[:, None] * np.eye(6)[5]
-    state = np.zeros(STATE_SIZE)
-    run_cycles(state, path, 3, material.parameters(), 4)
-    before = state[1]
-    run_cycles(state, path, 1, material.parameters(), 4)
-    expected = plastic_strain_per_cycle(np.sqrt(3.0) * shear, E, NU, LIMIT, hardening)
-    assert state[1] - before == pytest.approx(expected, rel=1e-10)
-
-
 @pytest.mark.parametrize("amplitude", [1e6, 150e6, 199.99e6, 200e6])
 def test_below_the_limit_there_is_no_end(amplitude):
     fatigue = two_scale_fatigue(reversed_stress(amplitude), FULL)
@@ -107,7 +94,7 @@ def localised(stress, damage, plastic, poissons_ratio):
     return C @ (far + ball @ e - plastic)
 
 
-@pytest.mark.parametrize("damage", [0.0, 0.4, 0.95])
+@pytest.mark.parametrize("damage", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.3, 0.45])
 def test_the_stress_of_the_inclusion_equals_the_equivalent_inclusion(damage, poissons_ratio):
     rng = np.random.default_rng(seed=2)
@@ -123,20 +110,6 @@ def test_the_stress_of_the_inclusion_equals_the_equivalent_inclusion(damage, poi
     shear, b = E / (2.0 * (1.0 + nu)), 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
     effective_stress(state, np.zeros(6), stress[i, j], 1.0, parameters, shear, b, computed)
     np.testing.assert_allclose(computed, expected[i, j], rtol=1e-10, atol=1e-3)
-
-
-def test_total_damage_dilates_like_a_void():
-    """Lamé: a thick ball, 1e3 times as large as its void, under an even tension outside."""
-    pull, outer = 1e8, 1e3
-    # u = A r + B / r^2 with sigma_r = 0 at r = 1 and = pull at r = outer
-    K, G = E / (3.0 * (1.0 - 2.0 * NU)), E / (2.0 * (1.0 + NU))
-    A, B = np.linalg.solve([[3 * K, -4 * G], [3 * K, -4 * G / outer**3]], [0.0, pull])
-    state, computed = np.zeros(STATE_SIZE), np.empty(6)
-    state[0] = 1.0
-    b = 2.0 * (4.0 - 5.0 * NU) / (15.0 * (1.0 - NU))
-    stress = pull * np.array([1.0, 1, 1, 0, 0, 0])
-    effective_stress(state, np.zeros(6), stress, 1.0, FULL.parameters(), G, b, computed)
-    assert computed[0] / (3.0 * K) == pytest.approx(A + B, rel=1e-6)
 
 
 # --- the increments --------------------------------------------------------------------------
@@ -225,18 +198,6 @@ def test_turning_the_axes_changes_nothing():
     assert other == pytest.approx(life, rel=1e-9)
 
 
-def test_compression_damages_less_if_cracks_close():
-    open_cracks = dataclasses.replace(FULL, closure=1.0)
-    tension, reverse = (np.array([260e6, -180e6]), np.array([180e6, -260e6]))
-    assert lives(tension, open_cracks) == pytest.approx(lives(reverse, open_cracks), rel=0.1)
-    assert lives(reverse, FULL) > 1.2 * lives(tension, FULL)
-    half = lives(reversed_stress(230e6), dataclasses.replace(PLAIN, closure=0.0))
-    whole = lives(reversed_stress(230e6), PLAIN)
-    # of a reversed cycle half the damage is left, and the time to its onset is the same
-    initiation = 0.05 / plastic_strain_per_cycle(230e6, E, NU, LIMIT)
-    assert (half - initiation) / (whole - initiation) == pytest.approx(2.0, rel=2e-2)
-
-
 @pytest.mark.parametrize("damage", [0.0, 0.4, 0.95])
 @pytest.mark.parametrize("closure", [0.0, 0.2, 1.0])
 def test_the_energy_that_drives_damage_has_its_closed_form(damage, closure):
@@ -319,20 +280,6 @@ def test_the_order_of_blocks_matters_little_when_they_are_short():
     assert life == pytest.approx(0.05 / plastic + 0.3 / damage, rel=0.02)
 
 
-@pytest.mark.parametrize("tolerance", [0.02, None])
-def test_a_million_cycles(tolerance):
-    amplitude = LIMIT * (1.0 + 2.3e-4)
-    # the stress keeps its direction and the energy is quadratic in it: one step is exact
-    fatigue = two_scale_fatigue(
-        reversed_stress(amplitude), PLAIN, jump_tolerance=tolerance, substeps=1
-    )
-    plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
-    damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
-    expected = reversed_life(plastic, damage, 0.05, 0.3)
-    assert 1e6 < expected < 1.1e6
-    assert float(fatigue["cycles_to_rupture"]) == pytest.approx(expected, rel=1e-3)
-
-
 def test_what_does_not_end_in_time_is_not_called_a_life():
     for tolerance in (None, 0.02):
         fatigue = two_scale_fatigue(
@@ -341,10 +288,6 @@ def test_what_does_not_end_in_time_is_not_called_a_life():
         assert int(fatigue["converged"]) == 0
         assert np.isnan(float(fatigue["cycles_to_rupture"]))
         assert float(fatigue["cycles"][-1]) == 1000.0
-
-
-def test_a_list_of_stresses_is_a_path():
-    assert lives([210e6, -210e6], PLAIN) == lives(reversed_stress(210e6), PLAIN)
 
 
 def test_damage_never_heals():

@@ -5,40 +5,20 @@ import pytest
 
 from multiscale.executors import threads
 from multiscale.micro.damage.voxels import VoxelOperator
+from tests.micro.elastic.test_stiffness import element_stiffness
 
 EDGES = (0.3, 0.5, 0.2)
 SHAPES = [(4, 3, 5), (5, 4, 2), (1, 4, 3), (3, 1, 1), (2, 2, 1)]
 
 
-def brick_stiffness(edges, lame, shear):
-    """Stiffness of a trilinear brick from one-dimensional integrals, N/m.
-
-    Shape (2, 2, 2, 3, 2, 2, 2, 3): the corner's place along x, y, z and the component, twice.
-    """
-    # one-dimensional integrals of N N', N dN' and dN dN' on the unit edge
-    mass = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-    mixed = np.array([[-0.5, 0.5], [-0.5, 0.5]])
-    stiff = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    volume = float(np.prod(edges))
-
-    def integral(i, j):
-        """Integrate dN_a/dx_i dN_b/dx_j over the brick."""
-        both = {(True, True): stiff, (True, False): mixed.T, (False, True): mixed}
-        factors = [both.get((k == i, k == j), mass) for k in range(3)]
-        product = np.einsum("ad,be,cf->abcdef", *factors)
-        return product * volume / (edges[i] * edges[j])
-
-    forms = np.array([[integral(i, j) for j in range(3)] for i in range(3)])
-    stiffness = lame * forms + shear * np.swapaxes(forms, 0, 1)
-    for i in range(3):
-        stiffness[i, i] += shear * np.trace(forms)
-    return np.moveaxis(stiffness, (0, 1), (3, 7))
-
-
 def assembled(lame, shear, u):
-    """Add up bricks with a stiffness that comes from one-dimensional integrals."""
+    """Add up bricks with a stiffness by the strain matrices of hexahedra."""
     n = lame.shape
-    by_lame, by_shear = brick_stiffness(EDGES, 1.0, 0.0), brick_stiffness(EDGES, 0.0, 1.0)
+    corners = np.array(list(np.ndindex(2, 2, 2))) * EDGES
+    by_lame, by_shear = (
+        element_stiffness(corners, *moduli, mean_dilatation=False).reshape(2 * (2, 2, 2, 3))
+        for moduli in ((1.0, 0.0), (0.0, 1.0))
+    )
     force = np.zeros_like(u)
     for brick in np.ndindex(n):
         nodes = {
@@ -99,15 +79,3 @@ def test_threads_do_not_change_the_forces(rng):
         force = operator.forces(u)
     with threads(2):
         np.testing.assert_allclose(operator.forces(u), force, rtol=1e-12, atol=1e-14)
-
-
-def test_a_brick_has_six_rigid_motions_and_the_stiffness_of_its_material():
-    edges, lame, shear = (1.0, 2.0, 0.5), 1.3, 0.8
-    matrix = brick_stiffness(edges, lame, shear).reshape(24, 24)
-    np.testing.assert_allclose(matrix, matrix.T, atol=1e-14)
-    assert np.sum(np.linalg.eigvalsh(matrix) < 1e-12) == 6
-    corner = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1) * edges
-    strain = np.array([[0.1, 0.02, 0.0], [0.02, -0.05, 0.03], [0.0, 0.03, 0.2]])
-    u = (corner @ strain).ravel()
-    energy = 0.5 * lame * np.trace(strain) ** 2 + shear * np.sum(strain**2)
-    assert 0.5 * u @ matrix @ u == pytest.approx(energy * np.prod(edges))

@@ -7,15 +7,10 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
-from multiscale.laws import Sliders
-from multiscale.laws.bulk import Elastic
-from multiscale.macro import Block, LatinMethod
-from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures import assemble, cut_assembly, joint_path, load_joint
+from multiscale.macro import Block
 from multiscale.micro import Cell, CellLaw, Path, self_affine, solve_cell
 from multiscale.upscaling import fit_law, law_from_dataset
-from tests.pressed_joint import ElementJoint, press_blocks, pressed_blocks
+from tests.pressed_joint import ElementJoint, press_blocks
 
 RMS = 1e-6
 
@@ -104,11 +99,6 @@ def joint():
     return ElementJoint((0.02, 0.02), block, block, **mesh, eccentricity=(0.003, 0.0))
 
 
-def matrices(law):
-    whole = assemble(cut_assembly(pressed_blocks(joint(), law)))
-    return whole.stiffness, whole.load[:, 0], whole.jump, whole.weight
-
-
 @pytest.fixture(scope="module")
 def fitted():
     """Law fitted to the cell."""
@@ -128,29 +118,6 @@ def test_a_joint_of_cells_is_as_stiff_as_the_joint_of_their_law(fitted):
         np.testing.assert_allclose(
             getattr(concurrent, name), getattr(sequential, name), rtol=tolerance
         )
-
-
-def test_newton_on_cells_converges_quadratically():
-    law = CellLaw(rough_cell(), RANGE)
-    K, load, B, weight = matrices(law)
-    start = solve_interface(K, 0.9e7 * load, B, weight, law, tolerance=1e-6).unwrap()
-    solution = solve_interface(K, 1e7 * load, B, weight, law, start=start, tolerance=1e-8)
-    assert solution.converged
-    assert len(solution.residuals) <= 6
-
-
-@pytest.mark.slow
-def test_substructures_take_cells_with_friction(fitted):
-    steel = Elastic(210e9, 0.3)
-    results = []
-    for normal in (CellLaw(rough_cell(), RANGE), fitted):
-        law = Sliders(normal, friction=0.2, pressures=(1e6, 3e7), slabs=8)
-        blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [steel, steel], [law])
-        results.append(load_joint(blocks, joint_path((1e7,)), method=LatinMethod(parts=(2, 1))))
-        assert results[-1]["converged"].values.all()
-    np.testing.assert_allclose(
-        results[0]["joint_stiffness"], results[1]["joint_stiffness"], rtol=3e-2
-    )
 
 
 def test_a_cell_that_fails_is_reported(monkeypatch):

@@ -9,36 +9,11 @@ from multiscale.micro.elastic import flat_contact
 from multiscale.micro.elastic.elastic_cells import assemble_flat_cell, flat_compliance
 from multiscale.micro.elastic.flat_contact import coarse_start
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
-from tests.closed_forms import westergaard
 from tests.support import rough_square, wave
 
 
 def rough(n, slope):
     return rough_square(n, 0.5, 0.25, slope, seed=4)
-
-
-def test_flat_and_conforming_cells_agree_as_the_slope_vanishes():
-    differences = []
-    for slope in (0.2, 0.05):
-        path = Path(pressure=(0.02 * slope, 0.2 * slope))
-        flat, conforming = (
-            solve_cell(Cell(rough(64, slope), 1.0, 12, 1.0, 0.3, geometry=geometry), path)
-            for geometry in ("flat", "conforming")
-        )
-        assert "recovered_traction" not in flat
-        differences.append(np.abs(flat["mean_gap"] / conforming["mean_gap"] - 1.0).values)
-    assert np.all(differences[1] < 0.5 * differences[0])
-    assert np.all(differences[1] < 0.02)
-
-
-def test_flat_cell_solves_westergaards_wave():
-    amplitude, ratio = 1e-2, np.array([0.1, 0.5, 0.75])  # the slope does not matter
-    cell = Cell(wave((256, 2), amplitude), 1.5, 60, 0.91, 0.3, geometry="flat")
-    full = westergaard.full_contact_pressure(amplitude, 1.0, contact_modulus=1.0)
-    response = solve_cell(cell, Path(pressure=tuple(ratio * full)))
-    np.testing.assert_allclose(
-        response["mean_gap"].values[0] / amplitude, westergaard.mean_gap(ratio), rtol=1e-2
-    )
 
 
 def test_a_profile_is_a_ridge_in_plane_strain():

@@ -8,7 +8,6 @@ from multiscale.micro import Surface
 from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
 from multiscale.micro.elastic.stiffness import stiffness_operator
 from multiscale.micro.layer import GraphMesh, graded_planes
-from tests.closed_forms import layer
 
 
 def flat_cell(points, size, layers, modulus, nu=0.3, mean_dilatation=False):
@@ -49,19 +48,6 @@ def test_inverse_of_a_nearly_incompressible_cell(nu, tolerance):
     assert error < tolerance
 
 
-@pytest.mark.slow
-def test_single_precision_drops_seven_digits_and_half_the_memory():
-    arguments = ((16, 12), (0.1, 0.1), np.linspace(0.0, 0.5, 6), *lame_parameters(np.ones(5), 0.3))
-    double = factorise_flat_cell(*arguments)
-    single = factorise_flat_cell(*arguments, dtype=np.float32)
-    force = np.random.default_rng(seed=1).standard_normal((16, 5, 3, 12))
-    computed, expected = single.solve(force), double.solve(force)
-    assert computed.dtype == np.float64
-    assert single.inverse.nbytes == double.inverse.nbytes // 2
-    error = np.linalg.norm(computed - expected) / np.linalg.norm(expected)
-    assert 1e-9 < error < 1e-5
-
-
 def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
     _, inverse = flat_cell((16, 12), (1.0, 0.7), 5, 1.0)
     rng = np.random.default_rng(seed=2)
@@ -83,20 +69,3 @@ def test_correcting_the_surface_force_in_between_is_solving_for_both_forces():
         inverse.solve(both)[:, -1] - inverse.solve(force)[:, -1],
         atol=1e-11,
     )
-
-
-@pytest.mark.parametrize("nu", [0.0, 0.3])
-@pytest.mark.parametrize("depth", [0.25, 0.5, 1.0])
-def test_surface_compliance_equals_a_bonded_layer(nu, depth):
-    errors = []
-    for n in (16, 32, 64):
-        planes = np.linspace(0.0, depth, round(n * depth) + 1)
-        moduli = (np.full(len(planes) - 1, float(m)) for m in lame_parameters(1.0, nu))
-        inverse = factorise_flat_cell((n, 2), (1.0 / n, 1.0 / n), planes, *moduli)
-        # per nodal force; a pressure acts with dx^2
-        computed = inverse.surface_compliance[5][1, 0] / n**2
-        half_space = 2.0 * (1.0 - nu**2) / (2.0 * np.pi)
-        errors.append(computed / (half_space * layer.ratio_bonded(2.0 * np.pi * depth, nu)) - 1.0)
-    assert abs(errors[-1]) < 4e-3
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.15)

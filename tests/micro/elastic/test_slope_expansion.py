@@ -8,7 +8,7 @@ import pytest
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Coating, Path, SecondBody, solve_cell
 from multiscale.micro.elastic.compliance import expanded_compliance
-from multiscale.surfaces import Surface, composite
+from multiscale.surfaces import Surface
 from tests.support import egg_box, flat, rough_square, wave
 
 
@@ -78,44 +78,6 @@ def test_two_bodies_comply_as_each_of_them_under_the_surface_between():
     other = np.random.default_rng(4).random((24, 24))
     assert np.vdot(other, both(force)) == pytest.approx(np.vdot(force, both(other)), rel=1e-12)
     assert np.vdot(other, both(force, vertical=True)) != pytest.approx(np.vdot(other, both(force)))
-
-
-def test_alike_bodies_have_half_of_the_correction_of_their_composite():
-    lower, upper = (rough_square(24, 0.5, 0.25, 0.2, seed=seed) for seed in (1, 2))
-    force = np.random.default_rng(5).random((24, 24))
-    both = of_pair((lower, upper), (0.5, 0.5), (0.2, 0.2))(force)
-    alone = of_pair((composite(lower, upper), flat(24)), (0.25, np.inf), (0.2, 0.0))(force)
-    np.testing.assert_allclose(both, 0.5 * alone, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("poissons_ratio", [0.0, 0.3])
-def test_the_second_order_holds_over_the_slopes_of_a_rough_surface(poissons_ratio):
-    slopes, kinds = np.array([1e-5, 0.0125, 0.025, 0.05, 0.1, 0.2, 0.4]), []
-    for kind in ({"geometry": "conforming"}, {"slope_order": 1}, {"slope_order": 2}):
-        gaps = []
-        for slope in slopes:
-            surface, flat = rough_square(64, 1.0, 0.25, slope, seed=3), {"geometry": "flat"}
-            cell = Cell(surface, 1.0, 12, 1.0, poissons_ratio, **(flat | kind))
-            path = Path(pressure=(0.3 * slope,))
-            gaps.append(solve_cell(cell, path, tolerance=1e-7)["mean_gap"].item() / slope)
-        kinds.append(np.array(gaps[1:]) / gaps[0] - 1.0)
-    first, second = (kinds[0] - entry for entry in kinds[1:])
-    rates = [np.log2(item[1:] / item[:-1]) for item in (first, second)]
-    assert np.all((rates[0] > 0.6) & (rates[0] < 1.05)), rates
-    assert np.all((rates[1][1:4] > 1.5) & (rates[1][1:4] < 2.4)), rates
-    # the term of the error budget is the change by the expansion, times twice the slope
-    bound = 2.0 * slopes[1:] * np.abs(kinds[2] - kinds[1]) / (1.0 + kinds[2])
-    assert np.all(np.abs(first) < 1.25 * np.abs(kinds[2] - kinds[1]) / (1.0 + kinds[2]))
-    assert np.all(np.abs(second) < 1.25 * bound)
-
-
-def test_the_expanded_compliance_is_symmetric():
-    surface = rough_square(24, 0.5, 0.25, 0.4)
-    moved, rng = correction(surface, 0.1), np.random.default_rng(1)
-    first, other = rng.standard_normal((2, 24, 24))
-    assert np.vdot(first, moved(other)) == pytest.approx(np.vdot(other, moved(first)), rel=1e-12)
-    assert abs(np.vdot(first, moved(other))) > 1e-3 * np.linalg.norm(moved(other))
 
 
 def test_the_energy_of_the_correction_is_stress_and_strain_of_the_flat_top_times_the_height():

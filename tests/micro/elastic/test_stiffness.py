@@ -16,14 +16,6 @@ def graph_mesh(points, size=(1.0, 0.7), slope=0.3):
     return GraphMesh(Surface(heights, size), graded_planes(0.5, LAYERS, 0.05))
 
 
-def test_operator_is_symmetric():
-    mesh = graph_mesh((16, 10))
-    apply = stiffness_operator(mesh, np.ones(LAYERS), np.ones(LAYERS))
-    rng = np.random.default_rng(seed=5)
-    u, v = rng.standard_normal((2, 16, LAYERS, 3, 10))
-    assert np.vdot(v, apply(u)) == pytest.approx(np.vdot(u, apply(v)), rel=1e-12)
-
-
 def test_planes_grow_from_the_given_top_thickness_to_the_whole_depth():
     planes = graded_planes(2.0, 10, 0.05)
     thickness = np.diff(planes)

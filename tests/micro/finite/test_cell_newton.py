@@ -129,32 +129,11 @@ def test_an_elastic_cell_comes_back_and_a_plastic_cell_does_not():
     assert plastic["contact_fraction"].values[0, 3] == 0.0
 
 
-@pytest.mark.slow
-def test_a_plastic_answer_does_not_depend_on_the_steps_of_the_path():
-    # the first increment after the touch is cut like all others
-    steel = cell(bulk=J2(1.0, 0.3, 0.005, 0.01), surface=rough(0.2, n=8))
-    ends = [
-        solve_cell(steel, Path(pressure=loads))["mean_gap"].values.ravel()[-1]
-        for loads in ((0.004,), (0.001, 0.002, 0.003, 0.004))
-    ]
-    assert ends[0] == pytest.approx(ends[1], rel=0.01)
-
-
 def test_inverted_elements_are_caught_by_shorter_increments():
     body = cell(surface=rough(0.5), bulk=NeoHookean(1.0, 0.3))
     height = float(np.ptp(body.surface.heights))
     response = solve_cell(body, Path(approach=(0.9 * height,)), tolerance=1e-7)
     assert response["converged"].values.all()
-
-
-@pytest.mark.slow
-def test_a_path_that_cannot_go_on_keeps_its_steps_and_is_reported():
-    body = cell(bulk=NeoHookean(1.0, 0.3))
-    response = solve_cell(body, Path(approach=(0.01, 0.6, 0.02)))
-    assert response["converged"].values.tolist() == [[1, 0, 0]]
-    assert np.isfinite(response["traction"].values[0, 0]).all()
-    assert np.isnan(response["traction"].values[0, 1:]).all()
-    assert "step 1 ended after" in response.attrs["ended"]
 
 
 def test_pulling_away_leaves_nothing():

@@ -68,14 +68,6 @@ def test_a_load_takes_the_increments_of_its_approach_and_two_more_to_end_at_the_
     assert fewest <= walk.increments <= fewest + 2.0
 
 
-@pytest.mark.slow
-def test_pressed_by_a_load_or_by_an_approach_a_body_that_flows_is_in_the_same_state():
-    cell = peaks(second=0.01)
-    state = press(cell, 1.5 * load_of_the_first(cell, 0.0095)).state
-    result = load_of_the_first(cell, state.approach)
-    assert result == pytest.approx(state.load, rel=0.02)  # the increments differ
-
-
 def test_a_load_that_is_not_reached_leaves_the_part_that_was(monkeypatch):
     cell = peaks(second=0.01)
     load = 1.5 * load_of_the_first(cell, 0.0095)

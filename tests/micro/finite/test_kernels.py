@@ -6,10 +6,10 @@ from skfem import Basis, ElementHex1
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import FiniteCell, Surface
-from multiscale.micro.elastic.stiffness import BATCH
 from multiscale.micro.finite.large_strain import LargeStrainLayer
 from multiscale.micro.finite.preconditioner import mixed_reference
-from multiscale.micro.layer import GraphMesh, graded_planes
+from multiscale.micro.layer import GraphMesh
+from tests.micro.elastic.test_stiffness import graph_mesh
 
 LAYERS = 3
 E, NU = 1.0, 0.3
@@ -22,13 +22,6 @@ LAWS = {
 }
 MIXED = pytest.mark.parametrize("mixed", [False, True], ids=["points", "pressures"])
 LAW = pytest.mark.parametrize("law", [pytest.param(law, id=name) for name, law in LAWS.items()])
-
-
-def graph_mesh(points, slope=0.3):
-    size = (1.0, 0.7)
-    heights = np.random.default_rng(11).uniform(-0.5, 0.5, points)
-    heights *= slope * min(np.divide(size, points))
-    return GraphMesh(Surface(heights, size), graded_planes(0.5, LAYERS, 0.05))
 
 
 def noise(shape, seed, size=0.004):
@@ -77,18 +70,6 @@ def test_the_tangent_is_the_derivative_of_the_forces(law, mixed, points):
     ahead, behind = (respond(u + s * v).force for s in (2e-7, -2e-7))
     difference = (ahead - behind) / 4e-7
     assert np.max(np.abs(result - difference)) < 1e-6 * np.max(np.abs(difference))
-
-
-@MIXED
-@LAW
-def test_the_tangent_is_symmetric(law, mixed):
-    mesh, shape = graph_mesh((6, 8)), (6, LAYERS, 3, 8)
-    respond = loaded(mesh, law, mixed, noise(shape, 1))
-    u = with_pressures(respond, noise(shape, 3), mixed)
-    tangent = respond(u).tangent
-    v, w = noise(u.shape, 4), noise(u.shape, 5)
-    precision = 1e-7 * np.linalg.norm(w) * np.linalg.norm(tangent(v))  # single
-    assert np.vdot(w, tangent(v)) == pytest.approx(np.vdot(v, tangent(w)), abs=precision)
 
 
 def gauss_gradients(mesh, u):
@@ -146,29 +127,6 @@ def test_forces_equal_the_pointwise_law(law, mixed):
     scale = np.max(np.abs(expected))
     assert np.max(np.abs(entry[:, :, :3] - expected[:, 1:])) < 1e-12 * scale
     assert np.all(np.abs(entry[:, :, 3:]) < 1e-12 * scale)
-
-
-@pytest.mark.parametrize("direction", [0, 2], ids=["shear", "compression"])
-@MIXED
-@LAW
-def test_a_homogeneous_deformation_needs_no_forces_inside(law, mixed, direction):
-    mesh = graph_mesh((6, 8))
-    nx, ny, _ = mesh.shape
-    z = mesh.planes[1:, None] + mesh.map_factor[1:, None] * mesh.surface.heights[:, None]
-    u = np.zeros((nx, LAYERS, 3, ny))
-    u[:, :, direction] = -0.1 * z
-    body = LargeStrainLayer(mesh, law, mixed)
-    respond = body.begin(body.rest(), 1.0)
-    force = respond(with_pressures(respond, u, mixed)).force
-    assert np.max(np.abs(force[:, :-1])) < 1e-12 * np.max(np.abs(force[:, -1]))
-
-
-def test_only_plastic_and_viscous_bodies_keep_a_state():
-    mesh = graph_mesh((6, 8))
-    stored = {name: LargeStrainLayer(mesh, law, False).rest() for name, law in LAWS.items()}
-    assert stored["neo-Hookean"] is None
-    assert stored["linear hardening"].shape == (6, LAYERS, 1, 8, 7, BATCH)
-    assert stored["Prony"].shape == (6, LAYERS, 1, 8, 18, BATCH)
 
 
 def test_elements_that_fold_are_reported():

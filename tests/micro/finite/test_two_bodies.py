@@ -16,15 +16,6 @@ from tests.support import rough_square
 N, LAYERS = 16, 6
 
 
-def egg_box(n=N, amplitude=0.02):
-    wave = np.cos(2.0 * np.pi * np.arange(n) / n)
-    return Surface(amplitude * wave[:, None] * wave, (1.0, 1.0))
-
-
-def flat(n=N):
-    return Surface(np.zeros((n, n)), (1.0, 1.0))
-
-
 def rough(seed, n=N, slope=0.1):
     return rough_square(n, 1.0, 0.5, slope, seed=seed)
 
@@ -100,38 +91,6 @@ def test_forces_left_on_the_nodes_have_the_resultant_and_the_moment(rng):
         np.cross(point.field(0), force, axis=1).sum((0, 2)),
         atol=1e-12,
     )
-
-
-def test_a_common_rotation_keeps_the_contact_point_and_turns_the_normal(rng):
-    height = 0.004 * rng.standard_normal((N, N))
-    grid = np.stack(np.meshgrid(np.arange(N) / N, np.arange(N) / N, indexing="ij"))
-    position = np.stack([*grid, height], axis=1)
-    angle, tilt = 0.4, 0.2
-    about_z = np.array(
-        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]]
-    )
-    about_x = np.array(
-        [[1.0, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]]
-    )
-    turn = about_x @ about_z
-    centre = np.array([0.45, 0.45, 0.0])
-
-    def rotate(x):
-        return np.einsum("ij,xjy->xiy", turn, x - centre[:, None]) + centre[:, None]
-
-    def surface(x):
-        field = x.copy()
-        field[:, 0] -= grid[0]
-        field[:, 1] -= grid[1]
-        return DeformedSurface((1.0 / N, 1.0 / N), field)
-
-    before = surface(position).above(rng.uniform(0.42, 0.48, (2, 4, 4)))
-    turned = surface(rotate(position))
-    target = rotate(before.field(0))
-    after = turned.at(before.place)  # the cell around is not periodic any more: no search
-    np.testing.assert_allclose(after.field(0), target, atol=1e-12)
-    normal = [np.cross(p.field(1), p.field(2), axis=1) for p in (before, after)]
-    np.testing.assert_allclose(normal[1], np.einsum("ij,xjy->xiy", turn, normal[0]), atol=1e-12)
 
 
 def test_a_common_motion_opens_no_gap_and_makes_no_slip(rng):
@@ -218,17 +177,6 @@ def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points)
     np.testing.assert_allclose(
         (MIRROR * second).sum((0, 2)), -state.force.sum((0, 2)), atol=1e-7 * load
     )
-
-
-def test_bodies_without_friction_carry_no_state_and_pay_for_one_unknown():
-    needs = pair(rough(1), rough(2)).needs()
-    assert "opposite body" in needs.built
-    assert "tangent" in needs.omitted
-    assert needs.unknowns_per_contact == 1
-    assert needs.state_variables == ()
-    scene = make_scene(pair(rough(1), rough(2)))
-    assert scene.rest().material == (None, None)
-    assert "opposite body" in Cell(rough(1), 0.5, LAYERS, 1.0, 0.3).needs().omitted
 
 
 def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():

@@ -8,7 +8,6 @@ from skfem import Basis
 from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.laws.bulk import Elastic
-from multiscale.micro import Path, solve_cell
 from multiscale.micro.mesh.meshing import ElementKind, cell_from_file
 from tests.support import keep_ignoring_broken_pipes
 
@@ -76,49 +75,3 @@ def test_a_ring_of_gmsh_keeps_its_volume_and_names(annulus, hexahedra, incomplet
     first = ElementKind.TET4 if element.simplex else ElementKind.HEX8
     with pytest.raises(CaseError, match=f"of second order, which an element '{first}' does not"):
         cell_from_file(file, STEEL, first)
-
-
-@pytest.mark.parametrize("nodes", [20, 27])
-def test_a_box_of_a_file_is_pressed_evenly(tmp_path, nodes):
-    """Boxes of 20 and 27 nodes carry an even pressure evenly."""
-    n = 2
-    grid = np.stack(np.meshgrid(*(np.arange(2 * n + 1),) * 3, indexing="ij"), -1)
-    points, number = grid.reshape(-1, 3) / (2.0 * n), np.arange((2 * n + 1) ** 3)
-    number = number.reshape(grid.shape[:3])
-    corner = np.array([(0, 0), (2, 0), (2, 2), (0, 2)])
-    middle = np.array([(1, 0), (2, 1), (1, 2), (0, 1)])
-    layer = [
-        np.column_stack([xy, np.full(4, z)])
-        for xy, z in ((corner, 0), (corner, 2), (middle, 0), (middle, 2), (corner, 1))
-    ]
-    faces = [(0, 1, 1), (2, 1, 1), (1, 0, 1), (1, 2, 1), (1, 1, 0), (1, 1, 2), (1, 1, 1)]
-    local = np.vstack([*layer, faces])[:nodes]
-    at = 2 * np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), -1).reshape(-1, 1, 3)
-    cells = number[tuple(np.moveaxis(at + local, 2, 0))]
-    plane = {"bottom": 0, "top": 2 * n}
-    square = np.vstack([corner, middle, [(1, 1)]])[: 8 if nodes == 20 else 9]
-    sides = 2 * np.stack(np.meshgrid(*(np.arange(n),) * 2, indexing="ij"), -1).reshape(-1, 1, 2)
-    blocks, tags = [], []
-    for k, z in enumerate(plane.values(), start=1):
-        x, y = np.moveaxis(sides + square, 2, 0)
-        blocks.append((f"quad{square.shape[0]}", number[x, y, z]))
-        tags.append(np.full(len(sides), k))
-    data = [*tags, np.full(len(cells), 9)]
-    used, renumbered = np.unique(cells, return_inverse=True)
-    new = np.full(number.size, -1)
-    new[used] = np.arange(len(used))
-    mesh = meshio.Mesh(
-        points[used],
-        [
-            *((kind, new[block]) for kind, block in blocks),
-            (f"hexahedron{nodes}", renumbered.reshape(cells.shape)),
-        ],
-        cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
-        field_data={name: np.array([k, 2]) for k, name in enumerate(plane, start=1)},
-    )
-    file = tmp_path / "box.msh"
-    meshio.write(file, mesh, file_format="gmsh22", binary=False)
-    cell = cell_from_file(file, STEEL, ElementKind.HEX27, points=(4, 4))
-    response = solve_cell(cell, Path(approach=(0.01,)), keep_fields=True)
-    stiffness = 0.7 / (1.3 * 0.4)  # uniaxial strain
-    np.testing.assert_allclose(response["pressure"], 0.01 * stiffness, rtol=1e-9)

@@ -104,13 +104,3 @@ def test_every_element_slips_at_the_bound_and_dissipates(kind):
     np.testing.assert_allclose(np.hypot(along, across)[full], -MU * normal[full], rtol=1e-3)
     assert np.hypot(along, across)[1] < 0.9 * MU * 0.01  # the first step sticks in part
     assert np.all(np.diff(response["friction_work"].values[0]) >= 0.0)
-
-
-@pytest.mark.slow
-def test_a_metal_with_friction_slips_at_the_bound():
-    path = Path(pressure=(0.004, 0.004, 0.004), slide=((0, 0), (0.1, 0), (0.0, 0)))
-    cell = graph_mesh_cell(rough(), 1.0, 2, METAL, friction_coefficient=0.1)
-    response = solve_cell(cell, path)
-    assert response["converged"].values.all()
-    normal, along, _ = response["traction"].values[0].T
-    np.testing.assert_allclose(along[1:], [-0.1 * normal[1], 0.1 * normal[2]], rtol=1e-2)
