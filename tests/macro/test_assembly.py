@@ -1,22 +1,16 @@
 """One assembly, three methods: the same answer, the same refusals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from skfem import ElementHex2
 
-from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
     AssembledNewton,
-    Assembly,
     Block,
     Body,
-    FiniteAssembly,
-    Interface,
     LatinMethod,
     MultigridNewton,
     NewtonSchur,
@@ -134,18 +128,3 @@ def test_unknowns_and_displacements_of_nodes_agree():
     upper = problem.substructures[3]  # without the pins
     force = upper.stiffness @ upper.rigid_motions
     assert np.abs(force[upper.unknown >= problem.n - 3][:, [2, 4]]).max() < 1e-9 * abs(force).max()
-
-
-def test_pins_and_elements_that_do_not_fit_are_refused():
-    mesh = box_mesh((EDGE,) * 3, (1, 1, 1))
-    off = Body(mesh, STEEL, pins={(0.0, 0.0, 0.3 * EDGE): (0.0, 0.0, 0.0)})
-    with pytest.raises(CaseError, match=r"no node lies at the pin \(0.0, 0.0, 0.006\) m"):
-        cut_assembly(Assembly((off,)))
-    lower = Body(mesh, STEEL, element=ElementHex2())
-    upper = Body(box_mesh((EDGE,) * 3, (1, 1, 1), origin=(0.0, 0.0, EDGE)), STEEL)
-    both = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), JOINT_LAW),))
-    gauss = replace(both, interfaces=(replace(both.interfaces[0], quadrature_order=3),))
-    with pytest.raises(CaseError, match="do not match; mesh both faces alike, with the same"):
-        cut_assembly(gauss)
-    with pytest.raises(CaseError, match="'one' must not have the element ElementHex2"):
-        FiniteAssembly({"one": replace(lower, supports={"bottom": (0.0, 0.0, 0.0)})}, {})

@@ -25,7 +25,6 @@ from skfem import (
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from multiscale.fe.elasticity import (
-    assemble_elasticity,
     displacement_basis,
     elastic_matrix,
     mode_stiffness,
@@ -36,13 +35,6 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
 E, NU = 2.5, 0.3
 LAME, SHEAR = E * NU / ((1.0 + NU) * (1.0 - 2.0 * NU)), E / (2.0 * (1.0 + NU))
-
-
-def face_unknowns(basis, boundary):
-    """Unknowns of one component on a boundary, by z, then y, then x, on a grid of 1e-9."""
-    unknowns = basis.get_dofs(boundary).all()
-    x = np.round(basis.doflocs[:, unknowns] / (1e-9 * np.ptp(basis.mesh.p, axis=1).max()))
-    return unknowns[np.lexsort(x)]
 
 
 def held_and_free(basis):
@@ -141,35 +133,6 @@ def test_the_matrix_of_an_isotropic_tensor_follows_from_its_moduli(mesh):
     expected = elastic_matrix(basis, Elastic(E, NU))
     matrix = elastic_matrix(basis, AnisotropicElastic(C))
     assert abs(matrix - expected).max() < 1e-13 * abs(expected).max()
-
-
-def test_a_stack_of_two_materials_has_the_stiffness_of_springs_in_series():
-    contrast, height = 1e8, (0.25, 0.75)
-    mesh = box_mesh((1.0, 1.0, 1.0), (2, 2, 4))
-    basis = displacement_basis(mesh)
-    soft = mesh.p[2, mesh.t].mean(axis=0) < height[0]
-    K = assemble_elasticity(basis, *lame_parameters(np.where(soft, 1.0, contrast), 0.0))
-    top, bottom = 3 * face_unknowns(basis, "top") + 2, 3 * face_unknowns(basis, "bottom") + 2
-    corner = face_unknowns(basis, "bottom")[[0, 2]]
-    plane = [3 * corner[0], 3 * corner[0] + 1, 3 * corner[1] + 1]  # 3-2-1 support
-    fixed = np.concatenate([plane, bottom, top])
-    free = np.setdiff1d(np.arange(3 * basis.N), fixed)
-    u = np.zeros(3 * basis.N)
-    u[top] = -1.0
-    u[free] = spsolve(K[free][:, free].tocsc(), -(K @ u)[free])
-    expected = 1.0 / (height[0] + height[1] / contrast)
-    reaction = np.sum((K @ u)[bottom])  # on the soft side, where round-off is small
-    assert reaction == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.parametrize("element", [ElementHex1(), ElementHex2()], ids=["hex8", "hex27"])
-def test_faces_of_two_blocks_are_numbered_alike(element):
-    size, elements = (0.03, 0.07), (3, 5)
-    basis = displacement_basis(box_mesh((*size, 0.01), (*elements, 2)), element)
-    two = displacement_basis(box_mesh((*size, 0.2), (*elements, 3), origin=(0, 0, 0.01)), element)
-    x = basis.doflocs[:, face_unknowns(basis, "top")]
-    np.testing.assert_allclose(x, two.doflocs[:, face_unknowns(two, "bottom")], atol=1e-15)
-    assert np.unique(np.round(x, 9), axis=1).shape == x.shape
 
 
 @pytest.mark.parametrize(

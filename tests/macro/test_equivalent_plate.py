@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
 from multiscale.macro.continuum.plate import plate_elements
@@ -161,30 +160,6 @@ def test_the_plate_counts_slack_cables(grids):
 
 
 @pytest.mark.parametrize(
-    ("system", "periods", "sentence"),
-    [
-        (tensegrity_grid(1), (2.0, 1.0), r"not periodic along x: 2 nodes at its lower edge and 0 "),
-        (tensegrity_grid(2), (1.0, 1.0), r"node 2 of the cell lies 2 periods from its edge"),
-        (truss(left_out=("brace",)), (A, A), r"mechanism: shear in the plane of its plate"),
-        (truss(left_out=("diagonal",)), (A, A), r"mechanism: transverse shear x of its plate"),
-        (tensegrity_grid(1, cable=Cable(np.inf)), (1.0, 1.0), r"give them a finite rigidity"),
-    ],
-)
-def test_cells_that_are_no_plates_are_refused(system, periods, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        plate_cell(system, periods)
-
-
-def test_supports_within_a_plate_are_refused():
-    grid = tensegrity_grid(2)
-    grid.fixed[4] = True
-    with pytest.raises(
-        CaseError, match=r"node 4 is fixed apart; fix all nodes at z = 0 of an edge"
-    ):
-        EquivalentPlate(grid, plate_cell(tensegrity_grid(1), (1.0, 1.0)), (2, 2))
-
-
-@pytest.mark.parametrize(
     ("shape", "lifted"), [((1, 5), False), ((5, 1), False), ((1, 5), True), ((2, 3), True)]
 )
 def test_only_the_edges_with_fixed_nodes_are_fixed(shape, lifted):
@@ -199,11 +174,6 @@ def test_only_the_edges_with_fixed_nodes_are_fixed(shape, lifted):
     np.testing.assert_array_equal(
         np.unique(fixed), np.flatnonzero((x < 1e-9) | (x > shape[0] - 1e-9))
     )
-
-
-def test_a_plate_of_corners_is_refused():
-    with pytest.raises(CaseError, match="has only corners at z = 0"):
-        EquivalentPlate(tensegrity_grid(1), plate_cell(tensegrity_grid(1), (1.0, 1.0)), (1, 1))
 
 
 def tiled(n, law):

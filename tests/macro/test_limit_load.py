@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable
 from multiscale.macro import LinkSystem, solve_past_limit, solve_static
 
@@ -69,20 +68,6 @@ def test_without_a_limit_the_path_ends_where_statics_does():
     assert "critical_factor" not in pulled
     direct = solve_static(system, -2.0, exact=True)
     np.testing.assert_allclose(pulled.tension.values[-1], direct.tension.values, rtol=1e-9)
-
-
-def test_structures_without_a_path_are_refused():
-    with pytest.raises(CaseError, match="finite and not zero, got 0"):
-        solve_past_limit(dome(2, 0.1), 0.0)
-    rigid = dome(2, 0.1)
-    rigid = LinkSystem(
-        rigid.position, rigid.ends, (Bar(np.inf),), rigid.kind, rigid.fixed, rigid.load
-    )
-    with pytest.raises(CaseError, match="needs extensible links"):
-        solve_past_limit(rigid)
-    flat = dome(2, 0.0, sideways=True)
-    with pytest.raises(CaseError, match="mechanism"):
-        solve_past_limit(flat)
 
 
 def test_a_path_that_is_cut_short_reports_it():

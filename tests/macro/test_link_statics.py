@@ -169,16 +169,6 @@ def test_an_inextensible_cable_keeps_its_length():
     assert np.any(result.slack > 0.0)
 
 
-def test_inextensible_cables_are_the_limit_of_stiff_cables():
-    def bars(cable):
-        grid = tensegrity_grid(4, cable=cable, prestress=500.0)
-        return solve_static(grid, 2.0).tension.values[grid.kind == 1]
-
-    limit = bars(Cable(np.inf))
-    errors = [np.abs(bars(Cable(rigidity)) - limit).max() for rigidity in (1e10, 1e11, 1e12)]
-    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10.0, rtol=0.1)
-
-
 # --- stiff and extreme -----------------------------------------------------------------------
 
 
@@ -399,29 +389,6 @@ def test_an_elastic_string_follows_its_closed_form():
         length = np.hypot(1.0, w)
         tension = 100.0 + 1e5 * (length - 1.0)
         assert 4.0 * tension * w / length == pytest.approx(load, rel=1e-9)
-
-
-def test_a_shallow_truss_follows_its_closed_form_to_the_limit_and_beyond():
-    rise = 0.1
-    arch = structure(
-        [[-1, 0, 0], [0, 0, rise], [1, 0, 0]],
-        [[0, 1], [2, 1]],
-        Bar(1e6),
-        held={0: ALL, 1: [1], 2: ALL},
-        load={1: (0.0, 0.0, -1.0)},
-    )
-    length, k = np.hypot(1.0, rise), 1e6 / np.hypot(1.0, rise)
-
-    def force(w):
-        now = np.hypot(1.0, rise - w)
-        return 2.0 * k * (length - now) * (rise - w) / now
-
-    limit = force(np.linspace(0.0, rise, 1001)).max()
-    result = solve_static(arch, [0.5 * limit, 0.95 * limit, 1.2 * limit], exact=True)
-    w = -result.displacement.sel(node=1, component="z").values
-    assert np.all(result.converged == 1)
-    np.testing.assert_allclose(force(w), result.load_factor, rtol=1e-8)
-    assert w[1] < rise < 2.0 * rise < w[2], "beyond the limit it snaps through"
 
 
 @pytest.mark.parametrize("links", [2, 3, 10, 50])

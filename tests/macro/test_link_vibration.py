@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from xarray import Dataset
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Beam, Cable
 from multiscale.macro import LinkSystem
 from multiscale.macro.links import natural_frequencies
@@ -107,17 +106,3 @@ def test_an_unstable_structure_has_no_frequencies(system):
     moving = natural_frequencies(system, at_prestress(system), 1.0)
     assert np.isnan(moving["natural_frequency"].values).all()
     assert np.isnan(moving["first_frequency"].values).all()
-
-
-@pytest.mark.parametrize(
-    ("law", "mass", "sentence"),
-    [
-        (Cable(np.inf), 1.0, "need extensible links"),
-        (Beam(1e9, np.inf, BENDING, BENDING), 1.0, "links and beams; give finite rigidities"),
-        (Cable(1e6), 0.0, "mass of a node must be"),
-    ],
-)
-def test_frequencies_without_masses_or_springs_are_refused(law, mass, sentence):
-    system = row(4, law, 10.0)
-    with pytest.raises(CaseError, match=sentence):
-        natural_frequencies(system, at_prestress(system), mass)

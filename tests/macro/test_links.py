@@ -8,7 +8,7 @@ import pytest
 
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io.mesh_groups import named_mesh
-from multiscale.laws.link import Bar, Beam, Cable, Strut
+from multiscale.laws.link import Bar, Beam, Cable
 from multiscale.macro import (
     LinkSystem,
     cable_net,
@@ -181,12 +181,6 @@ def test_results_follow_the_schema_with_and_without_steps():
     assert result.tension.dims == result.slack.dims == ("link",)
     assert result.displacement.dims == ("node", "component")
     np.testing.assert_allclose(result.tension, steps.tension.sel(step=1), rtol=1e-9)
-
-
-def test_a_strut_carries_compression_and_a_cable_does_not():
-    prop = pendulum(laws=(Strut(1e6),), load=-pendulum().load)
-    rope = solve_static(pendulum())
-    np.testing.assert_allclose(solve_static(prop).tension, -rope.tension)
 
 
 # --- tangent ---------------------------------------------------------------------------------

@@ -18,8 +18,7 @@ from multiscale.macro import (
     NewtonSchur,
     solve_assembly,
 )
-from multiscale.macro.bodies import LapShape, lap_joint
-from multiscale.macro.substructures import cut_assembly, joint_path, load_joint
+from multiscale.macro.substructures import cut_assembly
 
 EDGE, NORMAL = 0.02, Exponential(1e9, 0.2e-6)
 LAW = Sliders(NORMAL, 0.3, pressures=(1e6, 1e8), slabs=8)
@@ -112,23 +111,6 @@ def test_every_method_finds_the_same_and_a_cut_changes_little(method):
     for axis in range(3):
         forces = [item.traction[..., axis] @ item.point_area for item in (once, cut)]
         np.testing.assert_allclose(*forces, atol=1e-9 * 20e6 * EDGE**2)
-
-
-@pytest.mark.slow
-def test_a_lap_joint_of_plates_meshed_apart_equals_the_matching_joint():
-    shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=3e-3)
-    finer = replace(shape, element=2e-3)
-    loading = joint_path((40e6,))
-    alike = [lap_joint(item, (Elastic(210e9, 0.3),) * 2, LAW) for item in (shape, finer)]
-    lower, upper = alike[0].bodies[0], alike[1].bodies[1]
-    apart = replace(alike[0], bodies=(lower, upper))
-    assert lower.mesh.p.shape != upper.mesh.p.shape
-    results = [load_joint(item, loading, method=AssembledNewton()) for item in (*alike, apart)]
-    # with elements of 3, 2, 1.5 and 1.2 mm the approach is .466, .448, .454 and .456 um: about .46
-    for name, error in (("joint_stiffness", 1e-3), ("tangential_stiffness", 0.006)):
-        *alike, mixed = (result[name].item() for result in results)
-        assert (1.0 - error) * min(alike) < mixed < (1.0 + error) * max(alike)
-    assert abs(results[-1]["approach"].item() - 0.46e-6) < 0.03e-6
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import Exponential, Sliders
-from multiscale.laws.bulk import Elastic
-from multiscale.macro import Assembly, Body, Interface
-from multiscale.macro.substructures import AssembledNewton, LatinMethod, cut_assembly
+from multiscale.macro.substructures import AssembledNewton, LatinMethod
 from multiscale.macro.substructures.error import Admissible, indicate_error
 from multiscale.macro.substructures.latin_solver import LatinSolver
 from multiscale.macro.substructures.stepping import JointState
+from tests.macro.substructures.test_cut_joints import stacked_blocks
 
 EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6  # m, Pa, Pa
 TIMES = (1.0, 2.0, 3.0, 1.5, 0.0)
@@ -39,26 +37,7 @@ class Scene(NamedTuple):
         return Sliders(normal, self.friction, pressures=(0.1 * PRESSURE, 10.0 * PRESSURE))
 
     def cut(self):
-        size, elements, steel = (EDGE,) * 3, (4, 4, 3), Elastic(YOUNG, 0.3)
-        lower = Body(
-            box_mesh(size, elements, origin=(0.0, 0.0, -EDGE)),
-            steel,
-            supports={"bottom": (0.0, 0.0, 0.0)},
-        )
-        upper = Body(
-            box_mesh(size, elements),
-            steel,
-            supports={"front": (None, 0.0, None)},
-            tractions={
-                "top": (
-                    lambda x, t: self.shear * (t - 1.0),
-                    0.0,
-                    lambda x, t: -PRESSURE * (1.0 + self.tilt * (2.0 * x[0] / EDGE - 1.0)),
-                )
-            },
-        )
-        joint = Interface((0, 1), ("top", "bottom"), self.law())
-        return cut_assembly(Assembly((lower, upper), (joint,), TIMES), (self.parts, self.parts))
+        return stacked_blocks(self.law(), self.parts, TIMES, self.tilt, self.shear)
 
 
 SCENES = {

@@ -52,15 +52,6 @@ def test_the_law_counts_from_the_gap_of_the_map(method):
     assert pressure[x < 1e-3].min() > 1.5 * pressure[x > EDGE - 1e-3].max()
 
 
-def test_an_even_map_is_the_gap_of_the_law_and_other_laws_count_from_it_too():
-    even = replace(TILTED, gap=np.full(X.size, 3e-7))
-    computed, stated = (
-        solve_assembly(law, 10e6)
-        for law in (pressed(even), pressed(None, replace(LAW, normal=replace(NORMAL, gap=3e-7))))
-    )
-    np.testing.assert_allclose(computed.jump, stated.jump, rtol=1e-9, atol=1e-18)
-
-
 def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
     spacing = np.array([0.0, 4e-7, -2e-7])
     law, jump = SideBySide([LAW], [slice(0, 3)], spacing), np.full((3, 3), 1e-7)

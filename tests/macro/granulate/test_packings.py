@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import pdist
 
-from multiscale.errors import CaseError
 from multiscale.macro.granulate import ContactLaw, column, draw_radii, release, silo
 
 LAW = ContactLaw(0.4)
@@ -24,11 +23,6 @@ def test_grains_in_a_silo_fill_the_pipe_and_touch_nothing(diameter, least_extent
     assert np.ptp(grains.position[:, 0]) >= least_extent
     assert np.all(grains.position[:, 2] > grains.radius)
     assert overlap(grains) < 0.0
-
-
-def test_a_grain_that_is_wider_than_the_pipe_is_refused():
-    with pytest.raises(CaseError, match="does not fit into a pipe of 0\\.021 m"):
-        silo([0.01], 0.021, LAW)
 
 
 def test_discs_of_a_column_stand_between_wall_and_gate_until_it_is_gone():

@@ -13,7 +13,6 @@ from multiscale.macro.granulate import (
     PlaneWall,
     Solver,
     box,
-    compact,
     deposit,
     simulate_grains,
 )
@@ -121,17 +120,6 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
     assert (first, three) == (1, 3)
     # the force of a spring turns with the normal, or decreases by the square of the angle
     np.testing.assert_allclose(scalar, full, atol=2e-5 if compliance else 1e-8)
-
-
-@pytest.mark.slow
-def test_a_cell_without_friction_is_pressed_alike_with_1_and_3_unknowns():
-    results = [
-        compact(np.full(20, 0.01), 1e3, ContactLaw(friction), planar=True, max_steps=25)
-        for friction in (0.0, 1e-13)
-    ]
-    assert ["spin" in packing for packing in results] == [False, True]
-    np.testing.assert_allclose(*(p["position"].values[-1] for p in results), atol=1e-4)
-    np.testing.assert_allclose(*(p["period"].values[-1] for p in results), rtol=1e-3)
 
 
 @pytest.mark.parametrize("friction", [0.0, 1.5])

@@ -79,13 +79,6 @@ def test_friction_that_tips_the_block_is_refused_with_the_shear_it_would_cause(t
         result.solution.unwrap()
 
 
-def test_a_coefficient_that_falls_with_the_pressure_brakes_less_where_the_pressure_is_uneven(tread):
-    result = slide_tread(tread, SteadySliding(ROAD, BELL, (1.0, 0.0)), PRESSURE)
-    even = float(BELL.coefficient(np.array(PRESSURE), np.array(1.0)))
-    # p^0.8 is concave
-    assert result.braking_force < even * result.load
-
-
 def test_the_tangent_of_steady_sliding_is_its_derivative():
     law = SteadySliding(ROAD, BELL, (0.3, -0.4))
     jump, empty, h = np.array([[3e-5, 8e-5], [0.0, 1e-5], [0.0, 0.0]]), np.empty((0, 2)), 1e-9

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from multiscale.fe.mesh_file import box_mesh
-from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import AssembledNewton, Assembly, Body, Bolt, Interface, shank_stiffness
+from multiscale.macro import AssembledNewton, Assembly, Body
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     LoadPath,
@@ -20,11 +19,7 @@ from multiscale.macro.substructures import (
     measure_loads,
     whole,
 )
-
-EDGE, E = 0.02, 210e9
-NORMAL = Exponential(1e9, 0.2e-6)
-LAW = Sliders(NORMAL, 0.3, pressures=(1e6, 1e8), slabs=8)
-PINS = ((0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0))
+from tests.macro.substructures.test_bolts import AREA, BOLT, EDGE, LAW, E, sheared
 
 
 def load_whole(monkeypatch, *arguments):
@@ -34,31 +29,14 @@ def load_whole(monkeypatch, *arguments):
         return load_joint(*arguments, method=AssembledNewton(), extrapolate=True)
 
 
-def bolted():
-    """Two blocks and a bolt through both; the upper block is sheared on its top."""
-    guided = {"front": (None, 0.0, None)}
-    lower = Body(
-        box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, -EDGE)),
-        Elastic(E, 0.3),
-        supports=guided | {"right": (0.0, None, None)},
-        pins=dict.fromkeys(PINS, (None, None, 0.0)),
-    )
-    upper = Body(
-        box_mesh((EDGE,) * 3, (2, 2, 2)),
-        Elastic(E, 0.3),
-        supports=guided,
-        tractions={"left": (1.0, 0.0, 0.0)},
-    )
-    bolt = Bolt((1, 0), ("top", "bottom"), shank_stiffness(8e-3, 2.0 * EDGE, E), EDGE**2)
-    joint = Interface((0, 1), ("top", "bottom"), LAW)
-    return Assembly((lower, upper), (joint,), (1.0,), (EDGE**2,) * 2, bolts=(bolt,))
+BOLTED = sheared(replace(BOLT, preload=AREA))  # by 1 Pa
 
 
 def stacked(law=LAW):
     return stacked_blocks((EDGE,) * 3, (2, 2, 2), [Elastic(E, 0.3)] * 2, [law])
 
 
-@pytest.mark.parametrize("assembly", [bolted(), stacked()], ids=["bolted", "stacked"])
+@pytest.mark.parametrize("assembly", [BOLTED, stacked()], ids=["bolted", "stacked"])
 def test_condensed_bodies_answer_as_whole_bodies(assembly, monkeypatch):
     """Constraint modes and modes of the loads represent every displacement under these loads."""
     loading = joint_path((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
@@ -78,8 +56,8 @@ def test_condensed_bodies_answer_as_whole_bodies(assembly, monkeypatch):
 @pytest.mark.slow
 def test_a_joint_that_slides_away_is_reported_on_condensed_bodies(monkeypatch):
     loading = joint_path((10e6,), 5e6, cycles=1, steps=2)
-    result = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)
-    whole = load_whole(monkeypatch, bolted(), loading)
+    result = load_joint(BOLTED, loading, method=AssembledNewton(), extrapolate=True)
+    whole = load_whole(monkeypatch, BOLTED, loading)
     assert result.converged.values.sum() < result.sizes["step"]
     assert "no equilibrium found: the bodies slide on interface 0 under a load" in result.failure
     assert result.failure == whole.failure

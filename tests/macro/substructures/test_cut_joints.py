@@ -1,6 +1,7 @@
 """Rough joints of cut bodies against monolithic solvers, under laws from soft to stiff."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,12 +34,12 @@ from tests.cut_methods import solve_schur
 from tests.support import slow
 
 
-def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
+def two_blocks(law, times=(1.0,), tilt=0.2, shear=1.4e6):
     """Two blocks of 20 mm under a pressure that is not quite even, then pushed."""
     elements = (4, 4, 3)
     lower = Body(
         box_mesh((0.02, 0.02, 0.02), elements, origin=(0.0, 0.0, -0.02)),
-        Elastic(contrast * 210e9, 0.3),
+        Elastic(210e9, 0.3),
         supports={"bottom": (0.0, 0.0, 0.0)},
     )
     upper = Body(
@@ -47,14 +48,19 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
         supports={"front": (None, 0.0, None)},
         tractions={
             "top": (
-                lambda x, t: 1.4e6 * (t - 1.0),
+                lambda x, t: shear * (t - 1.0),
                 0.0,
                 lambda x, t: -20e6 * (1.0 + tilt * (100.0 * x[0] - 1.0)),
             )
         },
     )
     joint = Interface((0, 1), ("top", "bottom"), law)
-    return cut_assembly(Assembly((lower, upper), (joint,), times), (parts, parts))
+    return Assembly((lower, upper), (joint,), times)
+
+
+def stacked_blocks(law, parts, *scene, **changes):
+    """Two blocks in parts along either edge."""
+    return cut_assembly(two_blocks(law, *scene, **changes), (parts, parts))
 
 
 @pytest.mark.parametrize("solve", [solve_latin, solve_schur])
@@ -118,17 +124,6 @@ def test_every_method_reports_every_step_that_converged(method):
     problem, steps = stacked_blocks(law, 1, (1.0, 2.0)), []
     result = method(after_step=lambda: steps.append(1)).solve(problem, np.eye(2))
     assert len(steps) == int(result.converged.sum()) == 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [1.001, 1.2])
-@pytest.mark.parametrize(
-    "law", [Sliders(Exponential(1e9, 1e-6), 0.2, pressures=(1e6, 1e8)), RigidContact(0.2)]
-)
-def test_a_push_at_any_share_above_friction_names_load_and_capacity(law, share):
-    result = solve_latin(pushed(law, 2, share), np.eye(3))
-    np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    np.testing.assert_allclose(say_slide(result), [share * 1600.0, 1600.0], rtol=1e-3)
 
 
 def test_the_residual_separates_a_block_that_runs_away_from_a_block_in_balance(monkeypatch):
@@ -271,19 +266,10 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
     ],
 )
 def test_a_joint_that_is_open_everywhere_separates_both_bodies(solve, law):
-    size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
-    fixed, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
-    lower = Body(
-        box_mesh(size, (4, 4, 2), origin=(0.0, 0.0, -0.02)), steel, supports={"bottom": fixed}
-    )
-    upper = Body(
-        box_mesh(size, (4, 4, 2)),
-        steel,
-        supports={"top": fixed},
-        tractions={"left": pulled, "right": pulled},
-    )
-    assembly = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))
-    problem = cut_assembly(assembly, (2, 2))
+    assembly, pulled = two_blocks(law), dict.fromkeys(("left", "right"), (0.0, 0.0, 5e6))
+    lower, upper = assembly.bodies
+    upper = replace(upper, supports={"top": (0.0, 0.0, 0.0)}, tractions=pulled)
+    problem = cut_assembly(replace(assembly, bodies=(lower, upper)), (2, 2))
     result = solve(problem)
     assert result.converged == 1
     if solve is solve_latin:
@@ -292,23 +278,6 @@ def test_a_joint_that_is_open_everywhere_separates_both_bodies(solve, law):
     expected = problem.displacement(spsolve(whole.stiffness.tocsc(), whole.load[:, 0]))
     size = np.abs(expected).max()
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("contrast", [1e-4, 1e4])
-@pytest.mark.parametrize("ratio", [*slow(1e-6), 1e12])
-def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio):
-    law = law_of_stiffness(ratio)
-    for tilt in (0.2, 1.5):
-        times = (1.0, 2.0, 1.0)
-        problem = stacked_blocks(law, 2, times, contrast=contrast, tilt=tilt)
-        result = solve_latin(problem, np.eye(len(times)))
-        assert np.all(result.converged == 1)
-        assert np.all(result.iterations <= 100)
-        force = np.einsum("spd,p->sd", result.traction.values, result.point_area.values)
-        np.testing.assert_allclose(force[:, 0], -20e6 * 0.02**2, rtol=1e-7)
-        shear = 1.4e6 * 0.02**2 * (np.array(times) - 1.0)
-        np.testing.assert_allclose(force[:, 1], shear, atol=1e-7 * 20e6 * 0.02**2)
 
 
 @pytest.mark.parametrize("ratio", [1e-2, 1.0, 1e2])

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from multiscale.errors import CaseError
 from multiscale.laws.link import Bar
 from multiscale.macro import LinkSystem, NewtonSchur, cable_net, solve_static, tensegrity_grid
 from multiscale.macro.links.link_equations import equations
@@ -16,7 +15,6 @@ from multiscale.macro.substructures import (
     solve_homogenised,
     split_grid,
 )
-from tests.macro.substructures.test_latin import thin_plate
 from tests.support import observed_rate
 
 
@@ -159,27 +157,3 @@ def test_steps_with_slack_links_are_refused_where_nothing_may_be_resolved():
     assert np.isnan(result["displacement"][1]).all()
     assert "in step 1" in result.failure
     assert "leave the range of their laws" in result.failure
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: cut(cable_net(8), 2), "substructure 0 is a mechanism while its interfaces rest"),
-        (lambda: thin_plate(2), "consist of links"),
-        (
-            lambda: cut(
-                replace(
-                    tensegrity_grid(4),
-                    prestress=tensegrity_grid(4).prestress + np.eye(1, 256)[0],
-                    balanced=False,
-                ),
-                2,
-            ),
-            "prestress in equilibrium",
-        ),
-    ],
-    ids=["mechanism", "bodies", "unbalanced"],
-)
-def test_structures_without_homogenised_stiffness_are_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        at_rest(make(), 1.0)

@@ -9,10 +9,9 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, HystereticLaw, InterfaceLaw, Response, Sliders, Sliding
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.interface_law import advance_state
-from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
-from multiscale.macro.substructures import assemble, cut_assembly, solve_latin
+from multiscale.macro.bodies import stacked_blocks
+from multiscale.macro.substructures import cut_assembly, solve_latin
 from tests.cut_methods import solve_schur
-from tests.support import keep_ignoring_broken_pipes
 
 NORMAL, KAPPA = Exponential(1e9, 0.25e-6), 0.8
 STEEL = Elastic(210e9, 0.3)
@@ -90,36 +89,3 @@ def test_metal_that_flows_and_slips_is_solved_alike_by_both_solvers():
     assert second.iterations.values.max() <= 15
     size = np.abs(second.displacement.values).max()
     np.testing.assert_allclose(first.displacement, second.displacement, atol=1e-6 * size)
-
-
-def loss_of_steps(problem, result):
-    """Dissipation of every step, J, and the largest energy stored."""
-    (face,), computed, most = problem.joints, [], 0.0
-    state = np.zeros((face.law.n_state, face.weight.size))
-    for jump in result.jump.values:
-        state, account = advance_state(face.law, jump.T, state)
-        computed.append(account.dissipated @ face.weight)
-        most = max(most, float(account.stored @ face.weight))
-    return np.array(computed), most
-
-
-@pytest.mark.slow
-def test_a_lap_joint_under_cycles_with_changing_preload_dissipates_energy_in_every_step():
-    pytest.importorskip("gmsh", exc_type=Exception)
-    shape = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.01, layers=1)
-    law = Sliders(Exponential(1e9, 0.18e-6), 0.2, pressures=(1e6, 1e8))
-    problem = cut_assembly(lap_joint(shape, (STEEL, STEEL), law))
-    keep_ignoring_broken_pipes()
-    phase = np.linspace(0.0, 4.0 * np.pi, 33)
-    # a closed path of preload and shear, a quarter of a cycle apart, both ways
-    for way in (1.0, -1.0):
-        factors = np.stack([3e7 + 2e7 * np.cos(phase), 1.2e6 * np.sin(way * phase)], axis=1)
-        result = solve_latin(problem, factors, tolerance=1e-6)
-        assert result.converged.values.all()
-        lost, most = loss_of_steps(problem, result)
-        assert np.all(lost >= -1e-12 * most)
-        # work of the loads in the last cycle, which is closed, by the trapezoidal rule
-        whole, u = assemble(problem), problem.unknowns(result.displacement.values)
-        moved, mean = np.diff(u[16:], axis=0), 0.5 * (factors[16:-1] + factors[17:])
-        work = np.sum(mean * (moved @ whole.load))
-        assert 0.0 < work <= lost[17:].sum()

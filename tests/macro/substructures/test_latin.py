@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.mesh_file import box_mesh
-from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.laws.link import Bar, Cable
+from multiscale.laws.bulk import Elastic
+from multiscale.laws.link import Bar
 from multiscale.macro import Assembly, Body, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
     assemble,
@@ -56,14 +55,6 @@ def test_substructures_of_a_tensegrity_have_the_monolithic_tensions(
     assert result.attrs["substructures"] == parts**2
     if solve is solve_latin:
         assert error <= float(result.error_bound[0]) < 1e-3
-
-
-def test_a_cut_grid_has_the_sturdy_and_weak_interfaces_of_the_source():
-    grid = tensegrity_grid(16)
-    problem = cut_links(grid, split_grid(grid, (4, 4)))
-    sides = [len(interface.sides) for interface in problem.interfaces]
-    assert sides.count(2) == 24
-    assert sides.count(4) == 9
 
 
 @pytest.mark.parametrize("solve", SOLVERS)
@@ -187,13 +178,6 @@ def test_all_cables_of_a_floating_substructure_may_go_slack(solve):
     assert tension_error(framed, result.tension.values[0], reference) < 1e-8
 
 
-def test_structures_without_support_or_balance_are_refused_with_a_sentence():
-    grid = tensegrity_grid(4)
-    floating = replace(grid, fixed=np.zeros_like(grid.fixed))
-    with pytest.raises(MultiscaleError, match="can move without resistance; add supports"):
-        solve_latin(cut_links(floating, split_grid(floating, (2, 2))))
-
-
 def thin_plate(parts):
     """Clamped at two edges and pressed, cut into squares."""
     clamped = (0.0, 0.0, 0.0)
@@ -219,47 +203,3 @@ def test_substructures_of_a_plate_bend_like_the_plate(solve, parts, most):
     assert result["iterations" if solve is solve_latin else "krylov_iterations"] <= most
     size = np.abs(expected).max()
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
-
-
-def test_a_cut_bar_of_a_porous_solid_stretches_and_shears_with_its_whole_compliance():
-    """Uniaxial stress along x: every strain is the first column of the compliance."""
-    noise = np.random.default_rng(seed=7).normal(size=(6, 6))
-    C = 70e9 * (np.eye(6) + 0.1 * noise @ noise.T)
-    stress, S = 50e6, np.linalg.inv(C)
-    xx, yy, zz, yz, xz, xy = stress * S[:, 0]
-
-    def field(x):  # the displacement of the uniform strain without rotation of the face x = 0
-        return xx * x[0], yy * x[1] + xy * x[0] + yz * x[2], zz * x[2] + xz * x[0]
-
-    bar = Body(
-        box_mesh((0.4, 0.1, 0.1), (4, 2, 2)),
-        AnisotropicElastic(C),
-        supports={"left": (0.0, None, None)},
-        tractions={"right": (stress, 0.0, 0.0)},
-    )
-    problem = cut_assembly(Assembly((bar,)), (2, 1))
-    whole = assemble(problem)
-    exact = np.stack(field(bar.mesh.p), axis=1)
-    u = problem.unknowns(exact)
-    # the face x = 0 moves freely along y and z: three rigid motions are left, none of the forces
-    force = whole.stiffness @ u - whole.load[:, 0]
-    assert np.abs(force).max() < 1e-9 * np.abs(whole.load).max()
-    energy = 0.5 * stress * xx * 0.4 * 0.1 * 0.1
-    assert 0.5 * u @ (whole.stiffness @ u) == pytest.approx(energy, rel=1e-9)
-
-
-def test_bad_cuts_are_refused(grid):
-    with pytest.raises(CaseError, match="owner must have an entry for each link"):
-        cut_links(grid, np.zeros(3, dtype=int))
-    owner = np.zeros(grid.n_links, dtype=int)
-    owner[:] = 2 * (split_grid(grid, (2, 2)) == 3)
-    with pytest.raises(CaseError, match="substructure 1 has no links"):
-        cut_links(grid, owner)
-    corners = np.isin(split_grid(grid, (4, 4)), [0, 15]).astype(int)
-    with pytest.raises(CaseError, match="substructure 1 is in 2 pieces"):
-        cut_links(grid, corners)
-    stiff = tensegrity_grid(4, cable=Cable(np.inf))
-    with pytest.raises(CaseError, match="extensible"):
-        cut_links(stiff, split_grid(stiff, (2, 2)))
-    with pytest.raises(CaseError, match="load cases"):
-        solve_latin(cut_links(grid, split_grid(grid, (2, 2))), np.ones((2, 3)))

@@ -122,23 +122,3 @@ def test_shear_to_and_fro_and_loads_taken_away_leave_the_state_of_the_condensed_
 def test_search_directions_of_rigid_contact_are_equal_at_open_and_closed_points():
     stiffness = law_stiffness(RigidContact(0.3), np.array([[0.0, 1e-6]] * 3), np.zeros((2, 2)))
     assert np.all(np.isinf(stiffness))
-
-
-def test_pressed_blocks_without_a_gap_are_one_block():
-    bodies = [
-        Body(
-            box_mesh((0.02, 0.02, 0.01), (2, 2, 2), origin=(0.0, 0.0, z)),
-            Elastic(E, 0.0),
-            supports=item,
-            tractions=load,
-        )
-        for z, item, load in (
-            (-0.01, {"bottom": (0.0, 0.0, 0.0)}, {}),
-            (0.0, {"front": (None, 0.0, None)}, {"top": (0.0, 0.0, -5e6)}),
-        )
-    ]
-    joint = Interface((0, 1), ("top", "bottom"), RigidContact(0.2))
-    result = solve_latin(cut_assembly(Assembly(bodies, (joint,)), (2, 1)))
-    top = result.position.values[:, 2] == 0.01
-    np.testing.assert_allclose(result.displacement[0, top, 2], -0.02 * 5e6 / E, rtol=1e-7)
-    np.testing.assert_allclose(result.traction[0, :, 0], -5e6, rtol=1e-6)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.fe.mesh_file import box_mesh
 from multiscale.laws import ConvexDecreasing, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Assembly, Body, Interface, LatinMethod
+from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
 from multiscale.macro.bodies.builders import lap_meshes
 from multiscale.macro.substructures import (
@@ -64,58 +63,6 @@ def test_damage_softens_the_block_and_the_joint_that_have_it():
     expected = series(E / height, 0.7 * E / height, E / height, *interfaces)
     np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-6)
     np.testing.assert_array_equal(np.bincount(result.point_joint), [9, 9])
-
-
-def sheared_bar(elements):
-    """A bar between two stiff bases that press it; its right end is pulled, friction holds it."""
-    length, edge, thin = 0.4, 0.01, 1e-4
-    law = Sliders(Exponential(1e9, 1e-6), 0.2, 10.0, pressures=(1e6, 1e8))
-    mesh = (elements, 1, 1)
-    guided = {"front": (None, 0.0, None), "back": (None, 0.0, None)}
-    press = (0.0, 0.0, lambda x, t: np.full(x.shape[1], t - 1.0))
-    bodies = (
-        Body(
-            box_mesh((length, edge, thin), mesh, origin=(0.0, 0.0, -thin)),
-            Elastic(210e9, 0.0),
-            supports={"bottom": (0.0, 0.0, 0.0)},
-        ),
-        Body(
-            box_mesh((length, edge, edge), mesh),
-            Elastic(210e9, 0.0),
-            supports=guided,
-            tractions={"right": (1.0, 0.0, 0.0)},
-        ),
-        Body(
-            box_mesh((length, edge, thin), mesh, origin=(0.0, 0.0, edge)),
-            Elastic(210e9, 0.0),
-            supports={"top": (0.0, 0.0, None)},
-            tractions={"top": press},
-        ),
-    )
-    joints = tuple(Interface((i, i + 1), ("top", "bottom"), law) for i in (0, 1))
-    return Assembly(bodies, joints, (0.0, 1.0), (length * edge, edge**2))
-
-
-@pytest.mark.slow
-def test_a_bar_on_a_rough_base_dissipates_the_energy_of_shear_lag():
-    r"""A bar of rigidity EA with friction q per length, pulled at its end by a force F < q L.
-
-    Slip reaches F/q deep, where the axial force has fallen to zero, and moves the end by
-    F^2/(2 E A q). When the load turns, slip of the other sign starts at the end and is twice as
-    large: u falls by (F_max - F)^2/(4 E A q). Both branches enclose 2 F^3/(3 E A q).
-    """
-    pressure, edge, E, steps = 10e6, 0.01, 210e9, 8
-    q = 2.0 * 0.2 * pressure * edge  # two faces
-    force = 0.6 * q * 0.4
-    loading = joint_path((pressure,), shear=force / edge**2, cycles=1, steps=steps)
-    result = load_joint(sheared_bar(32), loading, method=LatinMethod(tolerance=1e-6))
-    assert result.converged.values.all()
-    expected = 2.0 * force**3 / (3.0 * E * edge**2 * q)
-    np.testing.assert_allclose(result.cycle_energy, expected, rtol=0.01)
-    top = float(result.shear_displacement[steps])
-    assert top == pytest.approx(force**2 / (2.0 * E * edge**2 * q), rel=0.02)
-    depth = 0.6 * np.arange(1, steps + 1) / steps  # of slip, while the load rises
-    np.testing.assert_allclose(result.slip_fraction[1 : steps + 1], depth, atol=1.0 / 32.0)
 
 
 @pytest.fixture(scope="module")
