@@ -164,7 +164,8 @@ def test_one_realisation_leaves_sampling_and_the_totals_unknown():
     response = ensemble(1)
     law = fit_law(response)
     budget = error_budget(response, law, scales=compare_scales(0.1, 0.5, 1.0))
-    assert "sampling" in budget.attrs["unknown"]
+    assert budget.attrs["unknown"] == "sampling, cell size, micro discretisation, small slopes"
+    assert np.isfinite(half(budget, "scale separation")).all()
     assert "solve 3" in budget.attrs["how_sampling"]
     assert np.all(np.isnan(budget["error_total"]))
     carrying = with_scales(with_budget(law, budget), compare_scales(0.2, 0.5, 1.0))
@@ -192,23 +193,6 @@ def test_a_term_that_cannot_be_computed_makes_the_total_unknown_and_never_smalle
 
     answer = carried("k", law, solve, PRESSURE[[1, 3]])
     np.testing.assert_array_equal(np.isnan(answer["error_total"].values[0]), [False, True])
-
-
-def test_one_realisation_still_gives_how_uneven_the_pressure_is_in_a_structure():
-    response = ensemble(1)
-    budget = error_budget(response, fit_law(response), scales=compare_scales(0.1, 0.5, 1.0))
-    assert budget.attrs["unknown"] == "sampling, cell size, micro discretisation, small slopes"
-    half_width = budget["error_half_width"].sel(error_term="scale separation").values
-    assert np.isfinite(half_width).all()
-
-
-def test_the_fit_term_grows_with_the_misfit_of_the_law():
-    response = ensemble(8, spread=0.0)
-    exact = error_budget(response, fit_law(response, family="exponential"))
-    assert np.all(half(exact, "fit") < 1e-6)
-    kinked = response_of(TRUTH[None] + 0.03 * DECAY * (-1.0) ** np.arange(8))
-    rough = error_budget(kinked, fit_law(kinked, family="exponential"))
-    assert np.all(half(rough, "fit") > 5e-3)
 
 
 def test_the_stiffness_is_unsure_where_it_bends_at_the_end_of_the_data():
@@ -371,17 +355,6 @@ def test_slopes_that_are_taken_as_small_enter_totals_where_they_were_stated():
     assert "small slopes" in blind.attrs["unknown"]
 
 
-def test_a_step_at_which_two_grids_agree_has_no_larger_error_than_the_others():
-    """An error of first order, and one step at which the finest two grids agree, by chance."""
-    factor = {r: np.full(PRESSURE.size, 1.0 + 0.02 * r) for r in (0.25, 0.5, 1.0)}
-    factor[0.25][3] = 1.0101
-    grids = {r: ensemble(factor=value, seed=9) for r, value in factor.items()}
-    response = ensemble(factor=1.02)
-    budget = error_budget(response, fit_law(response), resolutions=grids)
-    half_width = half(budget, "micro discretisation")
-    assert half_width[3] < np.median(half_width) < 1.5 * 0.02 / 4.0
-
-
 def test_gaps_are_taken_to_the_height_of_the_surface_at_large():
     """Gaps in proportion to separate heights, which are 10 % too large on average."""
     random = np.random.default_rng(seed=6)
@@ -419,20 +392,6 @@ def test_the_scale_term_has_both_its_parts():
     np.testing.assert_allclose(
         half(budget, "scale separation")[1:-1], (DECAY * 0.25 / 24.0 / TRUTH)[1:-1], rtol=0.05
     )
-
-
-def test_the_scale_term_vanishes_with_the_wavelength():
-    response = ensemble(10)
-    law = fit_law(response)
-    results = [
-        half(
-            error_budget(response, law, scales=compare_scales(eps, 4 * eps, 1.0)),
-            "scale separation",
-        )[3]
-        for eps in (0.1, 0.05, 0.025)
-    ]
-    assert results[0] / results[1] == pytest.approx(4.0, rel=0.05)
-    assert results[1] / results[2] == pytest.approx(4.0, rel=0.05)
 
 
 def test_a_part_has_the_discrepancy_of_joints_from_cells_and_the_mean_law_has_not():

@@ -144,22 +144,6 @@ def test_friction_sticks_with_the_stiffness_of_the_interface_at_one_pressure(tmp
     assert "as stiff as the interface at 20 MPa" in file.read_text()
 
 
-def test_friction_is_refused_without_a_branch_of_shear_and_outside_the_data(tmp_path):
-    law = fit_law(response_of(exponential_gaps(4)), n_samples=0)
-    with pytest.raises(CaseError, match="the law has no tangential branch"):
-        write_pressure_overclosure(law, tmp_path / "a.inp", friction_for="abaqus")
-    known = assume_shear(law, friction=0.3, stiffness_ratio=0.8)
-    with pytest.raises(CaseError, match="written for abaqus or calculix, got 'ansys'"):
-        write_pressure_overclosure(known, tmp_path / "a.inp", friction_for="ansys")
-    with pytest.raises(CaseError, match="got a stick_pressure of 1 Pa; give a pressure between"):
-        write_pressure_overclosure(
-            known, tmp_path / "a.inp", friction_for="abaqus", stick_pressure=1.0
-        )
-    smooth = assume_shear(law, friction=0.0, stiffness_ratio=0.8)
-    with pytest.raises(CaseError, match="no friction, and no stick stiffness, to be written"):
-        write_pressure_overclosure(smooth, tmp_path / "a.inp", friction_for="abaqus")
-
-
 @pytest.mark.parametrize(
     ("realisations", "samples", "sentence"), [(3, 200, "3 realisations"), (6, 20, "20 samples")]
 )

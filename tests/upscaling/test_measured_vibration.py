@@ -139,20 +139,3 @@ def test_modes_of_a_structure_calibrate_like_a_mass(law, write):
     assert {row.unit for row in calibration.rows} == {"Hz", "1"}
     with pytest.raises(CaseError, match="either a mass or a structure"):
         read_vibration(file, structure=structure, mass=MASS, error=0.02)
-
-
-@pytest.mark.parametrize(
-    ("rows", "head", "options", "message"),
-    [
-        (["20, 1, 300, 170"], HEAD, {}, "row 1: the damping of 1.7 is not below 1"),
-        (["20, 1, 300, 2"], HEAD, {"error": 0.6}, "the error of 0.6 of frequency and damping"),
-        (["20, 1, -300, 2"], HEAD, {}, "positive"),
-        (["20, 1, 2"], HEAD.replace(" frequency (Hz),", ""), {}, "no column frequency"),
-        (["20, 1, 300, 2"], HEAD, {"error": None}, "found no such column and error = None"),
-        (["20, 1, 300, 2, 3"], f"{HEAD}, frequency error (%)", {}, "both columns"),
-        (["20, 1, 300, 2"], HEAD, {"mass": -1.0}, "mass must be positive"),
-    ],
-)
-def test_vibrations_are_refused_with_a_sentence(rows, head, options, message, write):
-    with pytest.raises(CaseError, match=message):
-        read_vibration(write(rows, head), **{"mass": MASS, "error": 0.03} | options)
