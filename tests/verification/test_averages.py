@@ -88,20 +88,6 @@ def test_an_inclined_facet_gives_its_slope_as_traction_ratio(gentle, orientation
     np.testing.assert_allclose(along_x / normal, -orientation * tangent, rtol=0.05)
 
 
-def test_mirrored_sawtooth_indenters_give_mirrored_averages():
-    n = 128
-    size = (1.0, 2.0 / n)
-    results = []
-    for mirror in (np.asarray, reversed_x):
-        obstacle = Surface(mirror(-sawtooth(n, 0.8, 0.1)), size)
-        cell = Cell(Surface(np.zeros((n, 2)), size), 1.0, 24, 1.0, 0.3, obstacle=obstacle)
-        response = solve_cell(cell, Path(pressure=(1e-3, 1e-2)))
-        results.append(response["traction"].values[0])
-    np.testing.assert_allclose(results[0][:, 0], results[1][:, 0], rtol=1e-8)
-    np.testing.assert_allclose(results[0][:, 1], -results[1][:, 1], rtol=1e-6)
-    assert np.all(np.abs(results[0][:, 1]) > 1e-3 * np.abs(results[0][:, 0]))
-
-
 def test_a_cell_turned_by_a_right_angle_gives_turned_averages():
     surface, obstacle = rough(32), rough(32, slope=0.2, seed=9)
     results = []

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from skfem import MeshHex, MeshQuad, MeshTri
 
-from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.bulk_law import contact_modulus
 from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, solve_contact
@@ -22,16 +21,6 @@ def test_a_ball_on_a_half_space_is_hertzs():
     assert force == pytest.approx(FORCE, rel=0.02)
     assert peak == pytest.approx(PEAK, rel=0.02)
     assert radius == pytest.approx(CONTACT_RADIUS, rel=0.02)
-
-
-@pytest.mark.slow
-def test_the_pressure_under_a_ball_is_the_ellipse_of_hertz():
-    *_, step = scenes.ball_on_half_space(5)
-    surface = step.contact["ball"]
-    r = np.hypot(*surface.position[:2])
-    exact = hertz.sphere_pressure(r, FORCE, scenes.RADIUS, scenes.MODULUS)
-    wrong = np.sqrt(np.sum(surface.area * (surface.pressure - exact) ** 2))
-    assert wrong < 0.05 * np.sqrt(np.sum(surface.area * exact**2))
 
 
 @pytest.mark.parametrize("sides", ["cylinder first", "block first"])
@@ -335,13 +324,5 @@ def test_a_press_fit_has_the_pressure_of_lame_whatever_its_facets(facets, error)
     np.testing.assert_allclose(ratio, 1.0, atol=error)
 
 
-def test_an_overlap_that_facets_hide_is_refused_unless_they_match():
-    with pytest.raises(CaseError, match=r"'fit': the bodies overlap .* give fitted=True and the"):
-        press_fit((32, 24))
+def test_facets_that_match_need_no_stated_interference():
     np.testing.assert_allclose(press_fit((64, 64)), 1.0, atol=0.01)
-
-
-@pytest.mark.parametrize("wrong", [{"interference": 1e-6}, {"fitted": True, "interference": -1e-6}])
-def test_an_interference_takes_bodies_that_fit(wrong):
-    with pytest.raises(CaseError, match="needs fitted=True, got"):
-        Contact(("shaft", "outside"), ("hub", "inside"), **wrong)

@@ -84,11 +84,3 @@ def test_the_largest_section_falls_to_the_porosity_as_the_volume_grows():
     # 1/L for one section, but a larger volume has more of them to choose from
     assert -1.0 < observed_rate(lengths, excess) < -0.5
     assert np.all(np.diff(excess) < 0.0)
-
-
-def test_oblique_sections_have_the_porosity_on_average_too():
-    rve = boolean_spheres((10.0,) * 3, RADIUS, porosity=0.2, seed=3)
-    volume = voxelise(rve, 100).porosity
-    for normal in ((1, 1, 0), (1, 1, 1), (1, 2, 3)):
-        closed = plane_damage(rve, normal, np.linspace(-0.3, 0.3, 41), closed=True)
-        assert closed.mean() == pytest.approx(volume, abs=0.04)

@@ -10,7 +10,7 @@ from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.layer import graded_planes
 from multiscale.micro.path import Target
 from tests.closed_forms import mindlin
-from tests.support import egg_box, flat, rough_square, sphere
+from tests.support import egg_box, flat, sphere
 
 STEEL = J2(1.0, 0.3, 0.005, 0.01)
 RUBBER = NeoHookean(1.0, 0.3)
@@ -157,23 +157,6 @@ def test_without_friction_a_wavelength_costs_nothing(bulk):
     pressure, shear = over_one_wavelength(16, 8, 0.0, bulk=bulk)
     assert abs(shear.sum()) < 1e-8 * pressure.sum()
     assert np.abs(shear / pressure).max() > 0.05
-
-
-@pytest.mark.slow
-def test_two_rough_bodies_carry_a_lateral_force_that_does_no_work_around():
-    n, steps = 16, 16
-
-    def rough(seed):
-        return rough_square(n, 1.0, 0.5, 0.1, seed=seed)  # fmt: skip
-
-    first, two = rough(1), rough(2)
-    far = 2.5 * float(np.std(first.heights - two.heights))
-    cell = Cell(first, 1.0, 8, 1.0, 0.3, two, opposite=body())
-    slide = tuple((place, 0.0) for place in np.arange(1, steps + 1) / steps)
-    response = solve_cell(cell, Path(approach=(far,) * steps, slide=slide))
-    normal, along, _ = np.moveaxis(response["traction"].values[0], -1, 0)
-    assert np.abs(along / normal).max() > 0.01
-    assert abs(along.sum() / normal.sum()) < 0.03 * np.abs(along / normal).max()
 
 
 @pytest.mark.long
