@@ -102,13 +102,6 @@ def test_points_on_a_grid_may_be_missing_and_in_any_order(tmp_path, heights):
     same(tmp_path / "map.xyz", heights, unit=1e-9)
 
 
-def test_scattered_points_and_three_columns_are_refused(tmp_path):
-    points = np.random.default_rng(1).uniform(size=(50, 3))
-    np.savetxt(tmp_path / "map.xyz", points)
-    with pytest.raises(CaseError, match="three columns, which are scattered points or not a map"):
-        open_topography(tmp_path / "map.xyz", unit=1e-6, size=SIZE)
-
-
 def test_a_damaged_file_has_the_reason_of_its_reader(tmp_path, x3p):
     for sentence, old, new in (
         ("CX AxisType is not 'I'", b"<AxisType>I<", b"<AxisType>R<"),

@@ -67,17 +67,6 @@ def test_unloading_starts_at_the_load_is_reversible_and_leaves_a_dent():
     assert press(law, 1.001 * dent, state)[0] > 0.0
 
 
-def test_a_loop_of_loading_and_unloading_dissipates_work():
-    law, top = AsperityLaw(ROUGH), 10e-6
-    path = np.concatenate([np.linspace(0.0, top, 400), np.linspace(top, 0.0, 400)])
-    state, p = None, []
-    for d in path:
-        first, _, state = press(law, d, state)
-        p.append(float(first[0]))
-    loading, unloading = np.trapezoid(p[:400], path[:400]), -np.trapezoid(p[400:], path[400:])
-    assert 0.2 * loading < unloading < 0.9 * loading
-
-
 def test_shaken_down_the_stiffness_is_the_same_on_both_sides_of_the_preload():
     law = AsperityLaw(ROUGH, FRICTION)
     jump = np.array([[-9e-6], [0.0], [0.0]])

@@ -51,14 +51,6 @@ def test_stiffness_jumps_by_its_ratio_where_unloading_starts(law):
     assert tangent[0, 0, 0] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_the_branches_of_a_law_are_asked_for_by_name(law):
-    assert law.first_loading is law.loading
-    assert law.unloading_ratio == law.shaken_down().unloading_ratio == law.stiffness_ratio
-    assert law.loading.first_loading is law.loading
-    assert law.loading.unloading_ratio is None
-
-
 def test_a_cycle_costs_the_area_between_the_branches():
     """Exponential loading from far away to p_m stores p_m u_0; unloading returns p_m l / (n+1)."""
     law = HystereticLaw(Exponential(2.0, 0.4), 2.0, 1.5)

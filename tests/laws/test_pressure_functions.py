@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw
 
 PRESSURE = np.array([1.0e6, 3.0e6, 9.0e6, 2.7e7])
@@ -45,18 +44,3 @@ def test_area_continues_with_the_slope_of_its_last_knot():
     p = PRESSURE[-1] * np.array([1.0 - 1e-6, 1.0, 1.0 + 1e-6])
     before, after = np.diff(law.contact_fraction(p))
     assert after == pytest.approx(before, rel=1e-4)
-
-
-def test_area_does_not_depend_on_the_unit_of_pressure():
-    fraction = np.array([0.02, 0.06, 0.17, 0.42])
-    p = np.geomspace(1e5, 1e9, 50)
-    in_pascal = AreaLaw(PRESSURE, fraction).contact_fraction(p)
-    np.testing.assert_allclose(
-        AreaLaw(1e-9 * PRESSURE, fraction).contact_fraction(1e-9 * p), in_pascal
-    )
-
-
-@pytest.mark.parametrize("fraction", [[0.1, 0.2, 0.3, 1.1], [-0.1, 0.2, 0.3, 0.4]])
-def test_contact_fractions_lie_between_0_and_1(fraction):
-    with pytest.raises(CaseError, match="must lie between 0 and 1"):
-        AreaLaw(PRESSURE, np.array(fraction))

@@ -43,18 +43,6 @@ FAMILIES = [
     pytest.param(lambda: p_matrix(60), id="nonsymmetric P-matrix"),
 ]
 
-LARGE = [
-    pytest.param(lambda: grains(12_000), id="granular, n = 39,600"),
-    pytest.param(lambda: grains(6_000, mass_ratio=1e6), id="granular, 1e6, n = 19,800"),
-    pytest.param(
-        lambda: grains(3_000, mass_ratio=1e6, contacts_per_grain=5.5), id="hyperstatic, 1e6"
-    ),
-    pytest.param(lambda: column(40_000, mass_ratio=1e6), id="stack, mass ratio 1e6, n = 40,000"),
-    pytest.param(lambda: membrane(200), id="membrane, n = 40,000"),
-    pytest.param(lambda: membrane(200, contrast=1e8), id="membrane, contrast 1e8, n = 40,000"),
-    pytest.param(lambda: tensegrity(20, contrast=1e8), id="tensegrity, contrast 1e8, n = 1,127"),
-]
-
 
 def natural_error(matrix, vector, value):
     """Unscaled natural-map error, written without the package."""
@@ -78,15 +66,6 @@ def test_every_family_converges_and_two_verifiers_agree(problem):
     assert verify_lcp(matrix, vector, solution.value) <= 1e-10
     assert natural_error(matrix, vector, solution.value) <= 1e-6
     assert np.min(solution.value) >= 0.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("problem", LARGE)
-def test_every_large_family_converges_and_two_verifiers_agree(problem):
-    matrix, vector = problem()
-    solution = solve_lcp(matrix, vector)
-    assert solution.status.name == "CONVERGED"
-    assert natural_error(matrix, vector, solution.value) <= 1e-8
 
 
 @pytest.mark.parametrize("method", ["auto", *LCP_METHODS])
@@ -209,13 +188,6 @@ def test_a_scaling_of_the_unknowns_changes_nothing_but_the_unknowns(base):
     assert solution.residuals == reference.residuals or not exact
     within = 0.0 if exact else 1e-8 * np.max(reference.value)
     np.testing.assert_allclose(solution.unwrap() * scale, reference.unwrap(), rtol=0, atol=within)
-
-
-def test_dense_and_sparse_agree():
-    matrix, vector = grains(50)
-    np.testing.assert_allclose(
-        solve_lcp(matrix.toarray(), vector).unwrap(), solve_lcp(matrix, vector).unwrap(), atol=1e-9
-    )
 
 
 def test_the_solution_itself_is_accepted_as_a_start():
