@@ -305,7 +305,7 @@ def _losses(
                 f'"{_length(cutoff)}"{grid} would leave {HELD:g}'
             )
         losses[name] = (
-            f"the cells hold {cells / whole:.2g} of the {name.replace('_', ' ')} of the map: "
+            f"the cells have {cells / whole:.2g} of the {name.replace('_', ' ')} of the map: "
             + "; ".join(lost or ["windows, edges and cut-off take a little each"])
         )
     return losses

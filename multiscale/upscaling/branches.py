@@ -49,7 +49,7 @@ def assume_shear(
     law : Dataset, follows ``INTERFACE_LAW``
     friction, stiffness_ratio : float, optional
         Friction coefficient, and tangential over normal stiffness, for instance
-        2 (1 - nu) / (2 - nu) between alike bodies; the value of the law stays if not given.
+        2 (1 - nu) / (2 - nu) between equal bodies; the value of the law if not given.
     """
     names, law = _set_shear(law, "assumed", friction, stiffness_ratio)
     both = friction is not None and stiffness_ratio is not None
@@ -68,8 +68,7 @@ def state_shear(
     return with_cautions(
         _set_shear(law, "given", friction, stiffness_ratio)[1],
         *(
-            f"the {WORDS[name]} of {stated[name]:.3g} that is given stands instead of the "
-            f"{value:.3g} of the law"
+            f"the given {WORDS[name]} of {stated[name]:.3g} replaces the {value:.3g} of the law"
             for name, value in replaced.items()
         ),
     )
@@ -132,7 +131,7 @@ def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
     finite = np.isfinite(steady)
     if not np.any(finite):
         raise CaseError(
-            "the cell slid over less than one period at every pressure, so that no friction "
+            "the cell slid over less than one period at every pressure, so no friction "
             "coefficient is steady; slide farther"
         )
     pressure, friction = sliding["nominal_pressure"].to_numpy()[finite], steady[finite]
@@ -147,7 +146,8 @@ def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
 def with_steady_friction(law: Dataset, response: Dataset) -> Dataset:
     """Add the friction of a response that slides steadily at one speed to its normal law.
 
-    The law holds at this speed, the attribute ``sliding_speed``; :func:`at_speed` gives others.
+    The law is valid at this speed, the attribute ``sliding_speed``; for others see
+    :func:`at_speed`.
     """
     seen = friction_observations(response)
     (speed,) = np.unique(seen.conditions[1])
@@ -178,14 +178,14 @@ def at_speed(law: Dataset, speed: float | None) -> Dataset:
 
     Notes
     -----
-    Rigid grains have no scale of time, so that gap and friction depend on
+    Rigid grains have no time scale, so gap and friction depend on
     :math:`v / \sqrt p` only, and the law at the speed v is the law at :math:`v_0` with all
     pressures multiplied by :math:`(v / v_0)^2`.
     """
     measured = law.attrs.get("sliding_speed")
     if (measured is None) != (speed is None):
         raise CaseError(
-            "speed in [interface] is of a law of grains, and this law has none; leave it out"
+            "speed in [interface] belongs to a law of grains, and this is another law; leave it out"
             if measured is None
             else f"the law of grains depends on the speed of sliding, {measured:.4g} m/s in its "
             f"cells; give speed in [interface]"
@@ -336,8 +336,8 @@ def with_unloading(
     within = observations.conditions[1] <= (1.0 + 1e-6) * loading.pressure_limit
     if not np.any(within):
         raise CaseError(
-            f"the cells unload from {list_pressures(observations.conditions[1])}, where the law of "
-            f"the loading has ended at {list_pressures(np.array([loading.pressure_limit]))}; "
+            f"the cells unload from {list_pressures(observations.conditions[1])}, but the law of "
+            f"the loading ends at {list_pressures(np.array([loading.pressure_limit]))}; "
             f"unload from a lower pressure"
         )
     observations = observations.at(within)
@@ -382,7 +382,7 @@ def _without_unloading(law: Dataset, loading: NormalLaw, observed: Observations)
     return with_cautions(
         with_branch(law, "unloading", origin, {}),
         f"the law has the loading curve for unloading too: {reason}; press the cells to pressures "
-        f"under which more of them flows",
+        f"with more plastic flow",
     )
 
 

@@ -11,7 +11,7 @@ from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 
 FEW_CELLS, MODEL = "few cells", "model discrepancy"
 OF_ONE_PART = (FEW_CELLS, MODEL)
-"""Terms of a single specimen, with few cells in its interface, which was not measured; the mean law
+"""Terms of a single specimen that was not measured, with few cells in its interface; the mean law
 does not have them."""
 
 STATED = "stated values"  # term of values that a case states with a half-width
@@ -82,7 +82,7 @@ NO_STATED = Term("not in a law: values of the structure that are given with +-")
 
 
 def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:
-    """Whether there is a law, and it carries its error budget."""
+    """Whether there is a law with an error budget."""
     return law is not None and "error_half_width" in law
 
 
@@ -254,11 +254,11 @@ def with_intervals(
 
     ``..._mean_law`` is the interval of the answer by the mean law, ``..._one_part`` the interval of
     the next specimen, with the scatter of the cells in its interface and the discrepancy of joints
-    from their cells; where a term is unknown they contain the others, and are lower bounds.
-    Answers for each cycle have intervals at the last cycle, by the budget of the last step. No
-    answer lies below zero, and no error of an interface makes its joint stiffer than the bodies:
-    ``uncertain_part``, in series with them, has that error. ``along`` names variable and place of
-    an answer for one of several loads or interfaces.
+    from their cells. If a term is unknown, they contain the others and are lower bounds. Answers
+    for each cycle have intervals at the last cycle, by the budget of the last step. No answer is
+    below zero, and no error of an interface makes its joint stiffer than the bodies: the error is
+    in ``uncertain_part``, in series with them. ``along`` is variable and place of an answer if
+    there are several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():
@@ -319,14 +319,14 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
         q = \frac{\ln (\|d_2\| / \|d_1\|)}{\ln r}, \qquad e = -\frac{d_1}{r^q - 1}, \qquad
         |e_{95}| = 1.25\, |e|.    \tag{1}
 
-    The order belongs to the discretisation and is common to all answers and steps: at a step where
-    a difference passes through zero, the ratio of both may be anything, and the bound is at least
-    the root mean square of :math:`e_{95}` over the steps there. With one coarser grid the order is
-    1, the order of the contact fraction and the lowest of the averages, and this bound holds at all
-    steps of an answer if :math:`d_1` changes its sign over them. Where three grids
-    show no order between 0.5 and 3, or the differences are not alike (a cosine below a half), the
-    bound is three times the largest difference. The factors are taken from the grid convergence
-    index [1]_. Where a coarser grid has no answer, NaN, the error is unknown.
+    The order is common to all answers and steps. At a step where a difference passes through zero,
+    the ratio of differences is arbitrary, and the bound is at least the root mean square of
+    :math:`e_{95}` over the steps. With a single coarser grid the order is 1, the order of the
+    contact fraction and the lowest of the averages; this bound is used at all steps of an answer if
+    :math:`d_1` changes its sign over them. If three grids have no order between 0.5 and 3, or their
+    differences are not similar (a cosine below a half), the bound is three times the largest
+    difference. The factors are from the grid convergence index [1]_. If a coarser grid has no
+    answer, NaN, the error is unknown.
 
     References
     ----------
@@ -337,7 +337,7 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     ratios = sorted(coarser)
     r = ratios[0]
     if not r > 1.0:
-        raise CaseError(f"the spacing of a coarser grid is more than once the finest, got {r:g}")
+        raise CaseError(f"a coarser grid must have a ratio of spacings above 1, got {r:g}")
     fine = np.asarray(answer, dtype=float)
     d1 = fine - coarser[r]
     scale = np.where(fine != 0.0, np.abs(fine), 1.0)

@@ -128,19 +128,19 @@ def calibrate(
     -------
     Calibration
         Samples of normal law, stiffness ratio and friction are drawn together, so that samples of
-        the same number belong together. Other branches stay, and so does the shear branch if no
+        the same number belong together. Other branches stay unchanged, also the shear branch if no
         table depends on it.
 
     Raises
     ------
     ConvergenceError
-        If the parameters do not settle.
+        If the parameters do not converge.
 
     Notes
     -----
-    The mode is found by Gauss-Newton steps, for data with Student's distribution; samples are drawn
+    Gauss-Newton steps compute the mode, for data with Student's distribution; samples are drawn
     about it, and weighted. With ``solve``, or with tables of structures, they have the normal
-    distribution of the linearised answers, so that a structure is solved for the mode only.
+    distribution of the linearised answers, so structures are solved for the mode only.
     """
     if cells is not None:
         require("cells", cells, "(0, inf)")
@@ -155,7 +155,7 @@ def calibrate(
     _refuse_contradiction(mode, measured)
     if not mode.settled:
         raise ConvergenceError(
-            f"the parameters of the law do not settle in {mode.solves} solves; look for rows that "
+            f"the parameters of the law do not converge in {mode.solves} solves; find rows that "
             f"contradict each other, or for an area far below the size of a cell, or state larger "
             f"errors"
         )
@@ -231,7 +231,7 @@ def by_differences(
     step: float = 1e-3,
     executor: Executor | None = None,
 ) -> Answer:
-    """Return an answer with its gradient by central differences, two solves a parameter.
+    """Return an answer with its gradient by central differences, two solves for each parameter.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ class _Prior:
             ]
         if not listed:
             raise CaseError(
-                "nothing of the law is uncertain, so that measured values correct nothing; give a "
+                "no parameter of the law is uncertain, so measured values have no effect; give a "
                 "roughness or a discrepancy above 0"
             )
         names, units, scale, before = zip(*listed, strict=True)
@@ -438,7 +438,7 @@ def _shear_parameters(
 def _refuse_tables(measured: Sequence[MeasuredJoint], law: Dataset, extrapolate: bool) -> None:
     """Refuse no tables, tables of branches without a law, and preloads outside its pressures."""
     if not measured:
-        raise CaseError("there are no measured values; give a table [[measured]] or more")
+        raise CaseError("there are no measured values; give at least one table [[measured]]")
     if any(table.sheared for table in measured):
         require_shear(tangential_values(law))
     low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
@@ -469,7 +469,7 @@ def _refuse_contradiction(mode: Mode, measured: Sequence[MeasuredJoint]) -> None
     names = [f"{table.name}, {name}" for table in measured for name, _ in table.rows]
     worst = int(np.argmax(np.abs(mode.residual)))
     raise CaseError(
-        f"{far.sum()} of {far.size} measured values lie more than {FAR:g} standard deviations of "
+        f"{far.sum()} of {far.size} measured values are more than {FAR:g} standard deviations of "
         f"their errors from the nearest law ({names[worst]}: {abs(mode.residual[worst]):.3g}): "
         f"they contradict each other or the cells; correct the table, or state larger errors, a "
         f"frame or a roughness"
@@ -507,15 +507,15 @@ def _sentences(
     if pull[worst] > DISAGREES:
         yield (
             f"the measured values move the {prior.names[worst]} {pull[worst]:.2g} standard "
-            f"deviations away from its value before calibration, by cells, case or default: look "
-            f"at this value first, and state it or a larger half-width if the data are right"
+            f"deviations away from its value before calibration, by cells, case or default: check "
+            f"this value first, and state it or a larger half-width if the data are right"
         )
     for row in rows:
         if abs(row.residual) > FAR:
             value = readable(f"{row.measured:.4g} {row.unit}").removesuffix(" 1")
             yield (
                 f"{row.table}, {row.row}: {value} at "
-                f"{list_pressures(np.array([row.pressure]))} lies {abs(row.residual):.2g} standard "
+                f"{list_pressures(np.array([row.pressure]))} is {abs(row.residual):.2g} standard "
                 f"deviations from the law, and has {row.weight:.2g} of the weight of another value"
             )
     form = range(len(prior.modes))
@@ -533,5 +533,5 @@ def _sentences(
     if draws.tail > RELIABLE and draws.effective < len(draws.theta):
         yield (
             f"the weights of the draws are uneven (Pareto shape {draws.tail:.2g}); the samples "
-            f"stand for {draws.effective:.3g} independent draws, and intervals are rough"
+            f"represent {draws.effective:.3g} independent draws, and intervals are rough"
         )

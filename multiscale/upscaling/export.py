@@ -1,4 +1,4 @@
-"""Laws as tables that other finite-element codes read."""
+"""Laws as tables for other finite-element codes."""
 
 from dataclasses import dataclass
 from os import PathLike
@@ -31,8 +31,8 @@ SMALLEST_STEP = 1e-10
 
 MOST_POINTS = 40  # of tables in older versions of CalculiX
 FACE_POINTS, FACE_TABLE = 20, 41
-"""Points that CalculiX 2.20 reads of a table, at most, and points that the table has, face to face:
-it takes the integer part of the overclosure of the 41st point as the number of points."""
+"""Largest number of points that CalculiX 2.20 reads face to face, and points of the table: it uses
+the integer part of the overclosure of the 41st point as the number of points."""
 
 MORTAR_SHEAR = ("** with TYPE=MORTAR CalculiX 2.20 carries more shear than friction allows",)
 
@@ -110,23 +110,22 @@ def write_pressure_overclosure(
     -----
     Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
     ``*SURFACE INTERACTION``, then pressure and overclosure, rising, the first pressure zero. Beyond
-    the last point Abaqus continues with its slope and CalculiX keeps the pressure, so that a
-    further point prolongs the last chord to ten times the largest pressure. Surfaces of the model
-    that touch have the first contact of the summits: the head of the file gives the distance of the
-    mean planes there. CalculiX makes no contact elements where surfaces are open, so that a body
+    the last point Abaqus continues with its slope and CalculiX with a constant pressure, so a
+    further point extends the last chord to ten times the largest pressure. Surfaces of the model
+    that touch are at the first contact of the summits: the head of the file has the distance of the
+    mean planes there. CalculiX makes no contact elements where surfaces are open, so a body
     supported by the contact only should overlap a little at the start.
 
-    CalculiX 2.20 carries no load with a table and ``TYPE=SURFACE TO SURFACE``, in silence: it takes
-    the number of points from the overclosure of a 41st point, which no usual table has. A table
+    With ``TYPE=SURFACE TO SURFACE`` CalculiX 2.20 ignores usual tables without a message: it takes
+    the number of points from the overclosure of a 41st point, which they do not have. A table
     ``face_to_face`` has this point; ``TYPE=NODE TO SURFACE`` reads it as well, ``TYPE=MORTAR`` does
-    not. With ``TYPE=MORTAR`` and friction, CalculiX 2.20 carries more shear than friction allows.
+    not. With ``TYPE=MORTAR`` and friction, the shear in CalculiX 2.20 exceeds the friction limit.
 
-    Either code sticks with a single spring and slider, without micro-slip. It is as stiff as
-    the bed of sliders before any slip: CalculiX takes the stiffness :math:`\kappa K(p)`, the same
-    at all pressures; Abaqus the elastic slip :math:`\mu p / (\kappa K(p))`, from which it makes a
-    stiffness in proportion to the pressure, as rough surfaces nearly have. Stiffness and capacity
-    of a joint carry over so; its loss does not: in a lap joint, one stiffness at all pressures
-    doubles it.
+    Both codes have a single spring and slider, without micro-slip, with the stiffness of the bed of
+    sliders before any slip. CalculiX uses the stiffness :math:`\kappa K(p)` at all pressures;
+    Abaqus uses the elastic slip :math:`\mu p / (\kappa K(p))`, so its stiffness is proportional to
+    the pressure, nearly as for rough surfaces. Stiffness and capacity of a joint are then right,
+    but not its loss: in a lap joint, a constant stiffness at all pressures doubles it.
     """
     if not (name and name.isascii() and name.replace("_", "a").replace("-", "a").isalnum()):
         raise CaseError(f"{name!r} cannot name a surface interaction; use letters and digits")
@@ -137,7 +136,7 @@ def write_pressure_overclosure(
     if chords.pressure.size >= (most := FACE_POINTS if face_to_face else MOST_POINTS):
         raise CaseError(
             f"a table within {100.0 * tolerance:g} % takes {chords.pressure.size + 1} points, and "
-            f"CalculiX holds {most}{' face to face' * face_to_face}; allow a larger tolerance"
+            f"CalculiX reads {most}{' face to face' * face_to_face}; allow a larger tolerance"
         )
     table = _prolong(chords, units, face_to_face)
     added, rows = len(table) - chords.pressure.size, table / (units.pressure, units.length)
@@ -214,14 +213,13 @@ def _friction(dataset: Dataset, at: float, code: str, units: _Units) -> list[str
         raise CaseError(f"friction is written for abaqus or calculix, got {code!r}")
     if not low <= at <= high:
         raise CaseError(
-            f"the law rests on data from {low:.3g} to {high:.3g} Pa, got a stick_pressure of "
+            f"the law has data from {low:.3g} to {high:.3g} Pa, got a stick_pressure of "
             f"{at:.3g} Pa; give a pressure between them"
         )
     law, bed = law_from_dataset(dataset), sliders_from_dataset(dataset)
     if not bed.friction:
         raise CaseError(
-            f"the law has no friction, and no stick stiffness, to be written for {code}; leave the "
-            f"friction out"
+            f"the law has no friction and no stick stiffness for {code}; leave the friction out"
         )
     stiffness = bed.stiffness_ratio * float(law.stiffness(law.gap_at(np.array(at))))
     lines = [

@@ -1,4 +1,4 @@
-"""Families of laws with a few parameters, built in or defined by a user."""
+"""Families of laws with a few parameters, built in or defined by the user."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -47,7 +47,7 @@ class Family:
 
     Examples
     --------
-    A family of a user, here an exponential law of given decay length:
+    A user family, an exponential law of given decay length:
 
     >>> from multiscale.laws import Exponential
     >>> rigid = Family(

@@ -77,9 +77,8 @@ def fit_law(
     control : Dataset, optional
         Follows ``MICRO_RESPONSE``: many cheap cells next to the few of a response, at the same
         pressures, such as flat cells for conforming cells. Cheap cells with the numbers of the
-        response have its surfaces. Means and samples are of both, see
-        :class:`~.sampling.Control`; for a quantity where that makes no interval narrower they
-        are of the response only.
+        response have its surfaces. Means and samples use both, see :class:`~.sampling.Control`, or
+        only the response for a quantity whose interval the control does not narrow.
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
         have free form and are the default; the others are in ``FAMILIES``, or defined by a user.
@@ -98,31 +97,31 @@ def fit_law(
         Follows ``INTERFACE_LAW``; a family with parameters has a variable for each, and its
         ``..._sample`` along ``sample``. Attributes: ``family``, ``quantity``,
         ``n_realisations``, ``n_samples``, ``pressure_min``, ``pressure_max`` (Pa),
-        ``pressures_per_decade``, ``branches`` (which are measured and which assumed) and for normal
-        laws ``gap_min``, ``gap_max`` (m) of the data, ``pressure_limit`` (Pa) if the law ends below
-        pressures that it cannot follow, ``cautions`` (a line each, with the cautions of the
-        response and the pressures that are left out, or missed), the errors of the fit below (1),
-        ``admissible`` (1 or 0) and ``admissibility`` (a sentence for each check), ``seed``,
-        ``uncertainty`` (a sentence), and the attributes of the surface.
+        ``pressures_per_decade``, ``branches`` (measured or assumed) and for normal laws
+        ``gap_min``, ``gap_max`` (m) of the data, ``pressure_limit`` (Pa) if the law ends below the
+        largest pressure, ``cautions`` (lines with the cautions of the response and the pressures
+        that are left out, or missed), the errors of the fit below (1), ``admissible`` (1 or 0) and
+        ``admissibility`` (a sentence for each check), ``seed``, ``uncertainty`` (a sentence), and
+        the attributes of the surface.
 
         - ``maximum_fit_error``: largest relative error (of the pressure, for a normal law) at the
           data;
         - ``cross_validated_error`` and ``cross_validated_rms_error``: the largest and the root
-          mean square at a point that the fit has not seen. The first and the last pressure of a
-          normal law are always seen, as leaving them out is extrapolation;
+          mean square at a point left out of the fit. The first and the last pressure of a normal
+          law are never left out, since that would be extrapolation;
         - ``cross_validated_stiffness_error``: the same for the stiffness, against the full fit.
 
     Raises
     ------
     ConvergenceError
-        If the parameters do not settle.
+        If the parameters do not converge.
 
     Notes
     -----
     The law of free form is :class:`~multiscale.laws.ConvexDecreasing`. Its knots are even in the
     logarithm of the pressure and common to all samples. Its accuracy depends on the pressures per
-    decade. Where noise-free exponential, power, Greenwood-Williamson and Westergaard laws (up to
-    half the pressure of complete contact) are fitted over 1 to 3 decades, it errs by at most
+    decade. For noise-free exponential, power, Greenwood-Williamson and Westergaard laws (up to half
+    the pressure of complete contact) over 1 to 3 decades, its largest errors are
 
     ================== ===== ===== ===== =====
     pressures a decade 2     3     4     8
@@ -131,16 +130,16 @@ def fit_law(
     stiffness          20 %  5 %   3 %   1 %
     ================== ===== ===== ===== =====
 
-    most of it Westergaard's at the highest pressures. Outside its range the law extrapolates. Where
-    the stiffness tends to infinity, as at complete contact, its error grows.
+    mostly for Westergaard's law at the highest pressures. Outside its range the law extrapolates.
+    If the stiffness tends to infinity, as at complete contact, its error grows.
 
-    Cells that flow nearly everywhere at the surface become softer as the pressure rises, which no
-    convex law does: the law ends where that begins. Every other law has a caution where it misses
-    what was observed.
+    Cells that flow nearly everywhere at the surface become softer as the pressure rises, unlike a
+    convex law: the law ends at the pressure where this begins. Every other law has a caution at
+    observations that it misses.
 
     The bootstrap resamples whole realisations with replacement, since the steps of each are
-    correlated; the samples are spread by :func:`widening`, so that 95 % intervals hold for few
-    realisations too. The bands contain the sampling error, not the error of the model.
+    correlated; :func:`widening` spreads the samples, so that 95 % intervals are valid for few
+    realisations too. The bands contain the sampling error, but no model error.
 
     References
     ----------
@@ -376,21 +375,21 @@ def compare_laws(
     data
         As of :func:`fit_law`.
     families : sequence of str or Family, optional
-        All that are built in for the quantity if not given, but none of sheared grains.
+        All built-in families for the quantity if not given, except for sheared grains.
 
     Returns
     -------
     Dataset
-        Follows ``LAW_COMPARISON``, best first by the cross-validated error. The criterion
-        is NaN for a law of free form, which has no defined number of parameters, and the weights
-        are among the other families.
+        Follows ``LAW_COMPARISON``, in the order of the cross-validated error, the smallest first.
+        The criterion is NaN for a law of free form, which has no defined number of parameters; the
+        weights are those of the other families.
 
     Notes
     -----
     The criterion is Akaike's with the correction for few points [1]_, for independent errors of
-    equal relative size; with the weights :math:`w_i \propto e^{-\Delta_i / 2}` from the differences
-    to the smallest. The steps of a cell are not independent, which favours families with many
-    parameters; the error at unseen points does not rest on that.
+    equal relative size; the weights are :math:`w_i \propto e^{-\Delta_i / 2}` with the differences
+    from the smallest. The steps of a cell are not independent, which favours families with many
+    parameters; the error at unseen points does not assume independence.
 
     References
     ----------
@@ -439,6 +438,6 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
     if not admissible.size:
         raise CaseError(
             f"no family of laws of {observations.quantity} is admissible for these data; check "
-            f"that they are of one loading branch"
+            f"that they belong to one loading branch"
         )
     return str(admissible[0]), families

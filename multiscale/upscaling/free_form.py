@@ -199,7 +199,7 @@ def representable(
         if law.stiffness(gap[k - 1]) <= (1.0 + ALLOWED) * stiffness:
             return int(np.sum(all_pressures <= p[k - 1])), [
                 f"the law ends at {list_pressures(p[k - 1 : k])}: {list_pressures(p[k:])} are left "
-                f"out of it, since the interface is softer there than any convex law through the "
+                f"out, since the interface is softer there than any convex law through the "
                 f"gaps below"
             ]
     turn = 1 + int(np.argmax(falls))
@@ -300,13 +300,13 @@ def _check_falls(p: np.ndarray, gap: np.ndarray) -> None:
         at = int(np.argmax(np.diff(gap) >= 0.0))
         raise CaseError(
             f"the mean gap does not fall from {p[at]:.3g} to {p[at + 1]:.3g} Pa "
-            f"({gap[at]:.3g} to {gap[at + 1]:.3g} m), so that no decreasing law fits; "
+            f"({gap[at]:.3g} to {gap[at + 1]:.3g} m), so no decreasing law fits; "
             f"lower the pressures if contact is full there, or use more realisations"
         )
     if gap[0] - gap[-1] < 1e-9 * gap[0]:
         raise CaseError(
             f"the mean gap of {gap[0]:.3g} m changes by only {gap[0] - gap[-1]:.1g} m "
-            f"over all pressures, which rounding may have made; raise the pressures"
+            f"over all pressures, which may be rounding; raise the pressures"
         )
 
 

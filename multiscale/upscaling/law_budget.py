@@ -92,12 +92,12 @@ def error_budget(
     -------
     Dataset
         Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
-        quantity, term and step of the law; NaN for a term without data. A bias, answer minus
-        truth, is zero where no sign is known, and never taken out. The total contains
-        :data:`ALWAYS` and every term with data; the attribute ``unknown`` lists the unknown terms,
-        and ``how_...`` describes the estimate of each term, or the missing data. A term that cannot
-        be computed from the data, such as the sampling of a single realisation, makes the total
-        unknown, NaN, at its quantity and step, and never smaller.
+        quantity, term and step of the law; NaN for a term without data. A bias, answer minus truth,
+        is zero if its sign is unknown, and never subtracted. The total contains :data:`ALWAYS` and
+        every term with data; the attribute ``unknown`` lists the unknown terms, and ``how_...``
+        describes the estimate of each term, or the missing data. A term that cannot be computed
+        from the data, such as the sampling of a single realisation, makes the total unknown, NaN,
+        at its quantity and step.
 
     Notes
     -----
@@ -133,7 +133,7 @@ def error_budget(
     elif control is not None:
         how += " only, since they and the control cells follow each other by chance"
     if not np.any(np.isfinite(sampling.half_width)):
-        how = "not known: a single realisation does not show the scatter, solve 3"
+        how = "not known: a single realisation has no scatter, solve 3"
     # terms without further data, then the terms of the given data
     terms = {
         "sampling": Term(how, sampling.half_width),
@@ -312,15 +312,15 @@ def _compared(response: Dataset, others: Mapping[float, Dataset]) -> dict[float,
     """Return compared responses by their ratios, with the response where none has the ratio 1."""
     if list(others) == [1.0]:
         raise CaseError(
-            "resolutions with the spacing of the response are compared among themselves, so that "
-            "two are needed, got 1"
+            "resolutions with the spacing of the response are compared with each other, so two "
+            "are needed, got 1"
         )
     expected = normal_observations(response).pressure
     for ratio, other in others.items():
         p = normal_observations(other).pressure
         if p.size != expected.size or not np.allclose(p, expected, rtol=1e-6):
             raise CaseError(
-                f"the response at the ratio {ratio:g} has other pressures; press it as the first"
+                f"the response at the ratio {ratio:g} has other pressures; use the same pressures"
             )
     return {1.0: response, **others}
 

@@ -50,7 +50,7 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
     Parameters
     ----------
     law : NormalLaw, HystereticLaw, FrictionLaw, StiffnessLaw, or a law with a contact fraction
-        Built in or defined by a user.
+        Built in or defined by the user.
     pressure_range : tuple of float
         Smallest and largest pressure tested, Pa. A normal law is tested between the gaps of these
         and as far again to either side, a friction law also over :data:`SPEEDS` and at rest.
@@ -58,11 +58,11 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
     Returns
     -------
     Admissibility
-        A normal law is positive, decreasing, convex, supplies no energy over a closed cycle of the
-        gap, and its traction does not depend on the frame of the tangent plane; a friction law has
-        a coefficient that is not negative, power that is not negative, and turns with the frame; a
-        contact fraction starts at zero, never falls and stays below one; a stiffness is positive
-        and never falls; unloading is stiffer than loading and no cycle supplies energy.
+        A normal law is positive, decreasing and convex, gains no energy over a closed cycle of the
+        gap, and has a traction independent of the frame of the tangent plane. A friction law has a
+        coefficient and a power that are not negative, and rotates with the frame. A contact
+        fraction starts at zero, never falls and stays below 1. A stiffness is positive and never
+        falls. Unloading is stiffer than loading, and no cycle gains energy.
     """
     return Admissibility(pressure_range, _checks(law, pressure_range))
 
@@ -72,7 +72,7 @@ def _checks(law: Any, pressure_range: tuple[float, float]) -> dict[str, float]:
     """Check a law by its kind; a contact fraction from no pressure to 100 times the largest."""
     if not hasattr(law, "contact_fraction"):
         raise CaseError(
-            f"a law of type {type(law).__name__} cannot be judged; derive it from NormalLaw, "
+            f"a law of type {type(law).__name__} cannot be checked; derive it from NormalLaw, "
             f"FrictionLaw or StiffnessLaw, or give it a contact_fraction"
         )
     low, high = pressure_range

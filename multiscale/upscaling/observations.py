@@ -1,4 +1,4 @@
-"""Observations that laws are fitted to: values of a quantity at conditions, by realisation."""
+"""Observations for the fit of laws: values of a quantity at conditions, by realisation."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -63,7 +63,7 @@ class Misfit:
 
     @property
     def missed(self) -> np.ndarray:
-        """Which observations lie farther from the law than :data:`ALLOWED` and 95 % of chance."""
+        """Whether points differ from the law by more than :data:`ALLOWED` and 95 % of chance."""
         allowed = ALLOWED + TWO_SIDED * np.nan_to_num(self.scatter)
         return np.asarray(~(np.abs(self.distance) <= allowed))
 
@@ -197,7 +197,7 @@ def observe(
     values : ndarray, shape (realisations, points) or (points,)
         SI; NaN where a realisation has no value.
     **attributes
-        Strings and numbers carried into the law.
+        Strings and numbers for the attributes of the law.
     """
     if quantity not in QUANTITIES:
         raise CaseError(f"there is no quantity {quantity!r}; choose from {', '.join(QUANTITIES)}")
@@ -219,7 +219,7 @@ def observe(
             )
     observed = arrange(quantity, x, y, attributes)
     if not observed.values.size:
-        raise CaseError(f"no value of {quantity} was observed; all are missing")
+        raise CaseError(f"all values of {quantity} are missing")
     _check_sense(quantity, observed.pressure, observed.mean)
     return replace(observed, independent=True)
 
@@ -255,9 +255,9 @@ def _check_sense(quantity: str, pressure: np.ndarray, mean: np.ndarray) -> None:
         (slope, _), covariance = np.polyfit(x, np.log(mean), 1, cov=True)
         if slope < -3.0 * float(np.sqrt(covariance[0, 0])) - 1e-3:
             raise CaseError(
-                f"the stiffness falls as the pressure rises, as its power {slope:.2g}, which no "
-                f"convex law does; check that pressure and stiffness are not exchanged, and that "
-                f"the data are of one loading branch"
+                f"the stiffness falls as the pressure rises, with its power {slope:.2g}, unlike a "
+                f"convex law; check that pressure and stiffness are not exchanged, and that "
+                f"the data belong to one loading branch"
             )
 
 

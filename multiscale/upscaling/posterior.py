@@ -48,9 +48,9 @@ class Mode(NamedTuple):
         if self.apart <= SETTLED:
             return []
         return [
-            f"the parameters of the law settled to {self.apart:.1g} of their posterior standard "
-            f"deviations in {self.solves} solves, in place of {SETTLED:g}, as answers with kinks "
-            f"do; their intervals may be off by as much"
+            f"the parameters of the law converged to {self.apart:.1g} of their posterior standard "
+            f"deviations in {self.solves} solves instead of {SETTLED:g}, since the answers have "
+            f"kinks; their intervals may have errors of this size"
         ]
 
     @property

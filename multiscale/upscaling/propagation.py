@@ -45,7 +45,7 @@ a law then differ too much at the pressures of an answer, such as beyond the dat
 NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error contributes") | {
     STATED: NO_STATED.how,
     MODEL: "not in a law: no law of cells contributes",
-    MACRO: "not known: nothing was solved on a coarser mesh",
+    MACRO: "not known: no structure was solved on a coarser mesh",
 }
 """Texts of terms without a source."""
 
@@ -92,7 +92,7 @@ class Uncertainty(Source):
     ----------
     half_width : mapping of str to ndarray or float, in the unit of ``step``
     how : mapping of str to str, how they were estimated, if a text is needed
-    step : float, by how much the parameter is larger in the only element of ``changes``
+    step : float, increase of the parameter in the only element of ``changes``
     rate : ndarray, shape (answers, steps), optional
         Relative change of the answers over the change of the parameter, instead of ``changes``.
     """
@@ -218,7 +218,7 @@ def propagate(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Dataset:
-    """Carry independent errors to answers: solve once for each change of each source.
+    """Propagate independent errors to answers: solve once for each change of each source.
 
     Parameters
     ----------
@@ -238,9 +238,9 @@ def propagate(
     -------
     Dataset
         Follows ``ERROR_BUDGET``, with a quantity for each answer. Half-widths add as squares and
-        biases with their signs. A term that is unknown to a source at a step makes the total NaN
-        there; so does a term of ``ALWAYS`` that is unknown to a source at all steps. The
-        ``sensitivity`` is by the parameters among the sources.
+        biases with their signs. The total is NaN at a step where a term of a source is unknown, or
+        if a term of ``ALWAYS`` of a source is unknown at all steps. The ``sensitivity`` is for the
+        parameters among the sources.
     """
     # the computations that are needed
     names = (names,) if isinstance(names, str) else tuple(names)
@@ -249,7 +249,7 @@ def propagate(
         if source.answers is None:
             jobs |= {(k, j): change for j, change in enumerate(source.changes)}
     if jobs and solve is None:
-        raise TypeError(f"{len(jobs)} answers are not known, and nothing solves them")
+        raise TypeError(f"{len(jobs)} answers are unknown, and solve is missing")
     solved: dict[tuple[int, int], np.ndarray] = {}
 
     def finish(key: tuple[int, int], result: Any) -> None:

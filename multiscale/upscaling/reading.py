@@ -1,4 +1,4 @@
-"""From the dataset of a fitted law back to the law, its samples and its bands."""
+"""Build the law, its samples and its bands from the dataset of a fitted law."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -33,12 +33,12 @@ def law_from_dataset(
     ----------
     dataset : Dataset, follows ``INTERFACE_LAW``
     sample : int, optional, which bootstrap sample; the mean law if not given
-    family : Family, optional, defined by the user, if the law is not of a built-in family
+    family : Family, optional, defined by the user, if the family of the law is not built in
     """
     law = fitted_law(dataset, sample, family=family)
     if not isinstance(law, NormalLaw):
         raise CaseError(
-            f"the dataset holds a law of {dataset.attrs.get('quantity')}, expected a normal law"
+            f"the dataset has a law of {dataset.attrs.get('quantity')}, expected a normal law"
         )
     return law
 
@@ -89,8 +89,8 @@ def fitted_laws(
         return [replace(law, pressure_range=data) for law in laws]
     except TypeError:
         raise CaseError(
-            f"{type(laws[0]).__name__} has no place for the pressures of its data: make it a "
-            f"dataclass with the fields gap and pressure_range, as NormalLaw documents"
+            f"{type(laws[0]).__name__} has no field for the pressures of its data: make it a "
+            f"dataclass with the fields gap and pressure_range, see NormalLaw"
         ) from None
 
 

@@ -15,12 +15,12 @@ from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.reading import BY_REALISATION
 from multiscale.upscaling.sampling import widening
 
-FARTHEST = 60.0  # a parameter moves at most e^60 times in one fit
+FARTHEST = 60.0  # largest factor e^60 of a parameter in a fit
 REFUSED = 1e6  # relative error of a law that cannot be made
 
 BY_POINT = "bootstrap over the residuals of independent points"
 
-NONE = "none: too few realisations or no samples asked for, so the scatter is not known"
+NONE = "none: too few realisations or no samples, so the scatter is unknown"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +64,14 @@ class Regression:
             if status in (1, 2, 3, 4):
                 return self._parameters(x, origin)
         raise ConvergenceError(
-            f"the fit of the family {self.family.name!r} did not settle; fix a parameter that the "
-            f"data do not decide ({', '.join(self.free)}), or choose another family"
+            f"the fit of the family {self.family.name!r} did not converge; fix a parameter that "
+            f"the data do not determine ({', '.join(self.free)}), or choose another family"
         )
 
     def solve_many(
         self, means: np.ndarray, weights: np.ndarray, start: Mapping[str, float]
     ) -> list[dict[str, float] | None]:
-        """Fit the means of samples, (samples, points), from the same start; None if unsettled."""
+        """Fit the means of samples, (samples, points), from the same start; None if one fails."""
         fits: list[dict[str, float] | None] = [None] * len(means)
         for k, (mean, weight) in enumerate(zip(means, weights, strict=True)):
             with suppress(CaseError, ConvergenceError):
@@ -166,7 +166,7 @@ def fit_family(
     n_samples: int,
     seed: int,
 ) -> FitResult:
-    """Fit the parameters of a family and their samples; unsettled samples are only counted."""
+    """Fit the parameters of a family and their samples; samples that fail are only counted."""
     regression = regression_of(family, observations, fixed, weights)
     mean = observations.mean
     equal = np.ones(mean.size)  # weights

@@ -13,7 +13,7 @@ from multiscale.upscaling.observations import Observations, arrange, error_scale
 from multiscale.upscaling.sampling import Control
 
 HIGHEST_GAP = 20.0
-"""Mean gap over the rms height above which units are wrong, or a single spike is in contact."""
+"""Mean gap over the rms height above which units are wrong, or only a spike is in contact."""
 
 LIGHT, DEEPEST = 0.05, 5.0
 """Contact fraction up to which pressing does not change the heights, and depth of valleys, over the
@@ -56,7 +56,7 @@ def area_observations(response: Dataset, control: Dataset | None = None) -> Obse
         p = areas.pressure
         raise CaseError(
             f"the contact fraction falls by {-mean[j]:.2g} from {p[j]:.3g} to {p[j + 1]:.3g} Pa in "
-            f"all realisations alike, which no pressing does; check the order of the steps, or "
+            f"all realisations, which pressing cannot cause; check the order of the steps, or "
             f"select one loading branch"
         )
     return areas
@@ -73,8 +73,8 @@ def _observe_response(
     p = seen.pressure
     if p.size < 3:
         raise CaseError(
-            f"a law needs at least 3 pressures with a converged realisation, found {p.size} "
-            f"of {pressure.size}; solve more steps or look why they failed"
+            f"a law needs at least 3 pressures with a converged realisation, got {p.size} "
+            f"of {pressure.size}; solve more steps or find out why they failed"
         )
     if not np.all(np.diff(p) > 1e-9 * p[1:]):
         raise CaseError(
@@ -99,12 +99,12 @@ def paired_first(
     if far := [p for p, j in zip(pressure, at, strict=True) if abs(solved[j] - p) > 1e-6 * p]:
         raise CaseError(
             f"the control cells were not pressed under {far[0]:.4g} Pa, a pressure of the cells; "
-            f"press both alike"
+            f"press both at the same pressures"
         )
     cheap_numbers = loading["realisation"].to_numpy()
     if missing := sorted({*numbers.tolist()} - {*cheap_numbers.tolist()}):
         raise CaseError(
-            f"the control has no cells of the realisations {missing}, so that they do not pair; "
+            f"the control has no cells of the realisations {missing}, so they cannot be paired; "
             f"solve it on the same surfaces, with the same numbers"
         )
     paired = [int(np.flatnonzero(cheap_numbers == k)[0]) for k in numbers]
@@ -184,7 +184,7 @@ def unloading_observations(response: Dataset, control: Dataset | None = None) ->
     down = np.flatnonzero((branch == UNLOADING) & (pressure > 0.0))
     if down.size == 0:
         raise CaseError(
-            "no step of the response unloads, so that nothing is known of unloading; add "
+            "no step of the response unloads, so the unloading is unknown; add "
             "steps at lower pressures after the largest pressure"
         )
     recovery = gap[:, down] - gap[:, top[down]]
@@ -218,8 +218,8 @@ def _check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> N
         raise CaseError(
             f"realisation {k}, step {j}: the mean gap of {gap[k, j]:.3g} m is "
             f"{gap[k, j] / height[k, 0]:.3g} times the rms height of {height[k, 0]:.3g} m, and "
-            f"summits keep surfaces at most about 5 of them apart; convert both to m, or take "
-            f"spikes out of the map"
+            f"it is at most about 5 rms heights on real summits; convert both to m, or remove "
+            f"spikes from the map"
         )
 
 
@@ -238,16 +238,16 @@ def _odd_gaps(response: Dataset, gaps: Observations) -> Iterator[str]:
         j = int(np.nanargmax(share / np.maximum(most, ROUND_OFF)))
         yield (
             f"the mean gap of {share[j]:.3g} rms heights at {p[j]} is larger than {most[j]:.3g}, "
-            f"the most that any surface leaves that touches in {100.0 * area[j]:.3g} % of its "
-            f"area: give gaps and rms heights in m"
+            f"the largest possible with contact on {100.0 * area[j]:.3g} % of the area: "
+            f"give gaps and rms heights in m"
         )
     light = np.flatnonzero(area <= LIGHT)
     if light.size and share[light].min() < 1.0 / DEEPEST:
         j = int(light[np.argmin(share[light])])
         yield (
             f"the mean gap of {share[j]:.3g} rms heights at {p[j]} needs valleys deeper than "
-            f"{1.0 / max(share[j], 1e-9):.3g} of them, since little touches: if the surface has "
-            f"no such valleys, give gaps and rms heights in m"
+            f"{1.0 / max(share[j], 1e-9):.3g} rms heights, since the contact area is small: if the "
+            f"surface has no such valleys, give gaps and rms heights in m"
         )
 
 
@@ -264,8 +264,8 @@ def friction_observations(response: Dataset) -> Observations:
     -------
     Observations
         Of ``"friction_coefficient"``: :math:`|t_T| / p` for each realisation and step that
-        converged, at its pressure and speed. Cells slide at the change of the jump over the
-        change of the time; without times their friction has no rate, and the speed is zero.
+        converged, at its pressure and speed. The speed of cells is the change of the jump over the
+        change of the time, or zero without times.
     """
     MICRO_RESPONSE.check(response)
     counted, pressure = usable_steps(response)

@@ -1,4 +1,4 @@
-"""Means over few dear and many cheap realisations, and their bootstrap."""
+"""Means over few expensive and many cheap realisations, and their bootstrap."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -62,10 +62,10 @@ def half_range(samples: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    r"""A mean over few dear and many cheap values, as a sum of two independent means [1]_, [2]_.
+    r"""A mean over few expensive and many cheap values, as two independent means [1]_, [2]_.
 
-    With the values :math:`y_i` of R dear cells and :math:`f_i` of M cheap cells, where the first R
-    have the surfaces of the dear cells, and :math:`r_i = y_i - \bar y_R - \alpha (f_i - \bar f_R)`,
+    With the values :math:`y_i` of R expensive and :math:`f_i` of M cheap cells, the first R of them
+    on the surfaces of the others, and :math:`r_i = y_i - \bar y_R - \alpha (f_i - \bar f_R)`,
 
     .. math::
         \hat y = \bar y_R + \alpha\, (\bar f_M - \bar f_R), \qquad

@@ -33,7 +33,7 @@ class ScaleSeparation:
 
     def count_cells(self) -> str:
         """Write the number of cells of the interface."""
-        return f"scatter of single cells, of which the interface holds {self.cell_ratio**-2.0:.3g}"
+        return f"scatter of single cells; the interface contains {self.cell_ratio**-2.0:.3g}"
 
 
 def compare_scales(
@@ -49,11 +49,11 @@ def compare_scales(
     if cell_size / macro_length > FARTHEST_CELL:
         length, cell = (readable(f"{size:.3g} m") for size in (macro_length, cell_size))
         cautions.append(
-            f"the interface is {length} wide, less than the cell of {cell}: it has edges, which "
-            f"periodic cells have not; take smaller cells, or a wider interface"
+            f"the interface is {length} wide, less than the cell of {cell}: it has edges, unlike "
+            f"periodic cells; use smaller cells, or a wider interface"
             if extent is None
             else f"the pressure varies over {length}, less than the cell of {cell}: no point of "
-            f"the structure is loaded as the cell was; resolve the longest wavelengths in the "
+            f"the structure is loaded like the cell; resolve the longest wavelengths in the "
             f"structure, and the shorter wavelengths in the cell"
         )
     return ScaleSeparation(wavelength / macro_length, cell_size / whole, tuple(cautions))
@@ -99,21 +99,21 @@ def pressure_length_of_points(
 
 
 def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
-    r"""Return a response with the gaps of surfaces of another height.
+    r"""Return a response with the gaps for another rms height of the surfaces.
 
     Parameters
     ----------
     response : Dataset, follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation
     rms_height : float
-        Root mean square height of the surface at large, m: of a patch of many of the longest
-        wavelengths, which need not be solved. It becomes the attribute ``gaps_at_rms_height``.
+        Root mean square height of the whole surface, m, for instance of many of the longest
+        wavelengths, without a solution. It becomes the attribute ``gaps_at_rms_height``.
 
     Notes
     -----
     Small periodic cells have few long wavelengths, and their root mean square height :math:`h_k` is
-    not the height :math:`h` of the surface. At equal slope, gaps are in proportion to the heights,
-    so that :math:`g_k\, h / h_k` has less bias and less scatter. The rest of the bias falls with
-    the size of the cell.
+    not the height :math:`h` of the surface. At equal slope, gaps are proportional to the heights,
+    so :math:`g_k\, h / h_k` has less bias and less scatter. The remaining bias falls with the size
+    of the cell.
     """
     if not (rms_height > 0.0 and np.isfinite(rms_height)):
         raise CaseError(f"rms_height must be positive and finite (m), got {rms_height:g}")
@@ -136,13 +136,13 @@ def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
         body = response[f"body_{name}"]
         lost = body.sel(stage="map").to_numpy() ** 2 - body.sel(stage="cells").to_numpy() ** 2
         square = float(np.mean(response[name].to_numpy() ** 2))
-        # windows that are rougher than their map lack nothing
+        # windows rougher than their map have no missing roughness
         shares.append(float(np.sqrt(square / (square + np.sum(np.maximum(lost, 0.0))))))
     height, slope = shares
-    how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope"
+    how = f"the cells have {height:.3g} of the rms height and {slope:.3g} of the rms slope"
     if min(shares) < LEAST_SHARE:
         unknown = np.full((3, p.size), np.nan)
-        return Term(f"not known: {how}, too little to infer the rest from", unknown)
+        return Term(f"not known: {how}, too little for an estimate of the rest", unknown)
     # cells with shares s_h of the height and s_g of the slope stand, at equal form of the spectrum,
     # for gap(s_g p) / s_h, A(s_g p) and s_h k(s_g p) / s_g; changes are added, and count twice for
     # the form

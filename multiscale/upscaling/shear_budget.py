@@ -83,7 +83,7 @@ def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]
 def loss_terms(law: Dataset) -> dict[str, Term]:
     """Estimate the errors of the loss of the bed in a closed cycle from the cells."""
     if "shear_loss_ratio" not in law.variables:
-        how = "of the loss not known: no cells went through closed cycles; shear them so"
+        how = "of the loss not known: no cells have closed cycles; shear cells in closed cycles"
         return {BED: Term(how, np.full((1, 1), np.nan))}
     require_law(law, "shear_cycle_pressure", "shear_cycle_amplitude", "shear_cycle_loss_ratio")
     ratio = law["shear_loss_ratio"].to_numpy()
@@ -98,9 +98,9 @@ def loss_terms(law: Dataset) -> dict[str, Term]:
     widths = [0.5 * np.ptp(ratio), float(between)]
     amplitude = float(law["shear_cycle_amplitude"].mean())
     how = (
-        f"in cycles to {100.0 * amplitude:.2g} % of full slip the cells lose {ratio[0]:.3g} times "
-        f"as much as the bed that slips as far, {ratio[1]:.3g} times as the bed that carries as "
-        f"much"
+        f"in cycles to {100.0 * amplitude:.2g} % of full slip the loss of the cells is "
+        f"{ratio[0]:.3g} times the loss of the bed at equal slip, {ratio[1]:.3g} times at equal "
+        f"traction"
     )
     bed = Term(how, np.full((1, 1), np.linalg.norm(widths)), np.full((1, 1), 1.0 - ratio.mean()))
     count = f"of the loss by {law.attrs.get('n_sheared', 'some')} sheared cells"

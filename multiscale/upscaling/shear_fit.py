@@ -238,7 +238,7 @@ def _whole_paths(shear: Dataset) -> tuple[Dataset, list[str]]:
         )
     whole = (shear["converged"] == 1).all("step").to_numpy()
     if not np.any(whole):
-        raise CaseError("no sheared realisation converged along its whole path; take more steps")
+        raise CaseError("no sheared realisation converged along its whole path; use more steps")
     if np.all(whole):
         return shear, []
     caution = (
@@ -252,7 +252,7 @@ def _check_pairs(response: Dataset, shear: Dataset) -> None:
     pressed, sheared = ({*data["realisation"].to_numpy().tolist()} for data in (response, shear))
     if missing := sorted(sheared - pressed):
         raise CaseError(
-            f"the sheared realisations {missing} are not among the pressed, so that they have "
+            f"the sheared realisations {missing} were not pressed, so they have "
             f"no normal law; shear cells on the same surfaces, with the same numbers"
         )
 
@@ -261,8 +261,8 @@ def _normal_laws(law: Dataset, pressed: Dataset) -> list[NormalLaw]:
     laws = laws_of_each(normal_observations(pressed), law)
     if len(laws) != pressed.sizes["realisation"] or None in laws:
         raise CaseError(
-            "a sheared realisation has no normal law, since it did not converge where it was "
-            "pressed; leave it out of the sheared realisations"
+            "a sheared realisation has no normal law, since it did not converge under pressure; "
+            "leave it out of the sheared realisations"
         )
     return laws
 
@@ -281,7 +281,7 @@ def _pressures(shear: Dataset, low: float, high: float) -> np.ndarray:
     if sheared.min() < FEWEST_BELOW * low * (1.0 - SAME) or sheared.max() > high * (1.0 + SAME):
         raise CaseError(
             f"the cells are sheared from {sheared.min():.3g} to {sheared.max():.3g} Pa and the "
-            f"normal law rests on data from {low:.3g} to {high:.3g} Pa; shear between "
+            f"normal law has data from {low:.3g} to {high:.3g} Pa; shear between "
             f"{FEWEST_BELOW:g} times the lowest and the highest, since springs that slip last "
             f"belong to lower pressures"
         )

@@ -43,11 +43,11 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     -------
     Prediction
         A specimen differs from the mean law by the same factor at all pressures (a gap by the same
-        distance): with the standard deviation s of the logarithm of that factor over n specimens,
-        the mean lies within :math:`t_{0.975, n-1}\, s / \sqrt n` where the law has too few samples
-        for a band, and the next specimen within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`. Where
-        the ends of a band lie farther away than :math:`t s / \sqrt n`, as the scatter of single
-        values makes them, they replace this share.
+        distance). With the standard deviation s of the logarithm of this factor over n specimens,
+        the mean lies within :math:`t_{0.975, n-1}\, s / \sqrt n` if the law has too few samples for
+        a band, and the next specimen within :math:`t_{0.975, n-1}\, s\, \sqrt{1 + 1/n}`. If the
+        ends of a band are farther away than :math:`t s / \sqrt n`, by the scatter of single values,
+        they replace this share.
     """
     predicted = QUANTITIES[seen.quantity].predict
     mean, n = fitted_law(law), seen.n_realisations
@@ -65,7 +65,7 @@ def predict(law: Dataset, seen: Observations, pressure: np.ndarray) -> Predictio
     ends = write(read(value) + sign * np.hypot(half, of_mean))
     lacking = ["mean law"] * too_few + ["next specimen"] if n < 2 else []
     unknown = [
-        f"the interval of the {name} is not known: there is one specimen" for name in lacking
+        f"the interval of the {name} is unknown: there is a single specimen" for name in lacking
     ]
     return Prediction(value, band, ends, tuple(unknown))
 
@@ -98,7 +98,7 @@ def with_specimen_budget(law: Dataset, seen: Observations) -> Dataset:
     ):
         error, share = law[of].to_numpy(), law[share_of]
         fit[row] = NORMAL * float(share) * np.sqrt(np.nanmean(error**2))
-    unknown = "not known: a single specimen does not show the scatter, measure 2 or more"
+    unknown = "not known: a single specimen has no scatter, measure 2 or more"
     how = f"Student's interval of {n} specimens" if n > 1 else unknown
     zero = Term("nothing: the values are measured", np.zeros((3, p.size)))
     terms = {term: Term("not in a law of measured specimens") for term in ERROR_TERMS}

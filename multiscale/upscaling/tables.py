@@ -1,4 +1,4 @@
-"""CSV tables with units in their heads: observations of tests, and interface laws of a user."""
+"""CSV tables with units in their heads: observations of tests, and interface laws of the user."""
 
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -108,7 +108,7 @@ def quantity_of(path: str | PathLike[str]) -> str:
 
 
 def units_of_columns(path: Path) -> dict[str, str | None]:
-    """Return the names of the columns of a table, and their units as they are written."""
+    """Return the names of the columns of a table, and their written units."""
     return dict(map(_name_and_unit, read_table(path, lambda head: str)))
 
 
@@ -224,8 +224,8 @@ def _refuse_rows(path: Path, pressure: np.ndarray, overclosure: np.ndarray) -> N
         raise CaseError(f"{path}: a law needs two rows or more, got {pressure.size}")
     if pressure[0] != 0.0:
         raise CaseError(
-            f"{path}, row 1: the pressure is {pressure[0]:g} Pa, and a law begins at zero, where "
-            f"the faces begin to touch; add that row"
+            f"{path}, row 1: the pressure is {pressure[0]:g} Pa, and a law begins at zero, at "
+            f"first contact; add this row"
         )
     rise, closing = np.diff(pressure), np.diff(overclosure)
     for k in np.flatnonzero((rise <= 0.0) | (closing <= 0.0)):
@@ -248,7 +248,7 @@ def _convex(path: Path, p: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, 
         below, above = (np.diff(p) / np.diff(closed))[k - 1 : k + 1]
         raise CaseError(
             f"{path}, row {k + 2}: the stiffness falls from {below:.4g} to {above:.4g} Pa/m, and "
-            f"no rough interface softens under pressure; smooth the table, or fit a law to its "
+            f"a rough interface stiffens under pressure; smooth the table, or fit a law to its "
             f"points by multiscale fit"
         )
     return convex_p, convex
@@ -258,7 +258,7 @@ def with_stated_error(law: Dataset, error: float) -> Dataset:
     """Return the law of a table with a stated error budget."""
     if law.attrs.get("family") != TABLE:
         raise CaseError(
-            f"law_error is of a table of pressure and overclosure, and the law is of the family "
+            f"law_error belongs to a table of pressure and overclosure, but the law is of family "
             f"{law.attrs.get('family')!r}; leave out law_error"
         )
     p = law["fit_pressure"].to_numpy()

@@ -21,17 +21,17 @@ DIRECTIONS = ("x", "y", "both")
 """Directions of the flow; the last takes the flows along x and y as two realisations."""
 
 FEWEST_WAVES = 4.0
-"""Longest wavelengths along a cell below which it percolates, or does not, by chance."""
+"""Longest wavelengths along a cell below which its percolation depends on chance."""
 
 SAMPLES = 400  # of the cells, for the intervals
 
 SCATTER = (
-    "The intervals count the scatter of the surfaces, and not the grid of the cells, which has no "
-    "channels between its points: coarser in [micro] asks for the error of the grid."
+    "The intervals contain the scatter of the surfaces, but not the error of the grid, without "
+    "channels between its points: coarser in [micro] adds this error."
 )
 
 SCATTER_AND_GRID = (
-    "The intervals count the scatter of the surfaces, and the grid of the cells by a grid with "
+    "The intervals contain the scatter of the surfaces, and the error of the grid by a grid with "
     "half of the points."
 )
 
@@ -63,11 +63,11 @@ def with_conductance(
     branch = branch_origins(law).get("unloading", "")
     if not flows or unloads or branch == ALONG_LOADING:
         return law
-    advice = "the cells give no such branch" if branch == REFUSED else "ask for unload in [micro]"
+    advice = "the cells give no such branch" if branch == REFUSED else "set unload in [micro]"
     return with_cautions(
         law,
-        f"the conductance rests on the stiffness of loading, and metal that flows is stiffer at "
-        f"the start of unloading: it is too small; {advice}",
+        f"the conductance follows from the stiffness of loading, but metal that flows is stiffer "
+        f"at the start of unloading, so the conductance is too small; {advice}",
     )
 
 
@@ -171,7 +171,7 @@ def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None
     return with_cautions(
         law,
         f"a cell has {waves:.2g} of the longest wavelengths along its edge, too few for the "
-        f"pressure that closes the last path through the gap: single summits decide; make it "
+        f"pressure that closes the last path through the gap, at single summits; make it "
         f"{FEWEST_WAVES:g} wavelengths wide or more",
     )
 

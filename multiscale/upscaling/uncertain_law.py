@@ -63,8 +63,8 @@ def law_sources(
     of : str, optional, name of the interface
     change : callable, optional, from a changed normal law to the change of a :class:`Source`
     samples : int
-        Number of bootstrap samples of the law to solve; with fewer than 40, sampling enters as the
-        other terms do.
+        Number of bootstrap samples of the law to solve; with fewer than 40, sampling is propagated
+        like the other terms.
     drawn : sequence of ndarray, shape (answers, steps), optional
         Known answers of all samples of the law; where one is NaN, a few samples are solved.
     beyond : tuple of bool
@@ -75,13 +75,12 @@ def law_sources(
     Returns
     -------
     list of Source
-        The terms of the gap enter by the change of the answers where all gaps are larger, terms of
-        the stiffness where the law is softer about the mean pressure, biases by a law of free form
-        through the gaps without them.
+        Terms of the gap are propagated by larger gaps, terms of the stiffness by a softer law about
+        the mean pressure, biases by a law of free form through the gaps without them.
     """
     if not has_budget(law):
         raise CaseError(
-            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
+            "the law has no error budget; add it by with_budget(law, error_budget(...))"
         )
     law = of_this_version(law)
     require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))

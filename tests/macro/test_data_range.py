@@ -111,7 +111,7 @@ def test_a_law_without_a_place_for_its_data_is_refused():
 
     p = np.geomspace(1e6, 50e6, 8)
     seen = observe("gap", p, Exponential(2e9, 0.5e-6).gap_at(p))
-    with pytest.raises(CaseError, match="Placeless has no place for the pressures of its data"):
+    with pytest.raises(CaseError, match="Placeless has no field for the pressures of its data"):
         fit_law(seen, family=own_family(Placeless), n_samples=0)
 
 

@@ -217,7 +217,7 @@ def test_a_run_with_a_measured_map_reports_its_share_in_the_cells(case, tmp_path
     assert "<td>0, 0, 0</td>" in page
     result = open_dataset(tmp_path / "out" / "macro_result.nc", MACRO_RESULT)
     assert "surface" in result.attrs["unknown"].split(", ")
-    assert "too little to infer the rest from" in result.attrs["how_surface"]
+    assert "too little for an estimate of the rest" in result.attrs["how_surface"]
 
 
 MEASURED = case_text("measured")

@@ -281,7 +281,7 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     assert sampling**2 - before**2 == pytest.approx(0.0095**2, rel=1e-6)
     assert not np.nan_to_num(bias.drop_sel(quantity="cycle_energy")).any()
     sentence = (
-        "in cycles to 55 % of full slip the cells lose 1.09 times as much as the bed that slips"
+        "in cycles to 55 % of full slip the loss of the cells is 1.09 times the loss of the bed"
     )
     assert sentence in result.attrs["how_friction_bed"]
     wider = np.ptp(result["cycle_energy_mean_law"].values[:, -1])

@@ -169,7 +169,7 @@ def test_a_constant_stiffness_is_stated_with_its_error(folder):
 
 def test_a_stated_error_is_of_a_table_only(folder):
     write_law(folder / "law.nc")
-    with pytest.raises(CaseError, match="law_error is of a table of pressure and overclosure"):
+    with pytest.raises(CaseError, match="law_error belongs to a table of pressure and overclosure"):
         solve(folder, BLOCKS, ("table.csv", "law.nc"))
     with pytest.raises(CaseError, match="law_error belongs to a table in law"):
         solve(folder, BODIES, ('law = "table.csv"', "law_error = 0.1"))

@@ -285,7 +285,7 @@ def test_a_law_of_grains_is_refused_where_it_has_no_data(law, tmp_path, interfac
 def test_a_law_without_a_speed_refuses_a_speed(law, tmp_path):
     plain = law.copy()
     del plain.attrs["sliding_speed"]
-    with pytest.raises(CaseError, match="of a law of grains, and this law has none; leave it out"):
+    with pytest.raises(CaseError, match="to a law of grains, and this is another law"):
         at_speed(plain, 1.0)
 
 

@@ -78,7 +78,7 @@ def test_missing_roughness_is_a_caution_with_advice_that_holds(cut):
     (text,) = [caution for caution in windows.cautions if "rms slope" in caution]
     share = windows.stages[2].rms_slope / windows.stages[0].rms_slope
     assert share < 0.5
-    assert f"the cells hold {share:.2g} of the rms slope of the map" in text
+    assert f"the cells have {share:.2g} of the rms slope of the map" in text
     assert "the cut-off (8 points of the grid, as the case has no short_cutoff) leaves" in text
     cutoff = text.split('short_cutoff = "')[1].split('"')[0]
     points = int(text.split("grid of ")[1].split(" x ")[0])

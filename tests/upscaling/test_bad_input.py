@@ -45,15 +45,15 @@ def with_heights(factor):
 def test_a_gap_that_no_roughness_keeps_open_is_a_caution_where_heights_are_not_known():
     assert fit_law(response_of(GAPS), n_samples=0).attrs["cautions"] == ""
     caution = fit_law(response_of(1e6 * GAPS), n_samples=0).attrs["cautions"]
-    assert re.match(r"the largest mean gap of 2\.\d+ m is larger than roughness keeps", caution)
+    assert re.match(r"the largest mean gap of 2\.\d+ m is too large for roughness", caution)
 
 
 @pytest.mark.parametrize(
     ("factor", "sentence"),
     [
         (1.0, ""),
-        (9.0, "is larger than 2.58, the most that any surface leaves that touches in 13 %"),
-        (0.1, "needs valleys deeper than 6.99 of them, since little touches"),
+        (9.0, "is larger than 2.58, the largest possible with contact on 13 %"),
+        (0.1, "needs valleys deeper than 6.99 rms heights, since the contact area is small"),
     ],
 )
 def test_a_slip_of_units_by_ten_is_a_caution(factor, sentence):
@@ -79,7 +79,7 @@ def test_a_law_lists_its_pressures_per_decade_and_which_branches_are_measured():
     assert law.attrs["branches"].startswith("loading: measured; unloading: assumed, along the same")
     few = np.geomspace(1e4, 1e8, 8)
     coarse = fit_law(response_of(GAPS, few, area=np.tile(few / 5e8, (6, 1))), n_samples=0)
-    assert "the law rests on 1.8 pressures a decade; from 2 on" in coarse.attrs["cautions"]
+    assert "the law has 1.8 pressures per decade" in coarse.attrs["cautions"]
 
 
 def budget_of(**others):

@@ -588,7 +588,7 @@ def test_every_kind_of_source_adds_its_known_error():
     lacking = Bound(name="law", bounds={"sampling": Term("not known: one realisation")})
     intervals = propagate("ab", [*sources, lacking], solve, value)
     assert np.isnan(intervals["error_total"]).all()
-    with pytest.raises(TypeError, match="5 answers are not known, and nothing solves them"):
+    with pytest.raises(TypeError, match="5 answers are unknown, and solve is missing"):
         propagate("ab", sources)
 
 

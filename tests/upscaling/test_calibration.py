@@ -176,7 +176,7 @@ def test_a_mode_at_a_kink_settles_with_a_caution():
     mode = find_mode(residual, 1)
     assert mode.theta[0] == pytest.approx(1.0, abs=1e-3)
     assert mode.settled
-    assert "settled to 0.04 of their posterior standard deviations" in mode.cautions[0]
+    assert "converged to 0.04 of their posterior standard deviations" in mode.cautions[0]
     assert not find_mode(lambda theta: (theta - 3.0, np.eye(1)), 1).cautions
 
 
@@ -201,7 +201,7 @@ def test_uneven_weights_are_a_caution_if_they_give_too_few_draws(
     monkeypatch.setattr("multiscale.upscaling.calibration._draws", uneven)
     data = measure(stiffness(), interface(), np.random.default_rng(1))
     sentences = calibrate(law, [data]).sentences
-    assert any("stand for 30 independent draws" in text for text in sentences) == cautions
+    assert any("represent 30 independent draws" in text for text in sentences) == cautions
 
 
 @pytest.mark.slow
@@ -352,7 +352,7 @@ def test_the_calibrated_law_is_a_law_with_samples_and_a_budget(law):
         (lambda t: [replace(t, pressure=10.0 * t.pressure)], "was not computed at the measured"),
         (
             lambda t: [t, replace(t, value=2.0 * t.value)],
-            "of 16 measured values lie more than 3 standard deviations",
+            "of 16 measured values are more than 3 standard deviations",
         ),
     ],
 )

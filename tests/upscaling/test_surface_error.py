@@ -62,7 +62,7 @@ def test_a_missing_share_beyond_half_is_unknown_and_not_small(height, slope):
     budget, terms = surface_terms(from_map(response_of(exponential_gaps(8)), height, slope))
     assert np.all(np.isnan(terms))
     assert "surface" in budget.attrs["unknown"].split(", ")
-    assert budget.attrs["how_surface"].startswith("not known: the cells hold")
+    assert budget.attrs["how_surface"].startswith("not known: the cells have")
 
 
 @pytest.mark.long

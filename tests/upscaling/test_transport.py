@@ -56,7 +56,7 @@ def test_metal_that_flows_conducts_by_its_elastic_stiffness(law):
     assert half == pytest.approx(0.5 * 0.95 * 0.2 / 1.4)
     assert elastic_source(plain, of_heat).half_width["sampling"] == 0.0
     without = with_conductance(law, PAIR, MODULUS, flows=True)
-    assert "it is too small; ask for unload" in without.attrs["cautions"]
+    assert "so the conductance is too small; set unload" in without.attrs["cautions"]
 
 
 def test_other_codes_read_the_conductance_against_pressure(law, tmp_path):

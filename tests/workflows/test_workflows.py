@@ -43,7 +43,7 @@ def test_every_workflow_runs(script, tmp_path):
 @pytest.mark.parametrize(
     ("specimens", "sentence"),
     [
-        (1, "the interval of the next specimen is not known: there is one specimen"),
+        (1, "the interval of the next specimen is unknown: there is a single specimen"),
         (2, "the mean law within 0.021 %, the next specimen within 0.037 %"),
     ],
 )

@@ -153,7 +153,7 @@ Answer = Callable[[MeasuredJoint, BedCurve, Mapping[str, float]], tuple[np.ndarr
 
 
 def _loaded(pressure: np.ndarray, nuisances: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return true from stated pressures, and their derivative by the zero of the load."""
+    """Return true pressures for stated pressures, and their derivative by the zero of the load."""
     p, least = pressure + nuisances.get("offset", 0.0), LEAST_PRESSURE * pressure
     return np.maximum(p, least), 1.0 * (p > least)
 
@@ -295,7 +295,7 @@ def _first_loading(
             break
     if not np.all(((np.abs(step) <= REACHED) & np.isfinite(error)) | full):
         raise ConvergenceError(
-            f"the slip of a bed of sliders under {list_pressures(p)} does not settle in 100 steps; "
+            f"the slip of sliders under {list_pressures(p)} does not converge in 100 steps; "
             f"look for stiffnesses of the law that are not numbers"
         )
     q = np.where(full, 0.0, np.exp(y))

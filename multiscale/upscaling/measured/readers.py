@@ -1,4 +1,4 @@
-"""Tables of measured joints: what they may contain, their errors, and their nuisances."""
+"""Tables of measured joints: columns, errors, and nuisances."""
 
 from collections.abc import Mapping
 from os import PathLike
@@ -89,7 +89,7 @@ def read_measured(
         k = int(above[0])
         raise CaseError(
             f"{path}, row {k + 1}: the error of {half[k]:.4g} {unit} is not below a value of "
-            f"{largest[k]:.4g}, so that the row has no information; give error and value in their "
+            f"{largest[k]:.4g}, so the row has no information; give error and value in their "
             f"units"
         )
     deviation = half / NORMAL
@@ -113,8 +113,8 @@ def _read_columns(path: Path, kind: Kind, error: float | None) -> tuple[dict[str
     wanted = {LOADS.get(kind, "preload"): "Pa"} | COLUMNS[kind]
     if "error" in given and error is not None:
         raise CaseError(
-            f"{path}: the table has a column error, and error = {error:g} is stated too; leave one "
-            f"of them out"
+            f"{path}: the table has a column error, and error = {error:g} is given too; leave out "
+            f"one of them"
         )
     if "error" in given:
         wanted["error"] = "1" if given["error"] in ("%", "1", None) else list(wanted.values())[-1]
@@ -177,12 +177,12 @@ def refuse_settings(path: Path, error: float | None, others: Mapping[str, float 
     """Refuse errors and compliances without a meaning."""
     if error is not None and not 0.0 < error < 1.0:
         raise CaseError(
-            f"{path}: error is a share of the values between 0 and 1, got {error:g}; state the "
+            f"{path}: error must be a share of the values between 0 and 1, got {error:g}; give the "
             f"half-width of their 95 % interval, such as 0.03"
         )
     for name, value in others.items():
         if value is not None and not 0.0 <= value < np.inf:
-            raise CaseError(f"{path}: {name} is 0 or more, got {value:g}; correct it")
+            raise CaseError(f"{path}: {name} must be 0 or more, got {value:g}; correct it")
 
 
 def _refuse_falling(path: Path, pressure: np.ndarray, closure: np.ndarray) -> None:
@@ -205,11 +205,11 @@ def _refuse_loops(
     for rows in split_loops(pressure):
         u, t, p = displacement[rows], shear[rows], list_pressures(pressure[rows][:1])
         if not (np.ptp(u) > 0.0 and np.ptp(t) > 0.0):
-            raise CaseError(f"{path}, row {rows.start + 1}: nothing moves under {p}")
+            raise CaseError(f"{path}, row {rows.start + 1}: the displacement under {p} is constant")
         if np.diff(u) @ np.diff(t) < 0.0:
             raise CaseError(
                 f"{path}, row {rows.start + 1}: under {p} the shear falls where the displacement "
-                f"rises; change the sign of one of both columns"
+                f"rises; change the sign of one of the columns"
             )
         middle = 0.5 * (u.max() + u.min()) / np.ptp(u)
         turned = any(len(terms) > 1 for terms in masing_terms(u))
@@ -222,6 +222,6 @@ def _refuse_loops(
         if turned and min(abs(middle), abs(u[0]) / np.ptp(u)) > AWAY:
             raise CaseError(
                 f"{path}: the middle of the loop under {p} lies "
-                f"{abs(middle):.2g} times its range from zero displacement, where it does not "
-                f"begin: it slides away; give displacements from the middle of the loop"
+                f"{abs(middle):.2g} times its range from zero displacement, and the loop does not "
+                f"begin at zero: it slides away; give displacements from the middle of the loop"
             )

@@ -24,7 +24,7 @@ ANGLES = np.pi * (0.5 + NODES)
 """Angles of half a cycle, and their weights in its mean."""
 
 SHARES = {"damping": 1.0, ERRORS[0]: 0.5, ERRORS[1]: 1.0}
-"""Limits of columns of shares; nothing vibrates with a damping ratio of 1."""
+"""Limits of columns of shares; a damping ratio of 1 allows no vibration."""
 
 
 Structure = Callable[[np.ndarray], tuple[float, np.ndarray, Answer]]
@@ -139,7 +139,7 @@ def read_vibration(
     path = Path(path)
     refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
     if (mass is None) == (structure is None):
-        raise CaseError(f"{path}: vibrations are of either a mass or a structure; give one of them")
+        raise CaseError(f"{path}: vibrations need either a mass or a structure; give one of them")
     if mass is not None and not 0.0 < mass < np.inf:
         raise CaseError(f"{path}: mass must be positive (kg/m^2), got {mass:g}; correct it")
     given = [name for name in ERRORS if name in units_of_columns(path)]
