@@ -211,7 +211,10 @@ def test_large_sliding_gives_friction_over_pressure(law):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda r: r.assign_coords(realisation=r.realisation + 3), r"realisations \[6, 7, 8\] were"),
+        (
+            lambda r: r.assign_coords(realisation=r.realisation + 3),
+            r"realisations \[6, 7, 8\] were",
+        ),
         (lambda r: r.isel(step=slice(0, 8)), r"at most 50 % of the contact slips .* slide farther"),
         (lambda r: r.drop_vars("slip_fraction"), "has no slip_fraction; shear cells with friction"),
         (lambda r: r.assign(converged=0 * r.converged), "no sheared realisation converged"),
