@@ -58,8 +58,7 @@ def run_ensemble(
 
     Returns
     -------
-    Dataset
-        Follows ``MICRO_RESPONSE``.
+    Dataset, follows ``MICRO_RESPONSE``
 
     Raises
     ------

@@ -129,10 +129,6 @@ def tangent_modes(
     mass : csr_array, shape (n, n), M, kg
     count : int, number of modes
 
-    Returns
-    -------
-    TangentModes
-
     Raises
     ------
     MultiscaleError

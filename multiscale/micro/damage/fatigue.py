@@ -378,8 +378,7 @@ def woehler_curve(
 
     Returns
     -------
-    Dataset
-        Follows ``WOEHLER``.
+    Dataset, follows ``WOEHLER``
     """
     amplitudes = np.asarray(amplitudes, dtype=float)
     if amplitudes.ndim != 1 or not np.all((amplitudes > 0.0) & np.isfinite(amplitudes)):

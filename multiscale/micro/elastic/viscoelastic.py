@@ -112,8 +112,7 @@ def solve_sliding(
 
     Returns
     -------
-    SlidingContact
-        With the status of the solver.
+    SlidingContact, with the status of the solver
 
     Notes
     -----
