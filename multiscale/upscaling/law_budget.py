@@ -101,14 +101,6 @@ def error_budget(
 
     Notes
     -----
-    Each term is estimated by its function: :func:`~.law_budget.sampling_term`,
-    :func:`~.law_budget.fit_term`,
-    :func:`~.law_budget.grid_term` (micro discretisation),
-    :func:`~.law_budget.increment_term`, :func:`~.law_budget.slope_term`,
-    :func:`~.scales.surface_term`, :func:`~.law_budget.separation_term` and, for few cells,
-    :func:`~.law_budget.scatter_term`; :func:`~.law_budget.discrepancy_term`; see
-    :func:`mean_law_error`.
-
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
     deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
     total :math:`w` is such that :math:`|b + s\, \mathcal{N}(0, 1)| \le w` with a probability of
