@@ -98,9 +98,9 @@ class CutScene:
             if numbers:
                 order = np.concatenate(numbers)
                 value = np.empty(order.size)
-                value[order] = state.tension if latin else state.tension()
+                value[order] = state.tension
             else:
-                value = problem.average(state.u) if latin else state.displacement()
+                value = problem.average(state.u) if latin else state.displacement
             samples.append((perf_counter() - begin, self.error(value, reference.value)))
 
         solver = LatinMethod if latin else NewtonSchur

@@ -338,7 +338,7 @@ def test_a_coarse_problem_and_a_bound_are_built_where_they_are_wanted(monkeypatc
     grid = tensegrity_grid(4, prestress=160.0)
     problem = cut_links(grid, split_grid(grid, (2, 2)))
     prepared = count(monkeypatch, latin_module, "prepare_coarse")
-    bounds = count(monkeypatch, solve_module, "Admissible")
+    bounds = count(monkeypatch, solve_module, "ErrorEstimate")
     solve_latin(problem, 0.5, coarse=coarse, tolerance=1e-3)
     needs = cut_needs(problem.n, links=problem.n_links, substructures=4, coarse=coarse)
     assert bool(prepared) == ("coarse problem" in needs.built) == coarse

@@ -12,7 +12,7 @@ import pytest
 
 from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import AssembledNewton, LatinMethod
-from multiscale.macro.substructures.error import Admissible, indicate_error
+from multiscale.macro.substructures.error import ErrorEstimate
 from multiscale.macro.substructures.latin_solver import LatinSolver
 from multiscale.macro.substructures.stepping import JointState
 from tests.macro.substructures.test_cut_joints import stacked_blocks
@@ -56,10 +56,10 @@ def effectivities(scene):
     options = LatinMethod(
         tolerance=1e-8,
         max_iterations=400,
-        callback=lambda _, __, iterate: judged.append(indicate_error(admissible, iterate)),
+        callback=lambda _, __, iterate: judged.append(estimate(iterate)),
     )
     solver, state = LatinSolver(problem, options, judged=False), JointState.at_rest(problem)
-    admissible = Admissible(solver.iteration)
+    estimate = ErrorEstimate(solver.iteration)
     K = solver.iteration.stack.stiffness
     whole = AssembledNewton().solve(problem, np.eye(len(TIMES)))
     numbers = np.concatenate([part.unknown for part in problem.substructures])
@@ -78,8 +78,8 @@ def effectivities(scene):
         answer = solver.step(state, np.eye(len(TIMES))[step])
         state, _ = state.advance(problem.law, answer.unknowns, answer.jump, answer.traction)
         for item in judged:
-            error = norm(item.stressed - u, item.traction - traction)
-            results.append((error / norm(u, traction), item.estimate.error / error))
+            error = norm(item.displacement - u, item.traction - traction)
+            results.append((error / norm(u, traction), item.error / error))
     error, effectivity = np.array(results).T
     assert error.size > 5 * 6
     return error[error >= 1e-7], effectivity[error >= 1e-7]

@@ -37,6 +37,8 @@ class ForceError(NamedTuple):
 
     error: float  # root of twice the duality gap, or (3), J^1/2
     size: float  # J^1/2
+    displacement: np.ndarray  # in equilibrium with the balanced forces, (n,), m
+    traction: np.ndarray  # of joints, balanced, (3, points), Pa
 
     @property
     def relative(self) -> float:
@@ -44,40 +46,16 @@ class ForceError(NamedTuple):
         return self.error / self.size if self.size > 0.0 else 0.0 if self.error == 0.0 else np.inf
 
 
-class JointError(NamedTuple):
-    """Indicator (3) with displacement u*, (n,), m, and traction t*, (3, points), Pa."""
-
-    estimate: ForceError
-    stressed: np.ndarray
-    traction: np.ndarray
-
-
-class Admissible:
-    """Projection of states of the linear stage onto admissible states."""
+class ErrorEstimate:
+    """Bound (1) of substructures without joints, or indicator (3), of states of LATIN."""
 
     def __init__(self, latin: Latin) -> None:
         self.latin, stack, rows = latin, latin.stack, latin.rows
         lent = csr_array(LENT * latin.k0.matrix[rows][:, rows])
         self.factors = Factors()  # must outlive its solves
         self.solve = self.factors(stack.matrix(stack.links.stiffness, lent))
-        self.perfect = latin.sides.perfect[rows]
-
-    def __call__(self, iterate: LatinIterate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Distribute gaps and residual forces equally over the sides."""
-        latin, trace = self.latin, self.latin.stack.trace
-        balanced = iterate.force - latin.sides.mean(iterate.force)
-        change = self.solve(trace.T @ (balanced - iterate.force)[latin.rows])
-        moved = latin.team.concatenate(trace @ iterate.u)
-        step = (latin.sides.mean(moved) - moved)[latin.rows]
-        return iterate.u + trace.T @ np.where(self.perfect, step, 0.0), balanced, change
-
-
-class ErrorBound:
-    """Bound on the error of substructures without joints."""
-
-    def __init__(self, admissible: Admissible) -> None:
-        self.admissible, self.stack = admissible, admissible.latin.stack
-        links, start = self.stack.links, self.stack.start
+        # substructures in which the prestress is in equilibrium
+        links, start = stack.links, stack.start
         unbalanced = np.abs(links.operator.T @ links.prestress)
         worst = np.zeros(len(start) - 1)
         np.maximum.at(worst, np.repeat(np.arange(worst.size), np.diff(start)), unbalanced)
@@ -86,30 +64,50 @@ class ErrorBound:
         self.owner_of_link = np.searchsorted(start, first, "right") - 1
 
     def __call__(self, iterate: LatinIterate) -> ForceError:
-        """Measure a state of the linear stage by (1)."""
-        K, links = self.stack.stiffness, self.stack.links
-        continuous, _, change = self.admissible(iterate)
+        """Measure a state of the linear stage."""
+        # gaps and residual forces are distributed equally over the sides
+        latin, stack, mean = self.latin, self.latin.stack, self.latin.sides.mean
+        balanced = iterate.force - mean(iterate.force)
+        change = self.solve(stack.trace.T @ (balanced - iterate.force)[latin.rows])
+        moved = latin.team.concatenate(stack.trace @ iterate.u)
+        step = np.where(latin.sides.perfect, mean(moved) - moved, 0.0)
+        continuous = iterate.u + stack.trace.T @ step[latin.rows]
+        moved = latin.team.concatenate(stack.trace @ continuous)
+        # energies of bodies and links
+        solid, K = iterate.u + change, stack.stiffness
+        apart = continuous - solid
+        tension = iterate.tension + stack.links.stiffness * (stack.links.operator @ change)
+        gap, stored, possible = self._of_links(tension, continuous)
+        sums = [apart @ (K @ apart) + 2.0 * gap, solid @ (K @ solid) + stored, not possible]
+        error, size, impossible = latin.team.total(np.array(sums, dtype=float))
+        error, size = np.maximum((error, size), 0.0)  # rounding may make them negative
+        # distance of the tractions from the laws
+        (first, second), weight = latin.sides.joints, latin.weight
+        traction = balanced[first] / weight
+        k1, k2 = 1.0 / latin.compliance
+        kappa = k1 * k2 / (k1 + k2) / weight
+        source = traction + kappa * (moved[second] - moved[first] - latin.state.slid)  # (2)
+        on_law = source - kappa * latin.law.resolvent(source, kappa, latin.state.history)
+        error += 4.0 * np.sum(weight * (traction - on_law) ** 2 / kappa)  # (3)
+        size += np.sum(weight * traction**2 / kappa)
+        error = np.inf if impossible else np.sqrt(error)
+        return ForceError(float(error), float(np.sqrt(size)), solid, traction)
+
+    def _of_links(self, tension: np.ndarray, u: np.ndarray) -> tuple[float, float, bool]:
+        """Duality gap and energy of links, J, and whether tensions can be admissible."""
+        links = self.latin.stack.links
         t0, k = links.prestress, links.stiffness
-        statical, possible = self._add_prestress(iterate.tension + k * (links.operator @ change))
-        e = links.operator @ continuous
+        statical, possible = self._add_prestress(tension)
+        e = links.operator @ u
         kinematic = np.clip(t0 + k * e, links.lower, links.upper)
         apart = statical - kinematic
         # Fenchel's inequality for each link: a sum of two terms that are never negative
         gap = apart**2 / (2.0 * k) + apart * ((kinematic - t0) / k - e)
-        solid = iterate.u + change
-        difference = continuous - solid
-        sums = [
-            float(gap.sum()) + 0.5 * float(difference @ (K @ difference)),
-            float(np.sum((statical - t0) ** 2 / k)) + float(solid @ (K @ solid)),
-            0.0 if possible else 1.0,
-        ]
-        total, size, impossible = self.admissible.latin.team.total(np.array(sums))
-        error = np.inf if impossible else np.sqrt(2.0 * max(total, 0.0))
-        return ForceError(float(error), float(np.sqrt(size)))
+        return float(gap.sum()), float(np.sum((statical - t0) ** 2 / k)), possible
 
     def _add_prestress(self, tension: np.ndarray) -> tuple[np.ndarray, bool]:
         """Add the least prestress by which every link is within its limits, if that is possible."""
-        links = self.stack.links
+        links = self.latin.stack.links
         low, high = tension < links.lower, tension > links.upper
         limit = np.where(low, links.lower, np.where(high, links.upper, tension))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -118,28 +116,6 @@ class ErrorBound:
         wrong = low | high
         if np.any(wrong & ~helps):
             return tension, False
-        need = np.zeros(len(self.stack.start) - 1)
+        need = np.zeros(self.self_stressed.size)
         np.maximum.at(need, self.owner_of_link[wrong], short[wrong])
         return tension + need[self.owner_of_link] * links.prestress, True
-
-
-def indicate_error(admissible: Admissible, iterate: LatinIterate) -> JointError:
-    """Evaluate (3) for a state of the linear stage."""
-    # energy of the difference of both displacements
-    latin = admissible.latin
-    K, trace, team = latin.stack.stiffness, latin.stack.trace, latin.team
-    continuous, balanced, change = admissible(iterate)
-    moved, stressed = team.concatenate(trace @ continuous), iterate.u + change
-    apart = stressed - continuous
-    bodies = team.total(np.array([apart @ (K @ apart), stressed @ (K @ stressed)]))
-    error, size = np.maximum(bodies, 0.0)  # rounding may make them negative
-    # distance of the tractions from the laws
-    (first, second), weight = latin.sides.joints, latin.weight
-    traction = balanced[first] / weight
-    k1, k2 = (latin.k0.matrix.diagonal()[side] for side in latin.sides.joints)
-    kappa = k1 * k2 / (k1 + k2) / weight
-    source = traction + kappa * (moved[second] - moved[first] - latin.state.slid)  # (2)
-    on_law = source - kappa * latin.law.resolvent(source, kappa, latin.state.history)
-    error += 4.0 * np.sum(weight * (traction - on_law) ** 2 / kappa)  # (3)
-    size += np.sum(weight * traction**2 / kappa)
-    return JointError(ForceError(float(np.sqrt(error)), float(np.sqrt(size))), stressed, traction)

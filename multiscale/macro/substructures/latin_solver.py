@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.elasticity import count_free_motions
-from multiscale.macro.substructures.error import Admissible, ErrorBound, ForceError, indicate_error
+from multiscale.macro.substructures.error import ErrorEstimate
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import ALONE, ProcessGroup
@@ -124,12 +124,7 @@ class LatinSolver:
         self.method = method
         coarse = method.coarse and problem.divided
         self.iteration = Latin(problem, method.team or ALONE, coarse=coarse)
-        self.judge: Callable[[LatinIterate], ForceError] | None = None
-        if judged and method.coarse:
-            admissible = Admissible(self.iteration)
-            self.judge = ErrorBound(admissible)
-            if problem.joints:  # friction has no bound
-                self.judge = lambda iterate: indicate_error(admissible, iterate).estimate
+        self.judge = ErrorEstimate(self.iteration) if judged and method.coarse else None
         self.reached: np.ndarray | None = None
         self.report: dict[str, Any] = {}
 

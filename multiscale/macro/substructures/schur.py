@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -83,6 +83,13 @@ class NewtonSchur(Method):
         return SchurSolver(problem, self)
 
 
+class SchurIterate(NamedTuple):
+    """Iterate of Newton's method."""
+
+    displacement: np.ndarray  # of the unknowns of the structure, (n,), m
+    tension: np.ndarray  # of the links of the substructures of this process in turn, N
+
+
 class SchurSolver:
     """Newton-Schur on a structure, step by step; each process has some of the substructures."""
 
@@ -127,6 +134,11 @@ class SchurSolver:
         """Tension of the links, N, from its change without slack."""
         return np.asarray(self.stack.links.prestress + self.carried(elastic))
 
+    def iterate(self, here: Place) -> SchurIterate:
+        """Displacement of the structure and tension of the links."""
+        u = self.stack.problem.average(self.team.concatenate(here.value))
+        return SchurIterate(u, self.tension(here.elastic))
+
     def joined(self, value: np.ndarray) -> np.ndarray:
         """Jump or traction at the points of the joints of all processes."""
         every = np.zeros((3, self.problem.weight.size))
@@ -161,9 +173,8 @@ class SchurSolver:
                     failure = ""
 
         # result
-        iterate = SchurIterate(self, here)
-        self.reached = iterate.displacement(), here.value, here.elastic
-        tension = iterate.tension()
+        displacement, tension = self.iterate(here)
+        self.reached = displacement, here.value, here.elastic
         slack = np.abs(self.carried(here.elastic) - here.elastic) / links.stiffness
         columns: dict[str, Any] = {
             "converged": int(run.converged),
@@ -187,7 +198,7 @@ class SchurSolver:
 
         def report(iteration: int, residual: float) -> None:
             if method.callback is not None:
-                method.callback(iteration, residual, SchurIterate(self, latest))
+                method.callback(iteration, residual, self.iterate(latest))
 
         def note(place: Place) -> None:
             nonlocal latest
@@ -391,20 +402,3 @@ class _CutEquilibrium(Equilibrium):
                 work,
             )
         )
-
-
-@dataclass(frozen=True, eq=False)
-class SchurIterate:
-    """Iterate of Newton's method."""
-
-    cut: SchurSolver
-    here: Place
-
-    def tension(self) -> np.ndarray:
-        """Tension of the links, N, in the order of the substructures (of this process)."""
-        return self.cut.tension(self.here.elastic)
-
-    def displacement(self) -> np.ndarray:
-        """Displacement of the unknowns of the whole structure, m."""
-        shares = self.cut.tangent.assemble(np.ones(self.cut.stack.n))
-        return np.asarray(self.cut.tangent.assemble(self.here.value) / np.maximum(shares, 1.0))

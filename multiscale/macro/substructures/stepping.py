@@ -155,9 +155,8 @@ class Method:
     """
 
     name: ClassVar[str]
-    condenses: ClassVar[bool] = False
-    """Whether bodies are condensed onto their joints before a path. Its steps may then start from
-    the steps of another path."""
+    condensed: ClassVar[int] = 0
+    """Boundary unknowns up to which bodies are condensed onto their joints before a path."""
 
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10

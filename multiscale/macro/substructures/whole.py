@@ -56,17 +56,6 @@ class CondensedProblem:
     insides: Sequence[CondensedStiffness] = ()
     modes: Sequence[np.ndarray] = ()
 
-    def keep(self, u: np.ndarray) -> np.ndarray:
-        """Unknowns of the small problem, shape (small.n,), from the whole, (whole.n,), m."""
-        if self.small is self.whole:
-            return u
-        small = np.zeros(self.small.n)
-        for large, reduced, inside, modes in self._substructures():
-            moved, k = u[large.unknown], large.stiffness.diagonal().mean()
-            amplitude = modes.T @ (large.stiffness @ moved)[inside.split.inside] / k
-            small[reduced.unknown] = np.concatenate([moved[inside.split.edge], amplitude])
-        return small
-
     def expand(self, small: np.ndarray) -> np.ndarray:
         """Unknowns of the whole, shape (whole.n, ...), from the small problem, m."""
         if self.small is self.whole:
@@ -117,15 +106,14 @@ def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
         raise CaseError(
             "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
         )
-    problem = cut_assembly(assembly, method.parts)
-    return condense_problem(problem) if method.condenses else CondensedProblem(problem, problem)
+    return condense_problem(cut_assembly(assembly, method.parts), largest=method.condensed)
 
 
 def condense_problem(
     problem: CutProblem,
     boundary: Sequence[int] = (),
     *,
-    largest: int | None = None,
+    largest: int = DENSE,
     insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
     """Condense each substructure onto shared unknowns, joints, bolts and given unknowns."""
@@ -138,7 +126,7 @@ def condense_problem(
             edges[side][trace.indices] = True
     size = _boundary_unknowns(problem, edges).size
     little = problem.n - size <= problem.n_cases * len(substructures)  # modes may be as many
-    if not problem.joints or size > (DENSE if largest is None else largest) or little:
+    if not problem.joints or problem.n_links or size > largest or little:
         return CondensedProblem(problem, problem)
     insides = insides or [
         condense_body(each.stiffness, np.flatnonzero(edge), name="the stiffness of the structure")
@@ -257,7 +245,7 @@ class AssembledNewton(Method):
     """
 
     name: ClassVar[str] = "Newton's method on the whole"
-    condenses: ClassVar[bool] = True
+    condensed: ClassVar[int] = DENSE
 
     @property
     def coarse(self) -> bool:
@@ -265,8 +253,13 @@ class AssembledNewton(Method):
         return False
 
     def start(self, problem: CutProblem) -> "_WholeSolver":
-        """Condense and assemble a structure."""
+        """Assemble a structure."""
         return _WholeSolver(problem, self)
+
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray = 1.0) -> Dataset:
+        """Solve at factors of the load cases, from rest, with the bodies condensed."""
+        bodies = condense_problem(problem, largest=self.condensed)
+        return bodies.restore(super().solve(bodies.small, load_factor))
 
 
 @dataclass(frozen=True)
@@ -279,7 +272,7 @@ class MultigridNewton(AssembledNewton):
     """
 
     name: ClassVar[str] = "Newton's method with multigrid"
-    condenses: ClassVar[bool] = False
+    condensed: ClassVar[int] = 0
 
     def linear(self, problem: CutProblem) -> Multigrid:
         """Return the solver of the matrices of a structure."""
@@ -287,7 +280,7 @@ class MultigridNewton(AssembledNewton):
 
 
 class _WholeSolver:
-    """Newton's method on a structure, with bodies condensed onto its joints if these are few."""
+    """Newton's method on a structure, step by step."""
 
     def __init__(self, problem: CutProblem, method: AssembledNewton) -> None:
         if problem.n_links:
@@ -298,9 +291,7 @@ class _WholeSolver:
                 "contact"
             )
         self.problem, self.method = problem, method
-        condenses = method.condenses
-        self.bodies = condense_problem(problem) if condenses else CondensedProblem(problem, problem)
-        self.structure = assemble(self.bodies.small, method.linear(self.bodies.small))
+        self.structure = assemble(problem, method.linear(problem))
         self.attributes: dict[str, int] = {}
 
     def step(
@@ -318,7 +309,7 @@ class _WholeSolver:
             solution = self.structure.solve(
                 law,
                 factor,
-                start=self.bodies.keep(start),
+                start=start,
                 jump=jump,
                 state=state.history,
                 max_iterations=self.method.max_iterations,
@@ -340,4 +331,4 @@ class _WholeSolver:
             "iterations": len(solution.residuals) - 1,
             "wall_time": perf_counter() - clock,
         }
-        return StepAnswer(self.bodies.expand(solution.value), solution.jump, traction, report)
+        return StepAnswer(solution.value, solution.jump, traction, report)
