@@ -37,7 +37,8 @@ def cell_knobs(case: Case) -> Iterator[Knob]:
     sampled = case.measured is None
     if sampled:
         yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
-    yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), {CELLS: 1.0}, measured=False)
+    pressed = dict.fromkeys((CELLS, FLAT), 1.0)
+    yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), pressed, measured=False)
     if case.cell.mesh is None:
         fine = LAYERED if case.cell.geometry != "flat" else PLANE
         finer, larger = {CELLS: fine, SHEAR: LAYERED}, dict.fromkeys(each, PLANE)

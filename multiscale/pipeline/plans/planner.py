@@ -76,7 +76,8 @@ class Planner:
     report: Callable[[str], None] = lambda line: None  # takes a sentence after every round
     expect: Callable[[float, float], None] = lambda spent, total: None
     """Called before every round with the seconds so far and the expected seconds to the target."""
-    refused: list[Setting] = field(default_factory=list)  # with all settings above them
+    refused: list[tuple[Setting, str]] = field(default_factory=list)
+    """Settings without an answer, as all settings above them, with their sentences."""
 
     def run(self) -> Reached:
         """Solve settings until the error is below the target, or the time is over."""
@@ -125,10 +126,11 @@ class Planner:
             finer = {name: max(rung, min(rung + 1, 0)) for name, rung in step.setting.items()}
             if state is None and (finer == step.setting or not isinstance(error, ConvergenceError)):
                 raise
-            self.report(f"the setting {_rungs(step.setting)} has no answer: {error}")
+            refusal = f"the setting {_rungs(step.setting)} has no answer: {error}"
+            self.report(refusal)
         if state is None:
             return self._advance(None, Round(finer, nan, nan))
-        self.refused.append(step.setting)
+        self.refused.append((step.setting, refusal))
         return state, step
 
     def _is_refused(self, setting: Setting) -> bool:
@@ -136,7 +138,7 @@ class Planner:
         easing = {knob.name for knob in self.knobs if knob.eases}
         return any(
             all(setting[k] <= low[k] if k in easing else setting[k] >= low[k] for k in low)
-            for low in self.refused
+            for low, _ in self.refused
         )
 
     def measure(self, setting: Setting, before: State | None) -> State:
@@ -268,6 +270,7 @@ class Planner:
                 f"no further setting of the case reduces it; its largest part is {largest.name} "
                 f"({100.0 * largest.error:.2g} %)"
             )
+            why += f"; {self.refused[-1][1]}" if self.refused else ""
         return (
             f"the error is {100.0 * error:.3g} %, above the target of {100.0 * self.target:.3g} %, "
             f"and {why}{more}"
