@@ -284,21 +284,25 @@ def test_a_bias_of_the_budget_is_taken_out_of_the_answer(bias):
     assert abs(biased.state.outcome.value / plain.state.outcome.value - 1.0)[0] > 0.05
 
 
-@pytest.mark.parametrize(("fall", "reached"), [(1.0, True), (0.5, True), (0.0, False)])
-def test_a_term_falls_as_two_rungs_show(fall, reached):
+@pytest.mark.parametrize(
+    ("surface", "stopped"),
+    [
+        ([0.08, 0.04, 0.02], ""),
+        ([0.08, 0.056, 0.04, 0.028], ""),
+        ([0.08, 0.082, 0.02], ""),  # by chance, as of few windows of a map
+        ([0.08] * 9, "3 % is out of reach: no setting of the case reduces surface (8 %)"),
+    ],
+)
+def test_a_term_falls_as_two_rungs_show(surface, stopped):
     """A knob that should halve a term from rung to rung; the plan ends where it does not."""
 
     def solve(v, whole):
-        slopes = np.full(1, 0.08 * 2.0 ** (-fall * v["size"]))
-        return Outcome(np.ones(1), {"surface": slopes}, {"cells": 1.0})
+        return Outcome(np.ones(1), {"surface": surface[v["size"]] * np.ones(1)}, {"cells": 1.0})
 
     knob = Knob("size", NO_CASE, measured=False, orders=(1.0, 1.0), lowers=("surface",))
-    planner = Planner([knob], solve, {"size": 0}, 0.03)
-    if reached:
-        assert planner.run().error.max() <= 0.03
-    else:
-        with pytest.raises(CaseError, match=r"3 % is out of reach: .* reduces surface \(8 %\)"):
-            planner.run()
+    reached = Planner([replace(knob, scatters=True)], solve, {"size": 0}, 0.03).run()
+    assert (reached.error.max() <= 0.03) == (not stopped)
+    assert reached.stopped.startswith(f"an error of {stopped}" if stopped else "")
 
 
 def test_an_answer_that_is_not_known_at_coarser_settings_has_no_error():

@@ -35,7 +35,8 @@ NEGLIGIBLE = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting, and of
 a term over a whole error below which it is not named."""
 
-LEAST_FALL = 0.1  # power of two below which a knob does not lower a term
+LEAST_FALL, SEEN = 0.1, 2
+"""Power of two from rung to rung below which a knob does not lower a term, over so many rungs."""
 
 SAMPLING = "sampling"
 
@@ -99,6 +100,7 @@ class State:
     """Power of two by stage and knob."""
     falls: Mapping[str, float] = field(default_factory=dict)
     """Powers of two by which terms in ``lowers`` of knobs fell."""
+    first: "State | None" = None  # of the plan
     prediction_error: float = 0.0  # distance from the prediction, relative
 
     @property
@@ -144,15 +146,18 @@ class State:
             fall += power * up.get(knob.name, 0)
         return fall
 
-    def falls_from(self, before: "State") -> dict[str, float]:
-        """Return the powers of two by which terms that knobs should lower fell, rung by rung."""
-        falls = dict(before.falls)
+    def falls_from(self, first: "State") -> dict[str, float]:
+        """Return the powers of two by which terms that knobs should lower fall from rung to rung.
+
+        Terms of few cells have a chance, which a single rung may hide their fall in.
+        """
+        falls = {}
         for knob in self.knobs:
-            rungs = self.setting[knob.name] - before.setting[knob.name]
-            for term in knob.lowers if rungs > 0 else ():
+            rungs = self.setting[knob.name] - first.setting[knob.name]
+            for term in knob.lowers if rungs >= SEEN else ():
                 new, old = (
                     float(np.max(state.outcome.half_width.get(term, 0.0)))
-                    for state in (self, before)
+                    for state in (self, first)
                 )
                 if old > 0.0 and new > 0.0:
                     falls[term] = max(log2(old / new) / rungs, 0.0)

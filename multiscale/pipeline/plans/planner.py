@@ -96,11 +96,10 @@ class Planner:
                 self.report(_line(len(rounds), rounds[-1]))
             if error <= self.target < inf:
                 break
-            self._refuse_floor(state)
             growth = MOST_GROWTH * sum(state.outcome.seconds.values())
             left = self.time - self.spent()
             chosen = self.choose(state, min(left, growth)) or self.choose(state, left)
-            if chosen is None or len(rounds) == MOST_ROUNDS:
+            if chosen is None or len(rounds) == MOST_ROUNDS or self._floor(state):
                 break
             step = chosen
             aimed = self.cheapest(state, AIM * self.target, inf) or step
@@ -145,8 +144,8 @@ class Planner:
         """Solve the answer at a setting, and below it for every knob that matters."""
         outcome = self.solve(setting, True)
         state = State(self.knobs, setting, outcome)
-        if before is None:  # without the coarser settings
-            self._refuse_floor(state)
+        if before is None and (floor := self._floor(state)):  # without the coarser settings
+            raise CaseError(floor)
         left, growth = dict[str, KnobError](), dict(before.growth) if before else {}
         for knob in (knob for knob in self.knobs if knob.measured):
             name, old = knob.name, before.left.get(knob.name) if before else None
@@ -159,7 +158,8 @@ class Planner:
         state = replace(state, left=left, growth=growth)
         if before is None:
             return state
-        state = replace(state, falls=state.falls_from(before))
+        first = before.first or before
+        state = replace(state, first=first, falls=state.falls_from(first))
         moved = (knob for knob in self.knobs if setting[knob.name] != before.setting[knob.name])
         if any(knob.adds or knob.scatters for knob in moved):
             return state  # other cells
@@ -244,21 +244,24 @@ class Planner:
             error = float(np.max(state.error(up)))
             yield Round(setting, nan, nan, error, state.seconds(up, self.target))
 
-    def _refuse_floor(self, state: State) -> None:
-        """Refuse a target below the terms that no knob reduces."""
+    def _floor(self, state: State) -> str:
+        """Report terms that no knob reduces if the target is below them."""
         if not (every := state.fixed(0.0)):
-            return
+            return ""
         floor = float(np.max(np.linalg.norm([state.half_width[term] for term in every], axis=0)))
-        if floor > self.target:
-            fixed = {term: error for term, error in every.items() if error > NEGLIGIBLE * floor}
-            named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())
-            raise CaseError(
-                f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
-                f"reduces {named}; set a target above {100.0 * floor:.2g} %, or change what that "
-                f"comes from"
-            )
+        if floor <= self.target:
+            return ""
+        fixed = {term: error for term, error in every.items() if error > NEGLIGIBLE * floor}
+        named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())
+        return (
+            f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
+            f"reduces {named}; set a target above {100.0 * floor:.2g} %, or change what that "
+            f"comes from"
+        )
 
     def _reason(self, state: State, error: float, rounds: int) -> str:
+        if floor := self._floor(state):
+            return floor
         aimed = self.cheapest(state, AIM * self.target, inf)
         more = f"; a setting for it takes about {aimed.expected_seconds:.3g} s" if aimed else ""
         why = "no step that reduces it fits into the time"
