@@ -376,7 +376,7 @@ def test_a_first_setting_without_an_answer_is_followed_by_a_finer_setting():
     _, reached = Coarse(0).plan(0.05, report=lines.append)
     assert reached.error.max() <= 0.05
     assert lines[0].startswith("the setting elements -1, steps -1 has no answer: the structure")
-    assert "round 1: the case as it is given;" in lines[1]
+    assert "round 1: the given case;" in lines[1]
 
 
 def test_a_refused_rung_does_not_end_other_ladders():
@@ -600,7 +600,7 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
         (
             'quantity = "mean_gap"',
             'of = "conductance"',
-            r"which may be 'thermal_conductance' .*, 'electrical_conductance' .*; give one",
+            r"may be 'thermal_conductance' .*, 'electrical_conductance' .*; give one",
         ),
         ('quantity = "mean_gap"', 'time = "1 us"', r"time in \[accuracy\] is 1e-06 s, and a cell"),
         ('target = "12 %"\nquantity = "mean_gap"', "", "neither target nor time is given"),
