@@ -156,13 +156,13 @@ def _cautions(
             further = "" if extrapolate else ", or set extrapolate = true with the law"
             if limit < FAR_FACTOR * high:
                 yield (
-                    f"{share} outside {range_}, which the cells contradict above, {steps}; press "
-                    f"the interface less{further}"
+                    f"{share} outside {range_}, above which the cells contradict the law, {steps}; "
+                    f"reduce the pressure of the interface{further}"
                 )
             else:
                 yield (
                     f"{share} more than a factor of {FAR_FACTOR:g} outside {range_}, {steps}; "
-                    f"press the cells at these pressures, or state a law that holds there{further}"
+                    f"press the cells at these pressures, or state a law for them{further}"
                 )
         near = np.setdiff1d(
             np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE_LOAD), lost

@@ -112,7 +112,7 @@ def Cell(  # noqa: N802  reads like the kinds that it builds
         flat = obstacle, hardness, slope_order, opposite
         return FlatCell(surface, depth, layers, law, *flat, coating=coating)
     if hardness is not None:
-        raise CaseError("a hardness caps the pressure of a flat cell only; use geometry='flat'")
+        raise CaseError("a hardness limits the pressure of a flat cell only; use geometry='flat'")
     if slope_order != 1:
         raise CaseError("slope_order belongs to flat cells, as others follow the surface")
     if bulk is None and friction_coefficient == 0.0 and opposite is None:

@@ -245,7 +245,7 @@ class PeriodicLayer:
         """Return a warning for each coating with too few elements."""
         return [
             f"a coating of {film.thickness:.3g} m gets {count} layer(s) of elements, and "
-            f"{FEWEST_ELEMENTS} or more follow how it bends; raise layers and points"
+            f"{FEWEST_ELEMENTS} or more resolve its bending; raise layers and points"
             for body in self.bodies
             if body.coating
             for film, count in zip(

@@ -86,7 +86,7 @@ class Path:
 
     def __post_init__(self) -> None:
         if (self.pressure is None) == (self.approach is None):
-            raise CaseError("a path prescribes either pressures or approaches; give one of both")
+            raise CaseError("a path prescribes either pressures or approaches; give one of them")
         name = "approach" if self.pressure is None else "pressure"
         steps = tuple(float(value) for value in getattr(self, name))
         if not steps or not np.all(np.isfinite(steps)):
@@ -240,7 +240,7 @@ NO_ELEMENTS = "Poisson's ratio below 0.4, or no elements"
 COMPONENTS = {  # in the order of the text: why a component is built, and why it is left out
     "stiffness": (
         "applied element by element, without a matrix",
-        "it changes with the strain, which the tangent follows",
+        "it changes with the strain, as in the tangent",
     ),
     "tangent": (
         "stiffness of the elements as they are strained, in single precision",
@@ -275,7 +275,7 @@ COMPONENTS = {  # in the order of the text: why a component is built, and why it
     ),
     "stress recovery": (
         "means of the stress in the body, in addition to means of the contact forces",
-        "the stress is not asked for, or the material is not linear",
+        "the stress is not required, or the material is not linear",
     ),
     "hardness cap": (
         "local pressure stays below the hardness",

@@ -89,7 +89,7 @@ def shear_path(
     nu = float(np.mean(cell.law.poissons_ratio))
     scale = mu * DECAY * float(np.linalg.norm(heights)) / mindlin_ratio(nu)
     if not scale > 0.0:
-        raise CaseError("the surfaces are flat, so that there is no partial slip")
+        raise CaseError("the surfaces are flat, so there is no partial slip")
     compliance = sum(np.sum(np.diff(body.planes) / body.layer_moduli[1]) for body in cell.bodies)
     rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way
     turn = int(np.argmin(np.abs(REACH * rise - cycle)))  # the step at which a cycle begins

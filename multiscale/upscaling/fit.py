@@ -339,15 +339,14 @@ def _doubts(observations: Observations) -> Iterator[str]:
         return
     if mean.max() > LARGEST_GAP:
         yield (
-            f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
-            f"gaps in m"
+            f"the largest mean gap of {mean.max():.3g} m is too large for roughness; give gaps in m"
         )
     if _steps(p):
         per_decade = _steps(p) / np.log10(p.max() / p.min())
         if per_decade < FEWEST_PER_DECADE * (1.0 - 1e-9):
             yield (
-                f"the law rests on {per_decade:.2g} pressures a decade; from "
-                f"{FEWEST_PER_DECADE} on its accuracy was measured"
+                f"the law has {per_decade:.2g} pressures per decade; its accuracy is known for "
+                f"{FEWEST_PER_DECADE} or more"
             )
 
 

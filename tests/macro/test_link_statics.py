@@ -211,7 +211,7 @@ def test_a_cut_cable_is_carried_or_the_free_nodes_are_named():
         assert name_motion(equations(cut), motion[~cut.fixed]).startswith(f"{named} can move")
         node = int(named.removeprefix("node "))
         assert node in cut.ends[grid.group[:-1] == grid.group[36]]
-        assert "without resistance, and the load pushes there" in broken.failure
+        assert "without resistance, and the load acts on this motion" in broken.failure
 
 
 def test_a_mechanism_is_refused_with_the_node_that_moves():

@@ -121,7 +121,7 @@ def test_every_method_finds_the_same_and_a_cut_changes_little(method):
         ({"shift": (0.7 * EDGE, 0.0, 0.0)}, "overlap on 0.3 of the smaller face, and at least 0.5"),
         ({"face": "top"}, "do not touch face to face"),
         ({"held": True}, "interface 0 lies on a support: all nodes of the boundary 'bottom' of"),
-        ({"order": 2}, "with the same elements, or give no quadrature_order"),
+        ({"order": 2}, "with the same elements, or leave out quadrature_order"),
     ],
 )
 def test_faces_that_no_law_can_join_are_refused(change, message):

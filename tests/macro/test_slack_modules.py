@@ -104,5 +104,5 @@ def test_specimens_that_show_nothing_are_refused():
 def test_links_without_cells_are_refused():
     plate = modules(4, 4)
     plate.system.group[:] = np.arange(plate.system.n_links) % 2
-    with pytest.raises(CaseError, match="must each be its cell, with the same links"):
+    with pytest.raises(CaseError, match="must be equal to its cell, with the same"):
         solve_plate(EquivalentPlate(plate.system, plate.cell, (4, 4)), [1.0], links=True)

@@ -253,7 +253,7 @@ pressures = ["0.1 MPa", "100 MPa"]
     ("text", "sentence"),
     [
         pytest.param(
-            TEXT + RECIPE.replace("0.12", "0.6"), "too much for random addition", id="packing"
+            TEXT + RECIPE.replace("0.12", "0.6"), "too large for random addition", id="packing"
         ),
         pytest.param(
             TEXT.replace('size = "1 mm"', "") + '[rve.image]\nfile = "no.tif"\n',

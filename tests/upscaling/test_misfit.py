@@ -67,7 +67,7 @@ def test_a_structure_is_unknown_under_pressures_that_contradict_the_law(softenin
     result = press_joint(joint, law, np.array([0.2, 0.3, 0.4]) * HARDNESS)
     np.testing.assert_array_equal(result["known"], [1, 1, 0])
     assert np.isnan(result["joint_stiffness"][2])
-    assert "which the cells contradict above" in result.attrs["cautions"]
+    assert "above which the cells contradict the law" in result.attrs["cautions"]
 
 
 def test_gaps_without_three_pressures_of_a_convex_law_are_refused():

@@ -94,13 +94,13 @@ class Bolt:
         require("the stiffness of a bolt", self.stiffness, "(0, inf)", "N/m")
         if self.sides[0] == self.sides[1]:
             raise CaseError(
-                f"a bolt between two faces of body {self.sides[0]} clamps nothing; choose faces of "
+                f"a bolt between two faces of body {self.sides[0]} has no effect; choose faces of "
                 f"two bodies"
             )
         if not 0.0 < self.preload < np.inf:
             raise CaseError(
-                f"a bolt needs a preload, since nothing else presses its washers on: it must be "
-                f"positive (N), got {self.preload:g}"
+                f"a bolt needs a positive preload (N) that presses its washers on, got "
+                f"{self.preload:g}"
             )
 
     def name(self, bodies: Sequence[Body]) -> str:
@@ -128,7 +128,7 @@ class Bolt:
         facing = [0.0 - down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
         if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
             raise CaseError(
-                f"{self.name(bodies)} goes through nothing: its washers must face away from each "
+                f"{self.name(bodies)} has wrong faces: its washers must face away from each "
                 f"other along {'xyz'[axis]} (cosines {facing[0]:.2g} and {facing[1]:.2g}) and lie "
                 f"above each other (centres {aside:.2g} m aside)"
             )
@@ -187,7 +187,7 @@ class BoltSection:
                 f"the cut through a bolt, {lower.face_name(self.boundaries[0], self.sides[0])} and "
                 f"{upper.face_name(self.boundaries[1], self.sides[1])}, has {first.size} and "
                 f"{second.size} nodes up to {max(apart.max(), extent[axis]):.2g} m apart; mesh "
-                f"both faces alike, in a plane across an axis"
+                f"both faces with equal meshes, in a plane across an axis"
             )
         face = face_of(upper.mesh, self.boundaries[1])
         direction = float(np.sign(face.normals.sum(axis=0)[axis]))
@@ -269,7 +269,7 @@ class GapMap:
         covered = cKDTree(points).query(x)[0] <= min(NEAR * spacing, FINE * size)
         if not covered.all():
             raise CaseError(
-                f"{self.name} covers {covered.mean():.3g} of the interface: its defined points lie "
+                f"{self.name} covers {covered.mean():.3g} of the interface: its defined points are "
                 f"{_extents(points)}, and the interface {_extents(x)}; give a map of the whole "
                 f"interface in the coordinates of the structure, and its unit"
             )

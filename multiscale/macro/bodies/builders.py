@@ -51,7 +51,7 @@ class LapShape:
     def __post_init__(self) -> None:
         if not 0.0 < self.hole < self.washer < min(self.overlap, self.width):
             raise CaseError(
-                f"hole, washer and overlap must grow in this order, the washer within the width, "
+                f"hole, washer and overlap must rise in this order, the washer within the width, "
                 f"got {self.hole:g} m, {self.washer:g} m and {self.overlap:g} m on a width of "
                 f"{self.width:g} m"
             )

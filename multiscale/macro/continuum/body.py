@@ -150,7 +150,7 @@ def _node(body: Body, point: Sequence[float]) -> np.ndarray:
     distance = np.linalg.norm(position - np.reshape(point, (-1, 1)), axis=0)
     if distance.min() > ASTRAY * float(np.ptp(position, axis=1).max()):
         raise CaseError(
-            f"no node lies at the pin {tuple(point)} m (nearest {distance.min():.2g} m away); move "
+            f"no node is at the pin {tuple(point)} m (nearest {distance.min():.2g} m away); move "
             f"the pin to a node"
         )
     return np.array([np.argmin(distance)])

@@ -271,8 +271,8 @@ class _Step:
                 return ConvergenceError(slides)
         return ConvergenceError(
             f"{' and '.join(repr(name) for name in free)} can move without force at time "
-            f"{self.time:g}: the supports do not hold it and no contact closes; "
-            f"add supports or move it by prescribed displacements"
+            f"{self.time:g}: supports do not prevent it and no contact closes; "
+            f"add supports or prescribe displacements"
         )
 
     def _slides(self, name: str) -> str | None:
@@ -294,9 +294,9 @@ class _Step:
             return None
         unit = "N" if d == 3 else "N/m"
         return (
-            f"{name!r} slides away at time {self.time:g}: of its load of {along:.4g} {unit} along "
-            f"its contacts their friction carries about {carried:.4g} {unit}; lower the load, "
-            f"press harder, or prescribe the displacement"
+            f"{name!r} slides away at time {self.time:g}: its load along its contacts is "
+            f"{along:.4g} {unit}, their friction carries about {carried:.4g} {unit}; reduce the "
+            f"load, increase the pressure, or prescribe the displacement"
         )
 
 

@@ -59,7 +59,7 @@ class FiniteAssembly:
                 )
             if not (body.supports or body.pins) and name not in touched:
                 raise CaseError(
-                    f"body {name!r} has neither a support nor a contact; give it either"
+                    f"body {name!r} has neither a support nor a contact; give it one of these"
                 )
 
     @cached_property

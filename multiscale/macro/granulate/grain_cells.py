@@ -95,7 +95,7 @@ def compact(
     record.show(state)
     if quiet < REST_STEPS:
         record.failure = (
-            f"the cell still strains by {fastest:.1e} a step after {max_steps}; raise max_steps"
+            f"the cell still strains by {fastest:.1e} per step after {max_steps}; raise max_steps"
         )
     result = record.dataset()
     reached = -float(result["stress"].values[-1, model.free].mean())
@@ -184,7 +184,7 @@ def _press(model: Model, step: float, solver: Solver) -> tuple[np.ndarray, float
             height = state.point[1, 2]
         state, _ = step_grains(model, state, step, solver)
     raise ConvergenceError(
-        f"the plate still sinks into the grains after {MOST_STEPS} steps; take fewer layers of "
+        f"the plate still sinks into the grains after {MOST_STEPS} steps; use fewer layers of "
         f"grains, or a larger area"
     )
 
@@ -297,8 +297,8 @@ def shear_steps(
         raise CaseError(
             f"grains do not flow steadily before {distance:g} diameters, for which the plate at "
             f"{speed:.3g} m/s takes {count:.2g} steps that resolve the grains, and {MOST_STEPS} "
-            f"are the limit; take {factor**0.5:.2g} times the speed, or {factor:.2g} times less "
-            f"pressure: only the speed over the root of the pressure counts"
+            f"is the limit; use {factor**0.5:.2g} times the speed, or {factor:.2g} times less "
+            f"pressure: only the speed over the root of the pressure is relevant"
         )
     return step, count
 
@@ -323,7 +323,7 @@ def _shear(
         reason = f"{100.0 * (1.0 - solved):.3g} % of the steps missed the tolerance of contacts"
     if not reason and not abs(pressed / pressure - 1.0) < UNSTEADY:
         reason = (
-            f"the grains bear {pressed:.3g} Pa in the mean and do not flow steadily: the plate "
+            f"the grains carry {pressed:.3g} Pa in the mean and do not flow steadily: the plate "
             f"bounces or falls; slide farther, or slower"
         )
     row = {

@@ -100,7 +100,7 @@ def soften(block: Block, stiffness: float | np.ndarray) -> Block:
         return replace(block, effective=AnisotropicElastic(stiffness))
     if not 0.0 < stiffness <= 1.0:
         raise CaseError(
-            f"the stiffness factor of a block must lie above 0 and up to 1, got {stiffness:g}; a "
+            f"the stiffness factor of a block must be above 0 and at most 1, got {stiffness:g}; a "
             f"block without stiffness cannot support a joint"
         )
     share = float(stiffness)

@@ -163,7 +163,7 @@ def _describe_shear(block: TreadBlock, law: SteadySliding, pressure: float) -> s
     mu = float(law.friction.coefficient(np.array(pressure), speed))
     strain = 2.0 * (1.0 + block.poissons_ratio) * mu * pressure / block.youngs_modulus
     return (
-        f"a friction coefficient of {mu:.3g} at {pressure:.3g} Pa would shear the block by "
-        f"{strain:.2g} of its height and bends it over its leading edge, and steady sliding did "
-        f"not converge; lower the friction or the pressure, or use stiffer rubber"
+        f"steady sliding did not converge: a friction coefficient of {mu:.3g} at {pressure:.3g} "
+        f"Pa would shear the block by {strain:.2g} of its height and bend it over its leading "
+        f"edge; reduce friction or pressure, or use stiffer rubber"
     )

@@ -55,15 +55,15 @@ class EquivalentPlate:
         by_edge = np.any(self._edges[..., None] & self._supports[:, None], axis=0)
         if not np.any(self._edges.sum(axis=1) > 2):
             raise CaseError(
-                "an equivalent plate has only corners at z = 0, which belong to two edges; give it "
+                "an equivalent plate has only corners at z = 0, each on two edges; give it "
                 "more modules"
             )
         odd = np.flatnonzero(np.any(fixed & ~by_edge, axis=1))
         if odd.size or not fixed.any():
             where = f"node {odd[0]} is fixed apart" if odd.size else "no node is fixed"
             raise CaseError(
-                f"an equivalent plate is fixed along whole edges at z = 0, and {where}; fix all "
-                f"nodes at z = 0 of an edge, and no others"
+                f"an equivalent plate must be fixed along whole edges at z = 0, and {where}; fix "
+                f"all nodes at z = 0 of an edge, and no others"
             )
 
     @property
@@ -106,8 +106,8 @@ class EquivalentPlate:
         if whole and np.allclose(stretch[order].reshape(-1, links, 3), self.cell.strain[:, :3]):
             return np.asarray(order.reshape(-1, links))
         raise CaseError(
-            "the groups of links of an equivalent plate must each be its cell, with the same links "
-            "in the same order; give every cell a group"
+            "each group of links of an equivalent plate must be equal to its cell, with the same "
+            "links in the same order; give every cell a group"
         )
 
     @cached_property

@@ -66,7 +66,7 @@ class _Path:
             first = factorise(self.tangent(np.zeros(n)), name="the tangent of the links")
         except MultiscaleError as error:
             raise CaseError(
-                f"the unloaded links are a mechanism, from which no path starts: {error}; give "
+                f"the unloaded links are a mechanism, so no path starts from rest: {error}; give "
                 f"them a prestress"
             ) from error
         length = float(norm(first(target * self.model.load))) or 1.0

@@ -189,7 +189,7 @@ def _same_nodes(system: LinkSystem, periods: tuple[float, float]) -> tuple[np.nd
     if np.any(plan > 1.0 + MATCH):
         at = int(np.argmax(plan.max(axis=1)))
         raise CaseError(
-            f"node {at} of the cell lies {plan[at].max():.4g} periods from its edge; give the "
+            f"node {at} of the cell is {plan[at].max():.4g} periods from its edge; give the "
             f"links of one period, or longer periods"
         )
     inside = np.where(plan > 1.0 - MATCH, plan - 1.0, plan)
@@ -230,6 +230,6 @@ def _refuse_soft(stiffness: np.ndarray) -> None:
         soft = np.flatnonzero(own[kind] <= SOFT * max(own[kind].max(), SOFT * own.max()))
         if soft.size:
             raise CaseError(
-                f"the cell is a mechanism: {STRAINS[kind][soft[0]]} of its plate meets no "
-                f"stiffness; brace it by further links"
+                f"the cell is a mechanism: {STRAINS[kind][soft[0]]} of its plate has no "
+                f"stiffness; brace the cell by further links"
             )

@@ -63,7 +63,7 @@ def with_specimen_error(
     if len(specimen.members) >= len(structure.members):
         raise CaseError(
             f"the specimen of {len(specimen.members)} modules has no fewer than the structure with "
-            f"{len(structure.members)}, and its links take as long; solve the links, or cut the "
+            f"{len(structure.members)}, so its links are not faster; solve the links, or cut the "
             f"structure into fewer substructures"
         )
     known, classes = (_classes(each) for each in (specimen, structure))

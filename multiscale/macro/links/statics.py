@@ -217,7 +217,7 @@ def _reason(model: LinkEquations, state: LinkState, method: str) -> str:
     """Return a sentence on the failure of a step, with the nodes that can move freely."""
     solution = state.solution
     if solution.status is Status.INFEASIBLE and method != "lcp":
-        reason = f"{name_motion(model, solution.value)}, and the load pushes there"
+        reason = f"{name_motion(model, solution.value)}, and the load acts on this motion"
     elif solution.status is Status.STALLED:
         reason = name_mechanism(model, solution.value) or solution.status.value
     else:

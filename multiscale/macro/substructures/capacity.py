@@ -38,14 +38,14 @@ class Slide:
         """Return the reason for missing equilibrium."""
         if not self.joints:
             return (
-                "no equilibrium found: the load lifts, tips or moves a body that neither supports "
-                "nor interfaces hold; add supports or press the interfaces"
+                "there is no equilibrium: the load lifts, tips or moves a body that no supports "
+                "or interfaces fix; add supports or press the interfaces"
             )
         named = " and ".join(str(joint) for joint in self.joints)
         return (
-            f"no equilibrium found: the bodies slide on interface {named} under a load of "
-            f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N at the "
-            f"pressures before they slid; lower the load, or press harder"
+            f"there is no equilibrium: the bodies slide on interface {named} under a load of "
+            f"{self.load:.4g} N; friction carries about {self.capacity:.4g} N at the pressures "
+            f"before sliding; reduce the load, or increase the pressure"
         )
 
 
@@ -126,7 +126,7 @@ def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None
     names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
     if free := _name_free_motions(problem, names):
         raise CaseError(
-            f"{free}: hold each body by supports, by an interface with friction or by bolts{more}"
+            f"{free}: fix each body by supports, by an interface with friction or by bolts{more}"
         )
 
 

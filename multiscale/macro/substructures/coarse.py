@@ -89,7 +89,7 @@ def prepare_coarse(
     except MultiscaleError as error:
         raise MultiscaleError(
             "the coarse problem of the substructures is singular: all of them together can move "
-            "without resistance; add supports, or prestress where nothing is taut"
+            "without resistance; add supports, or prestress where all links are slack"
         ) from error
     return Coarse(push, on_sides, answer, column, factor)
 

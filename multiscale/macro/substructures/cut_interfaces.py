@@ -76,7 +76,7 @@ def cut_interface(
         if match is None and joint.quadrature_order is not None:
             raise CaseError(
                 f"the boundaries {_name(joint, (lower, upper))} of a joint do not match; mesh both "
-                f"faces alike, with the same elements, or give no quadrature_order"
+                f"faces with the same elements, or leave out quadrature_order"
             )
 
     # values of both bodies at the points of each pair of substructures

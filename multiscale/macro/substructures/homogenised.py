@@ -139,7 +139,7 @@ def _refuse_slack(result: Dataset, solved: np.ndarray, beyond: np.ndarray) -> Da
     return without_steps(result, steps, (*FIELDS, "velocity")).assign_attrs(
         failure=f"in step {solved[wrong][0]} {np.count_nonzero(beyond[wrong][0])} links of "
         f"homogenised substructures would leave the range of their laws, where their stiffness "
-        f"does not hold; take the model adaptive, which resolves them"
+        f"is not valid; use the model adaptive, which resolves them"
     )
 
 
@@ -301,7 +301,7 @@ def _condense(
             solve = factorise(K[np.ix_(inside, inside)])
         except MultiscaleError as error:
             raise CaseError(
-                f"substructure {owner} is a mechanism while its interfaces rest, so that it has no "
+                f"substructure {owner} is a mechanism with fixed interfaces, so it has no "
                 f"condensed stiffness: brace it, or cut it elsewhere"
             ) from error
         V[inside], loads[inside] = -solve((K @ placed)[inside]), solve(load[inside])

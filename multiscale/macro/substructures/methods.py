@@ -43,8 +43,7 @@ PAYS = 0.5
 
 FASTER: dict[type[Method], str] = {
     MultigridNewton: "multigrid needs less than half the time of factors",
-    LatinMethod: "factors of single bodies that last for the whole path need less than half the "
-    "time",
+    LatinMethod: "factors of single bodies, used for the whole path, need less than half the time",
 }
 """Reasons for the choice of a method that is not the first."""
 
@@ -177,7 +176,7 @@ def choose_method(
         named = {type(cost.method): cost for cost in (newton, multigrid)}
         taken = named.get(type(asked)) or _latin_cost(size, asked)
         others = [cost for cost in (newton, bodies) if cost.method != taken.method]
-        return MethodChoice(taken, "the case asks for it", tuple(others))
+        return MethodChoice(taken, "it is the choice of the case", tuple(others))
     room = f"of {1e-9 * limit:.2g} GB"
     reason = f"the factors of the whole do not fit into the memory {room}"
     if not size.compliant:
@@ -268,7 +267,7 @@ def cut_needs(
         (
             "coarse problem",
             coarse and faces,
-            "balances the resultants: more substructures need hardly more iterations",
+            "balances the resultants: the iterations hardly grow with the number of substructures",
             "it is switched off, or the method does not need it"
             if faces
             else "there is one substructure and no joint",

@@ -279,7 +279,7 @@ class _CutEquilibrium(Equilibrium):
         """Report why Newton's method stopped, and linear systems without a solution."""
         unfinished = (
             f"; {self.unfinished} of its linear systems did not converge in {KRYLOV} "
-            f"iterations, so cut the structure into fewer or more compact substructures"
+            f"iterations; cut the structure into fewer or more compact substructures"
         )
         return status.value + self.fault + (unfinished if self.unfinished else "")
 

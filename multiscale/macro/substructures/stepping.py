@@ -360,8 +360,8 @@ def _explain_opening(
     along = ", ".join(f"{1e-3 * amount:.4g}" for amount in force)
     bolts = ", ".join(f"{1e-3 * amount:.4g}" for amount in tension)
     return (
-        f"the load opens the faces that the bolts clamp: it is {along} kN along x, y and z, and "
-        f"the bolts carry {bolts} kN at the step before; tighten them harder, or lower the load"
+        f"the load opens the clamped faces: it is {along} kN along x, y and z, and the bolts carry "
+        f"{bolts} kN at the step before; tighten the bolts more, or reduce the load"
     )
 
 

@@ -204,7 +204,7 @@ class _Mode:
     def sliding(self, point: _Point) -> str:
         """Return the reason for the end of the path, a failed step or a sliding interface."""
         if point.failure:
-            return f"no equilibrium was found ({point.failure})"
+            return f"there is no equilibrium ({point.failure})"
         rubs = self.rest.law.friction_limit(np.ones(point.slipping.size)) > 0.0
         load = np.where(rubs, np.maximum(self.pressure(point), 0.0), 0.0) * self.structure.weight
         number = self.rest.path["point_joint"].values
@@ -277,11 +277,11 @@ def follow_backbone(
             lost[k], size[k], stiffness[k] = _cycle(driven, ends[0][k], size[k], amplitudes.steps)
     failure = ""
     if np.isnan(lost).any():
-        why = next(filter(None, failures), "a cycle found no equilibrium")
+        why = next(filter(None, failures), "a cycle has no equilibrium")
         failure = (
             f"mode {mode + 1} has no solution from the modal amplitude "
             f"{amplitudes.values[int(np.argmax(np.isnan(lost)))]:.4g} kg^1/2 m on: {why}; "
-            f"ask for smaller amplitudes"
+            f"give smaller amplitudes"
         )
     frequency = np.sqrt(stiffness) / (2.0 * np.pi)
     damping = lost / (2.0 * np.pi * stiffness * size**2)  # (1)
@@ -419,8 +419,8 @@ def vibrate(
     # cautions
     cautions = [
         f"mode {mode + 1}: contact opens at amplitudes from "
-        f"{wanted.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule does "
-        f"not hold: the loss belongs to a full cycle, and both directions differ"
+        f"{wanted.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule is "
+        f"not valid: the loss belongs to a full cycle, and both directions differ"
         for (mode, wanted), curve in zip(amplitudes.items(), curves, strict=True)
         if curve.opens.any()
     ]
@@ -431,9 +431,9 @@ def vibrate(
     ]
     if any(curve.sheared for curve in curves):
         cautions.append(
-            "the preload leaves shear in the joints, so that both directions differ and Masing's "
-            "rule does not hold: frequency and loss belong to full cycles; a preload without "
-            "friction leaves no shear"
+            "after the preload the joints have shear, so both directions differ and Masing's "
+            "rule is not valid: frequency and loss belong to full cycles; after a preload "
+            "without friction there is no shear"
         )
     result = with_cautions(result, str(rest.path.attrs.get("cautions", "")), *cautions)
     failures = [curve.failure for curve in curves if curve.failure]

@@ -79,7 +79,7 @@ def structure_mass(
         if not 0.0 < density < np.inf:
             raise CaseError(
                 f"the density of {body.name or f'body {number}'} must be positive (kg/m3), got "
-                f"{density:g}; without mass nothing vibrates"
+                f"{density:g}; a vibration needs mass"
             )
     pairs = zip(bodies, densities, strict=True)
     masses = [assemble_mass(body.basis, density) for body, density in pairs]
@@ -173,7 +173,7 @@ def tangent_modes(
     if square[0] <= 0.0:
         raise CaseError(
             f"the preloaded structure is unstable: its tangent has the negative eigenvalue "
-            f"{square[0]:.3g} s-2, so that its rest is not stable; check the laws of the "
+            f"{square[0]:.3g} s-2, so its state at rest is unstable; check the laws of the "
             f"interfaces and the preload"
         )
     # modes of the same frequency, and signs of the shapes

@@ -386,7 +386,7 @@ def random_spheres(
         else:
             raise CaseError(
                 f"there is no free place after {done} of {len(radii)} spheres; a "
-                f"porosity of {porosity:g} is too much for random addition, so lower it or let "
+                f"porosity of {porosity:g} is too large for random addition: reduce it, or allow "
                 f"spheres overlap"
             )
     return Cavities(size, [spheres(places, radii)] if len(radii) else [])

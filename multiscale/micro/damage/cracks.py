@@ -105,7 +105,7 @@ class Microcracks:
                 "cracks only; leave out the others"
             )
         if not flat:
-            raise CaseError("the volume contains no crack that could grow; give cracks")
+            raise CaseError("the volume contains no crack; give cracks")
         centre, normal = (
             np.concatenate([getattr(kind, name) for kind in flat]) for name in ("centre", "normal")
         )
@@ -217,7 +217,7 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
         growth,
         f"the growing crack reaches another crack where it covers {100.0 * table[at, 3]:.3g} % of "
         f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: "
-        + ("from there on the other crack is ignored" if through else "there the search ends"),
+        + ("from there on the other crack is ignored" if through else "the search ends here"),
     )
 
 

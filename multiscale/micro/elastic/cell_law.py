@@ -79,7 +79,7 @@ class CellLaw(NormalLaw):
     def __post_init__(self) -> None:
         if not isinstance(self.cell, FlatCell) or self.cell.hardness is not None:
             raise CaseError(
-                "only flat cells without hardness give the gaps of a structure; fit a law to the "
+                "only flat cells without hardness serve as a law of gaps; fit a law to the "
                 "response of other cells"
             )
         low, high = self.pressure_range

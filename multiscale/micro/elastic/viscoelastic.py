@@ -126,7 +126,7 @@ def solve_sliding(
     require("the velocity", velocity, "[0, inf)", "m/s")
     if velocity > 0.0 and not solid.moduli:
         raise CaseError(
-            "the body slides but is not viscous, so that the velocity has no effect; give moduli "
+            "the body slides but is not viscous, so the velocity has no effect; give moduli "
             "that relax, or velocity 0"
         )
     respond, stiffen, slope = _filters(surface, solid, velocity * shift)

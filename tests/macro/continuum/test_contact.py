@@ -307,6 +307,6 @@ def test_a_block_pushed_beyond_its_friction_ends_the_path_with_capacity_and_load
     assert pressed.solution.converged
     assert not slid.solution.converged
     assert np.isnan(slid.displacement["block"]).all()
-    message = r"'block' slides away at time 2: of its load of 2.1e\+05 N/m .* about 2e\+05 N/m"
+    message = r"'block' slides away at time 2: its load .* is 2.1e\+05 N/m, .* about 2e\+05 N/m"
     with pytest.raises(ConvergenceError, match=message):
         slid.unwrap()

@@ -23,11 +23,11 @@ def test_a_requested_method_is_taken():
     asked = LatinMethod((2, 1))
     choice = choose_method(LAP, asked, memory=GIGABYTE)
     assert choice.taken.method == asked
-    assert choice.why == "the case asks for it"
+    assert choice.why == "it is the choice of the case"
     assert [cost.method for cost in choice.others] == [AssembledNewton(), LatinMethod()]
     choice = choose_method(LONG, AssembledNewton(), memory=GIGABYTE)
     assert choice.taken.method == AssembledNewton()
-    assert choice.why == "the case asks for it"
+    assert choice.why == "it is the choice of the case"
 
 
 def test_rigid_contact_goes_to_latin():
