@@ -12,7 +12,7 @@ large :math:`\nu` [2]_ of
    doi:10.1016/j.cma.2006.03.010.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -192,7 +192,8 @@ class Balancing:
         """Evaluate (3) for substructures; their stiffness is scaled by the largest entry."""
         for owner in owners:
             n = len(self.supported[owner])
-            C = np.hstack([np.zeros((n, 0)), *self._placed_motions(owner, n)])
+            motions = (np.eye(n)[:, at] @ self.motions[face] for face, at in self.faces_of[owner])
+            C = np.hstack([np.zeros((n, 0)), *motions])
             S = self.schur[owner, :n, :n] + np.diag(self.added[owner, :n])
             unit = float(S.diagonal().max(initial=0.0)) or 1.0
             saddle = np.block([[S / unit, C], [C.T, np.zeros((C.shape[1],) * 2)]])
@@ -200,14 +201,6 @@ class Balancing:
             self.fine[owner, :n, :n] = D @ (inverse[:n, :n] / unit) @ D.T
             coarse = D @ inverse[:n, n:], inverse[n:, :n] @ D.T, -unit * inverse[n:, n:]
             self.coarse_parts[owner] = coarse
-
-    def _placed_motions(self, owner: int, n: int) -> Iterator[np.ndarray]:
-        """Balanced motions of the interfaces of a substructure, shape (n, motions) each."""
-        for number, at in self.faces_of[owner]:
-            motions = self.motions[number]
-            placed = np.zeros((n, motions.shape[1]))
-            placed[at] = motions
-            yield placed
 
     def _assemble(self, factorise: Callable[[csr_array], Solve]) -> None:
         """Collect (3) in tables, and factorise the coarse matrix on the first process."""

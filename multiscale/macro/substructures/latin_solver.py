@@ -1,7 +1,7 @@
 """LATIN steps of a cut structure: statics, and dynamics by the scheme of Moreau and Jean."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, ClassVar
 
@@ -122,8 +122,8 @@ class LatinSolver:
     def __init__(self, problem: CutProblem, method: LatinMethod, *, judged: bool = True) -> None:
         _refuse_floating(problem)
         self.method = method
-        coarse = method.coarse and problem.divided
-        self.iteration = Latin(problem, method.team or ALONE, coarse=coarse)
+        divided = len(problem.substructures) > 1 or bool(problem.joints)
+        self.iteration = Latin(problem, method.team or ALONE, coarse=method.coarse and divided)
         self.judge = ErrorEstimate(self.iteration) if judged and method.coarse else None
         self.reached: np.ndarray | None = None
         self.report: dict[str, Any] = {}
@@ -265,17 +265,7 @@ def simulate_latin(
     h = _step(times)
     inertia = _masses(problem, mass) / h**2
     shares = problem.shares
-    shared = csr_array(diags_array(1.0 / shares) @ inertia)
-    stiffened = tuple(
-        replace(
-            substructure,
-            stiffness=csr_array(
-                substructure.stiffness + shared[substructure.unknown][:, substructure.unknown]
-            ),
-        )
-        for substructure in problem.substructures
-    )
-    solver = LatinSolver(replace(problem, substructures=stiffened), method, judged=False)
+    solver = LatinSolver(problem.with_stiffness(inertia), method, judged=False)
     latin = solver.iteration
     local = np.concatenate([problem.substructures[owner].unknown for owner in latin.stack.local])
     force = problem.sum_up([substructure.load[:, 0] for substructure in problem.substructures])

@@ -6,7 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, eye_array, vstack
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array, vstack
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
@@ -154,11 +154,6 @@ class CutProblem:
         for place, joint in enumerate(self.joints):
             _check_joint(place, joint, self.substructures)
 
-    @property
-    def divided(self) -> bool:
-        """Whether there are several substructures, or joints, for a coarse problem to balance."""
-        return len(self.substructures) > 1 or bool(self.joints)
-
     @cached_property
     def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then interfaces with a law."""
@@ -209,17 +204,33 @@ class CutProblem:
         joints = tuple(replace(joint, law=laws[joint.joint]) for joint in self.joints)
         return replace(self, joints=joints)
 
+    def with_loads(self, load: np.ndarray) -> "CutProblem":
+        """Return the same structure with further load cases at the end, shape (n, cases), N."""
+        share = load / self.shares[:, None]
+        substructures = tuple(
+            replace(each, load=np.column_stack([each.load, share[each.unknown]]))
+            for each in self.substructures
+        )
+        return replace(self, substructures=substructures)
+
+    def with_stiffness(self, added: csr_array) -> "CutProblem":
+        """Return the same structure with a further stiffness, which substructures share, N/m."""
+        share = csr_array(diags_array(1.0 / self.shares) @ added)
+        substructures = tuple(
+            replace(
+                each, stiffness=csr_array(each.stiffness + share[each.unknown][:, each.unknown])
+            )
+            for each in self.substructures
+        )
+        return replace(self, substructures=substructures)
+
     def with_locked_bolts(self) -> "CutProblem":
         """Return the structure with the shanks as substructures; a case of 1 N in each follows."""
         if not self.bolts:
             return self
         position, component = self.places()
         pulls = np.stack([bolt.pull(self.n) for bolt in self.bolts], axis=1)
-        share = pulls / self.shares[:, None]
-        substructures = [
-            replace(each, load=np.column_stack([each.load, share[each.unknown]]))
-            for each in self.substructures
-        ]
+        substructures = list(self.with_loads(pulls).substructures)
         for bolt in self.bolts:
             ends = np.array(bolt.unknown)
             K = csr_array(bolt.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]]))

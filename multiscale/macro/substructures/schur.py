@@ -12,7 +12,7 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.laws.interface_law import lay_side_by_side
 from multiscale.macro.links.link_newton import SlackStiffness, exact_step
-from multiscale.macro.monolithic import NO_LINKS, Assembled, Equilibrium, Place, find_equilibrium
+from multiscale.macro.monolithic import Assembled, Equilibrium, Place, find_equilibrium
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_tangent import KRYLOV, CutTangent
 from multiscale.macro.substructures.latin_solver import LatinMethod, LatinSolver
@@ -385,20 +385,12 @@ class _CutEquilibrium(Equilibrium):
         team: ProcessGroup,
     ) -> float:
         """Step to the least energy of some links, N, with a curvature of linear elements, J."""
-        links = self.links
-        no_bound = np.array([np.inf]) if curvature > 0.0 else NO_LINKS
-        linear = np.full(no_bound.size, curvature)
-        limits = ((links.lower - links.prestress), (links.upper - links.prestress))
-        elastic, growth, stiffness, lower, upper = (
-            team.concatenate(value[rows]) for value in (elastic, growth, links.stiffness, *limits)
+        links, linear = self.links, np.full(int(curvature > 0.0), curvature)  # without limits
+        limits = links.lower - links.prestress, links.upper - links.prestress
+        of_links = elastic, growth, links.stiffness, *limits
+        more = 0.0 * linear, linear, linear, -np.inf * linear, np.inf * linear
+        joined = (
+            np.append(team.concatenate(value[rows]), end)
+            for value, end in zip(of_links, more, strict=True)
         )
-        return float(
-            exact_step(
-                np.append(elastic, 0.0 * linear),
-                np.append(growth, linear),
-                np.append(stiffness, linear),
-                np.append(lower, -no_bound),
-                np.append(upper, no_bound),
-                work,
-            )
-        )
+        return float(exact_step(*joined, work))

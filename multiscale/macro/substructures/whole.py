@@ -70,14 +70,7 @@ class CondensedProblem:
 
     def with_loads(self, load: np.ndarray) -> "CondensedProblem":
         """Return the problem with additional load cases at the end, shape (whole.n, cases), N."""
-        whole = self.whole
-        share = load / whole.shares[:, None]
-        substructures = [
-            replace(each, load=np.column_stack([each.load, share[each.unknown]]))
-            for each in whole.substructures
-        ]
-        problem = replace(whole, substructures=tuple(substructures))
-        condensed = self.small is not whole
+        problem, condensed = self.whole.with_loads(load), self.small is not self.whole
         return _reduce(problem, self.insides) if condensed else CondensedProblem(problem, problem)
 
     def restore(self, result: Dataset) -> Dataset:

@@ -1,7 +1,7 @@
 """Rest of a structure under its preload, and modes of small vibration about it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
@@ -320,12 +320,6 @@ def _add_springs(problem: CutProblem) -> CutProblem:
     B = whole.jump
     K = csr_array(whole.stiffness + B.T @ diags_array(k.ravel()) @ B)
 
-    # a spring goes to the first substructure with its unknown
     springs = np.zeros(problem.n)
     springs[find_free_motions(problem, K)[1]] = size
-    substructures = []
-    for each in problem.substructures:
-        added = diags_array(springs[each.unknown])
-        springs[each.unknown] = 0.0
-        substructures.append(replace(each, stiffness=csr_array(each.stiffness + added)))
-    return replace(problem, substructures=tuple(substructures))
+    return problem.with_stiffness(csr_array(diags_array(springs)))
