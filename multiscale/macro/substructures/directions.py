@@ -119,38 +119,30 @@ def schur_complements(
 
 
 def side_stiffness(
-    stack: Stack, perfect: dict[int, np.ndarray], joints: dict[int, tuple[np.ndarray, ...]]
+    stack: Stack, perfect: dict[int, np.ndarray], joints: np.ndarray
 ) -> SideStiffness:
     """Stiffness of all sides: a matrix on perfect interfaces, a diagonal on joints."""
-    rows, columns = [np.zeros(0, int)], [np.zeros(0, int)]
-    values, roots = [np.zeros(0)], [np.zeros(0)]
-    interfaces, sides = stack.problem.interfaces, stack.sides
-    for index, (face, places) in enumerate(zip(interfaces, sides.place, strict=True)):
-        each = np.arange(face.size)
-        if index in perfect:  # with the softest motions stiffened
-            size, motion = np.linalg.eigh(perfect[index])
-            size = np.maximum(size, SOFTEST * size[-1])
-            form = (motion * size) @ motion.T, (motion / np.sqrt(size)) @ motion.T
-            i, j = np.repeat(each, face.size), np.tile(each, face.size)
-            forms = [tuple(entries.ravel() for entries in form)] * len(places)
-        else:
-            i = j = each
-            forms = [(k, 1.0 / np.sqrt(k)) for k in joints[index]]
-        for (k, root), place in zip(forms, places, strict=True):
-            values.append(k)
-            roots.append(root)
-            rows.append(place.start + i)
-            columns.append(place.start + j)
-    at = np.concatenate(rows), np.concatenate(columns)
+    sides, at = stack.sides, stack.sides.joints.ravel()
+    rows, columns, values, roots = [at], [at], [joints.ravel()], [1.0 / np.sqrt(joints.ravel())]
+    for index, k in perfect.items():  # with the softest motions stiffened
+        size, motion = np.linalg.eigh(k)
+        size = np.maximum(size, SOFTEST * size[-1])
+        row, column = np.indices(k.shape).reshape(2, -1)
+        for place in sides.place[index]:
+            values.append(((motion * size) @ motion.T).ravel())
+            roots.append(((motion / np.sqrt(size)) @ motion.T).ravel())
+            rows.append(place.start + row)
+            columns.append(place.start + column)
+    places = np.concatenate(rows), np.concatenate(columns)
     matrix, root = (
-        csr_array((np.concatenate(entries), at), shape=(sides.m, sides.m))
+        csr_array((np.concatenate(entries), places), shape=(sides.m, sides.m))
         for entries in (values, roots)
     )
     return SideStiffness(matrix, root)
 
 
-def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
-    """Stiffness per area of the body on either side of a joint, shape (3, points), Pa/m."""
+def body_stiffness(problem: CutProblem, joint: CutInterface) -> np.ndarray:
+    """Stiffness per area of the bodies on both sides of a joint, shape (2, 3, points), Pa/m."""
     # geometric mean of the shortest wavelength (the diagonal) and the longest, drawn towards the
     # other side, as a stiff body has soft motions too; a side that a support fixes is rigid
     weight, sizes, fixed = np.tile(joint.weight, 3), [], []
@@ -161,7 +153,7 @@ def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray
         fixed.append((np.diff(trace.indptr) == 0).reshape(3, -1))
     sizes = [k or max(sizes) for k in sizes]  # zero where all of a side is fixed
     lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (sizes, sizes[::-1])]
-    return tuple(np.where(rows, RIGID * max(sizes), k) for rows, k in zip(fixed, lean, strict=True))
+    return np.where(np.array(fixed), RIGID * max(sizes), np.reshape(lean, (2, 1, 1)))
 
 
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -173,9 +165,10 @@ def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.
     return np.stack([tangent[0, 0], shear, shear])
 
 
-def joint_directions(
-    joint: CutInterface, bodies: tuple[np.ndarray, ...], law: np.ndarray, mean: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Stiffness of both sides of a joint: the body and half of the law in series, N/m."""
-    law = np.maximum(law, np.maximum(SOFT * mean, OPEN * np.minimum(*bodies)))
-    return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)
+def joint_directions(problem: CutProblem, bodies: np.ndarray, law: np.ndarray) -> np.ndarray:
+    """Stiffness of the sides of all joints, (2, 3, points), N/m: body and half of law in series."""
+    joint, weight = problem.point_joint, problem.weight
+    total = [np.bincount(joint, weight * row)[joint] for row in law]
+    mean = np.array(total) / np.bincount(joint, weight)[joint]
+    law = np.maximum(law, np.maximum(SOFT * mean, OPEN * bodies.min(axis=0)))
+    return np.asarray(STRENGTH * weight / (1.0 / bodies + 0.5 / law))

@@ -1,7 +1,5 @@
 r"""Micro-macro LATIN: a local stage for links and laws, a linear stage for the structure."""
 
-from collections import defaultdict
-from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -81,17 +79,17 @@ class Latin:
         self.diagonal = self.stack.stiffness.diagonal()
         self.pull, self.lift = csr_array(links.operator.T), csr_array(self.stack.trace.T)
         # joints, their laws, and the committed state
-        first_joint = len(problem.interfaces) - len(problem.joints)
-        self.joints = list(zip(count(first_joint), problem.joints, problem.points, strict=False))
         self.law, self.weight = problem.law, problem.weight
         self.state = JointState.at_rest(problem)
-        self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
+        bodies = [body_stiffness(problem, joint) for joint in problem.joints]
+        self.bodies = np.concatenate([np.zeros((2, 3, 0)), *bodies], axis=2)
         self.begin()
 
     def begin(self) -> None:
         """Set the first search directions, and z and r at rest."""
         links = self.stack.links
-        self.joint_k = self.directions(np.full((3, self.weight.size), np.inf))
+        rigid = np.full((3, self.weight.size), np.inf)
+        self.joint_k = joint_directions(self.problem, self.bodies, rigid)
         self.perfect_k: dict[int, np.ndarray] = {}
         self.update_interfaces(np.ones(links.stiffness.size))
         self.set_directions(np.where(self.stack.one_sided, FIRST, 1.0))
@@ -119,9 +117,7 @@ class Latin:
     def update_interfaces(self, carries: np.ndarray) -> None:
         """Update the stiffness of perfect interfaces for a stiffness share of each link."""
         ground = np.zeros(self.sides.m)
-        for index, sides in self.joint_k.items():
-            for place, k in zip(self.sides.place[index], sides, strict=True):
-                ground[place] = k
+        ground[self.sides.joints] = self.joint_k
         schur = schur_complements(
             self.stack, carries, diags_array(ground[self.rows]), self.factors[0]
         )
@@ -231,25 +227,12 @@ class Latin:
         tangent, changed = np.zeros_like(jump), False
         for law, at in zip(self.law.laws, self.law.points, strict=True):
             tangent[:, at] = law_stiffness(law, jump[:, at], self.state.history[: law.n_state, at])
-        for index, sides in self.directions(tangent).items():
-            ratio = np.concatenate(sides) / np.concatenate(self.joint_k[index])
+        following = joint_directions(self.problem, self.bodies, tangent)
+        for at in self.problem.points:
+            ratio = following[..., at] / self.joint_k[..., at]
             if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
-                self.joint_k[index], changed = sides, True
+                self.joint_k[..., at], changed = following[..., at], True
         return changed
-
-    def directions(self, tangent: np.ndarray) -> dict[int, tuple[np.ndarray, ...]]:
-        """Search directions of both sides of all joints for tangents of :func:`law_stiffness`."""
-        total: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((3, 1)))
-        area: dict[int, float] = defaultdict(float)
-        for _, face, at in self.joints:
-            total[face.joint] += (tangent[:, at] @ face.weight)[:, None]
-            area[face.joint] += face.weight.sum()
-        return {
-            index: joint_directions(
-                face, self.bodies[index], tangent[:, at], total[face.joint] / area[face.joint]
-            )
-            for index, face, at in self.joints
-        }
 
     def slack(self) -> np.ndarray:
         """Slack of every link, shape (rows,), m."""
