@@ -21,7 +21,7 @@ class Status(Enum):
     )
     NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
     STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"
-    JAMMED = "no solution was found, and none may exist, because friction can jam the bodies"
+    JAMMED = "no method converged, and there may be no solution, as friction can jam bodies"
     INFEASIBLE = "no admissible state exists: the data contradict the constraints"
 
 

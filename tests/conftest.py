@@ -117,7 +117,7 @@ def text_run(once):
             show_run(folder / "out")
 
         folder = once(name, make, text)
-        computed = open_finished(folder / "out").found
+        computed = open_finished(folder / "out").datasets
         return load_case(folder / "scene.toml"), folder / "out", Results(computed)
 
     return finished

@@ -58,7 +58,7 @@ def equivalent_plate(bar_over_cable: float, prestress: float, load_factor: float
 
 
 def _dome(rise: float, bars: int) -> "tuple[LinkSystem, Callable[[float], float]]":
-    """Return a dome of bars under its critical load, and the force that it bears at a height."""
+    """Return a dome of bars under its critical load, and the force at a height."""
     from multiscale.laws.link import Bar
     from multiscale.macro import LinkSystem
 
@@ -88,7 +88,7 @@ def limit_load(rise: float, bars: int) -> float:
 
 
 def near_limit(share: float, rise: float) -> float:
-    """Press the apex of a dome by a share of its critical load: error of the force it bears."""
+    """Press the apex of a dome by a share of its critical load: error of the force."""
     from multiscale.macro import solve_static
 
     dome, bears = _dome(rise, 6)

@@ -38,8 +38,8 @@ def load_geometry(path: Path, element_size: float, *, scale: float, volume: str 
 def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool = False) -> "Mesh":
     """Read a mesh with its named boundaries from a file of gmsh or of another program.
 
-    Groups of facets name boundaries, and so do sets of nodes: the outer facets with all corners in
-    the set, if no group has its name.
+    Groups of facets name boundaries. Sets of nodes also name boundaries: the outer facets with all
+    corners in the set, if no group has its name.
 
     Parameters
     ----------

@@ -81,10 +81,10 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
         Schema that the dataset must follow; the schema that it names if not given.
     """
     path = Path(path)
-    wanted = f"a {schema.name!r} dataset" if schema else "a dataset"
+    kind = f"a {schema.name!r} dataset" if schema else "a dataset"
     if not path.is_file():
         state = "not a file" if path.exists() else "no such file"
-        raise SchemaError(f"{path}: {state}; it should hold {wanted}")
+        raise SchemaError(f"{path}: {state}; it should hold {kind}")
     dataset = _load(path)
     if dataset is None:
         raise SchemaError(
@@ -93,7 +93,7 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     name, version = dataset.attrs.get("schema"), dataset.attrs.get("schema_version")
     expected = schema or SCHEMAS.get(str(name))
     if expected is None or name != expected.name:
-        raise SchemaError(f"{path}: schema {name!r}, expected {wanted}; pass the matching file")
+        raise SchemaError(f"{path}: schema {name!r}, expected {kind}; pass the matching file")
     if version != expected.version:
         both = f"{name} of schema version {version}, this package reads version {expected.version}"
         if str(version).isdigit() and int(str(version)) > expected.version:

@@ -165,7 +165,7 @@ class Dilatant(NormalLaw):
         return np.asarray(self.solid_height * (1.0 + x - below))
 
     def _dilation(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return dilations of at least the least one, and the distances below it."""
+        """Return dilations limited to the least dilation, and their distances below it."""
         x = np.asarray(gap, dtype=float) / self.solid_height - 1.0
         return np.maximum(x, self.least_dilation), np.maximum(0.0, self.least_dilation - x)
 

@@ -62,7 +62,7 @@ def pressures_of_points(
     data: tuple[float, float, float] | np.ndarray, pressure: np.ndarray, area: np.ndarray
 ) -> tuple[float, ...]:
     """Return the pressures of a ladder between which the points of an interface lie, Pa."""
-    # points that together bear less than NEGLIGIBLE_LOAD are left out, like contradicted pressures
+    # points that together carry less than NEGLIGIBLE_LOAD are left out, like contradicted pressures
     load = np.maximum(np.nan_to_num(pressure), 0.0) * area
     order = np.argsort(pressure, axis=1)
     sums = np.cumsum(np.take_along_axis(load, order, axis=1), axis=1)

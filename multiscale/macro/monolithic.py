@@ -200,7 +200,7 @@ class Assembled:
         for stiffer, parts in ATTEMPTS:
             last, balance.resistance = here, stiffer * bodies.resistance
             for share in np.linspace(0.0, 1.0, parts + 1)[1:]:
-                rising = share < 1.0  # the start may be so far off that its load overflows
+                rising = share < 1.0  # the load of a start far from the solution may overflow
                 balance.load = begin + share * (target - begin) if rising else target
                 run = NewtonRun(limits, PATIENCE)
                 last, _ = find_equilibrium(balance, balance.place(last.value, last.at), run)

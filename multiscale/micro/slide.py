@@ -51,7 +51,7 @@ def shear_path(
     -------
     Path
         Sheared to :data:`REACH`, the cell is released: pressure and slide zero. An elastic cell
-        then forgets its path.
+        then has no history.
 
     Notes
     -----

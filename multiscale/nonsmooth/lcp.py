@@ -27,7 +27,7 @@ LCP_METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] 
     "interior_point": iterate_interior_point,
     "pivoting": iterate_pivoting,
 }
-"""Methods that can be asked for by name; ``"auto"`` uses all of them."""
+"""Names of methods; ``"auto"`` uses all of them."""
 
 INDEFINITE = (
     "matrix is symmetric but indefinite: its smallest eigenvalue, with the diagonal scaled to 1, "

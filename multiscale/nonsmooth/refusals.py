@@ -13,7 +13,8 @@ from multiscale.errors import CaseError
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 
 LARGEST_EXPONENT = 300
-"""Power of ten of the unknowns beyond which fractions of 1e-8 of them lose digits or overflow."""
+"""Power of ten of the unknowns beyond which fractions of 1e-8 of them have rounding errors or
+overflow."""
 
 FIRST_LOOK, THOROUGH = 40, 200
 """Lanczos steps before a problem is solved, and after no method has solved it."""

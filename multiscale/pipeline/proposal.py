@@ -173,7 +173,7 @@ def _write(
     measured: Sequence[Measured],
     further: str,
 ) -> Proposal:
-    """Write the case file of chosen cells, pressed as the structure or their slope asks for."""
+    """Write the case file of chosen cells, under pressures of the structure or of their slope."""
     slope = sqrt(sum(each.stages[2].rms_slope ** 2 for each in measured))
     pressures = contact_modulus(STEEL, STEEL) * slope * LOADS
 
@@ -220,8 +220,8 @@ def write_structure(kind: str, preload: str) -> str:
     if kind == "blocks":
         return _blocks(preload)
     force = _positive(preload, {"N": 1.0})
-    wanted = 1e3 * sqrt(4.0 * force / (pi * BOLT_STRESS))
-    shank = next((bolt for bolt in BOLTS if bolt >= wanted), 0)
+    least = 1e3 * sqrt(4.0 * force / (pi * BOLT_STRESS))
+    shank = next((bolt for bolt in BOLTS if bolt >= least), 0)
     if not shank:
         raise CaseError(
             f"--preload {preload}: no bolt of up to {BOLTS[-1]} mm carries this force; give a "

@@ -43,22 +43,22 @@ class Results(Mapping[str, Dataset]):
 
     Attributes
     ----------
-    found : dict of str to Dataset, in the order in which the stages were run
+    datasets : dict of str to Dataset, in the order in which the stages were run
     """
 
-    found: dict[str, Dataset]
+    datasets: dict[str, Dataset]
 
     def __getitem__(self, name: str) -> Dataset:
-        return self.found[name]
+        return self.datasets[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.found)
+        return iter(self.datasets)
 
     def __len__(self) -> int:
-        return len(self.found)
+        return len(self.datasets)
 
     def _repr_html_(self) -> str:
-        shown = ((name, dataset._repr_html_()) for name, dataset in self.found.items())
+        shown = ((name, dataset._repr_html_()) for name, dataset in self.datasets.items())
         return "".join(
             f"<details><summary>{name}</summary>{html}</details>" for name, html in shown
         )
@@ -66,17 +66,17 @@ class Results(Mapping[str, Dataset]):
     @property
     def micro_response(self) -> Dataset:
         """Response of the cells."""
-        return self.found[MICRO_RESPONSE.name]
+        return self.datasets[MICRO_RESPONSE.name]
 
     @property
     def interface_law(self) -> Dataset:
         """Law fitted to the response."""
-        return self.found[INTERFACE_LAW.name]
+        return self.datasets[INTERFACE_LAW.name]
 
     @property
     def macro_result(self) -> Dataset:
         """Answer of the joint, of the tread block or of the structure."""
-        return self.found[MACRO_RESULT.name]
+        return self.datasets[MACRO_RESULT.name]
 
 
 def run(
@@ -191,7 +191,7 @@ def run_macro(
     file : path, dataset to write; its folder is made if needed
     law : path, optional, interface law of the joints, in place of the law of the case
     team : ProcessGroup, optional
-        Processes that share the substructures. All call this function; the first one writes.
+        Processes that share the substructures. All call this function; the first process writes.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def run_macro(
     Raises
     ------
     ConvergenceError
-        If no step converged, or the equilibrium from which a motion starts cannot be found.
+        If no step converged, or there is no equilibrium from which a motion starts.
     """
     file, case = Path(file), case.from_structure(None if law is None else Path(law))
     prepare(case)

@@ -250,7 +250,7 @@ def format_share(share: float) -> str:
 
 
 def format_total_error(step: Dataset, name: str) -> str:
-    """Error of a quantity of a budget, per cent, as its interval if it has one."""
+    """Error of a quantity of a budget, per cent, from its interval if known."""
     known = known_error(step.sel(quantity=[name])).item()
     bound = _bound(step, name)
     if not known > ROUNDING:

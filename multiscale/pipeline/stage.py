@@ -161,7 +161,7 @@ class Shown:
 class Stage(Shown):
     """A stage of a case."""
 
-    tables: tuple[str, ...]  # of a case file that together ask for the stage
+    tables: tuple[str, ...]  # of a case file that together request the stage
     reads: set[str] | dict[str, Any] | None = None
     """Tables and keys on which the dataset depends, in addition to the keys of the stages in
     ``takes``, as ``include`` of pydantic; all keys if not given."""
@@ -188,7 +188,7 @@ class Stage(Shown):
     """Return a dataset with the answers under their names."""
 
     def asked_for(self, tables: Container[str]) -> bool:
-        """Whether the tables of a case file ask for the stage."""
+        """Whether the tables of a case file request the stage."""
         return all(table in tables for table in self.tables)
 
     def identity(self, case: "Settings") -> str:

@@ -96,7 +96,7 @@ def solver_needs(structure: SolvedBodies, case: Case) -> Needs:
 
 def structure_of(case: Case) -> Any:
     """Return the structure of a case for its stage."""
-    assert case.structure is not None  # it asks for the stage
+    assert case.structure is not None  # it requests the stage
     return case.structure.for_solver(case)
 
 
@@ -241,7 +241,7 @@ class PathAnswers:
     """Answers of bodies on a kind of path: how they are completed, shown and compared."""
 
     question: str
-    complete: Callable[[Dataset, ReadyBodies], Dataset]  # adds answers beyond those of the path
+    complete: Callable[[Dataset, ReadyBodies], Dataset]  # adds answers in addition to the path
     facts: Callable[[Dataset, ReadyBodies], Iterable[str]]
     with_errors: "Callable[[Dataset, substructures.LoadPath, FirstOrder], JointAnswers]"
     """Return the answers that have an error budget."""

@@ -64,7 +64,7 @@ class FinishedRun:
 
     out: Path
     stages: tuple[Shown, ...]  # in the order in which they were run, or the points of a sweep
-    found: dict[str, Dataset]  # datasets of the stages, by name
+    datasets: dict[str, Dataset]  # datasets of the stages, by name
     cautions: list[str]  # one sentence each
     failure: str  # why steps have no answer, if the command ends with status 1; or empty
     case: dict[str, Any]  # content of the case file
@@ -74,20 +74,20 @@ class FinishedRun:
         of_stages = [
             section
             for stage in self.stages[::-1]
-            for section in stage.sections(self.found, self.out)
+            for section in stage.sections(self.datasets, self.out)
         ]
         return [*of_stages, *self.costs()]
 
     def lines(self, *, details: bool = False) -> Iterator[str]:
         """Yield the lines of the command line; with details of all stages, the last stage first."""
         if not details:
-            sections = self.answering.sections(self.found, self.out)
+            sections = self.answering.sections(self.datasets, self.out)
             yield from brief_lines(self.title, self.summary, sections)
             yield "Other tables, terms of the error and remarks: --details, or report.html"
             return
         for stage in self.stages[::-1]:
-            sections = stage.sections(self.found, self.out)
-            lines = stage.lines(self.found[stage.name], sections, details=True)
+            sections = stage.sections(self.datasets, self.out)
+            lines = stage.lines(self.datasets[stage.name], sections, details=True)
             yield from lines or (self.summary.answer if stage is self.answering else ())
         for section in self.costs():
             yield from format_table(section.heading, section.head, section.rows)
@@ -95,9 +95,9 @@ class FinishedRun:
     def costs(self) -> list[Section]:
         """Return the section on time and error of a run of a case; plans have another section."""
         file = self.out / "case.toml"
-        if "sweep" in self.case or not file.exists() or ACCURACY.name in self.found:
+        if "sweep" in self.case or not file.exists() or ACCURACY.name in self.datasets:
             return []
-        return run_costs(load_case(file), self.stages, self.found)
+        return run_costs(load_case(file), self.stages, self.datasets)
 
     @property
     def answering(self) -> Shown:
@@ -107,12 +107,12 @@ class FinishedRun:
     @property
     def summary(self) -> Summary:
         """Question and answer of the run."""
-        return self.answering.summary(self.found[self.answering.name])
+        return self.answering.summary(self.datasets[self.answering.name])
 
     @property
     def title(self) -> str:
         """Title of the case."""
-        return str(self.found[self.answering.name].attrs["title"])
+        return str(self.datasets[self.answering.name].attrs["title"])
 
 
 def open_finished(out: Path) -> FinishedRun:
@@ -202,7 +202,7 @@ def show_run(out: str | Path) -> FinishedRun:
 
 
 def write_report(out: str | Path) -> Path:
-    """Write ``report.html`` of a finished run or sweep whose figures are drawn."""
+    """Write ``report.html`` of a finished run or sweep with its figures."""
     with reading_run(out):
         run = open_finished(Path(out))
         return _write(run, run.sections())
@@ -348,8 +348,8 @@ def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...
 
 
 def _work(run: FinishedRun) -> Iterator[Section]:
-    counted = [row for stage in run.stages for row in stage.work(run.found)]
-    attributes = run.found[run.stages[-1].name].attrs
+    counted = [row for stage in run.stages for row in stage.work(run.datasets)]
+    attributes = run.datasets[run.stages[-1].name].attrs
     names = {"source": "program", "environment": "computed with", "history": "command"}
     provenance = [(name, str(attributes[key])) for key, name in names.items() if key in attributes]
     yield Section("Work and provenance", rows=[*counted, *provenance])

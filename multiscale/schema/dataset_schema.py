@@ -242,7 +242,7 @@ def _described(kind: str, rows: Mapping[str, list[Any]]) -> dict[str, Variable]:
 
 
 def with_cautions(dataset: Dataset, *lines: str) -> Dataset:
-    """Return a dataset whose attribute ``cautions`` has further lines, without empty lines."""
+    """Return a dataset with further lines in the attribute ``cautions``, without empty lines."""
     cautions = (str(dataset.attrs.get("cautions", "")), *lines)
     return dataset.assign_attrs(cautions="\n".join(filter(None, cautions)))
 

@@ -208,7 +208,7 @@ class Lay:
 
     angle: float  # to the x axis, rad, from 0 to pi
     ratio: float  # root mean square slope across the lay over along it, at least 1
-    oblique: float  # share of the lay that a mirror image loses
+    oblique: float  # share of the lay missing in a mirror image
 
 
 def find_lay(surface: Surface, short_cutoff: float) -> Lay:

@@ -121,7 +121,7 @@ def calibrate(
         Half-widths of the 95 % intervals of the logarithms of all heights and of the stiffness of
         joints about the law of their cells, and of its exponent over the pressure.
     cells : float, optional
-        Number of cells in the nominal area of the joint, whose scatter is then part of the prior.
+        Number of cells in the nominal area of the joint; their scatter is then part of the prior.
     extrapolate : bool, whether preloads outside the pressures of the law are used
 
     Returns
@@ -500,7 +500,7 @@ def _rows(mode: Mode, measured: Sequence[MeasuredJoint]) -> Iterator[MeasuredRow
 def _sentences(
     mode: Mode, prior: _Prior, rows: Sequence[MeasuredRow], draws: Draws
 ) -> Iterator[str]:
-    """Report disagreement, outliers, what was not learned, and unreliable weights."""
+    """Report disagreement, outliers, parameters without information, and unreliable weights."""
     yield from mode.cautions
     pull = np.where(mode.learned > LEARNS, np.abs(mode.pull), 0.0)
     worst = int(np.argmax(pull))

@@ -78,7 +78,7 @@ def fit_law(
         Follows ``MICRO_RESPONSE``: many cheap cells next to the few of a response, at the same
         pressures, such as flat cells for conforming cells. Cheap cells with the numbers of the
         response have its surfaces. Means and samples use both, see :class:`~.sampling.Control`, or
-        only the response for a quantity whose interval the control does not narrow.
+        only the response if the control does not narrow the interval of a quantity.
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
         have free form and are the default; the others are in ``FAMILIES``, or defined by a user.
@@ -351,7 +351,7 @@ def _doubts(observations: Observations) -> Iterator[str]:
 
 
 def _schema_of(family: Family | None, observations: Observations) -> Schema:
-    """Return the schema of a law, whose variables include the parameters of a family."""
+    """Return the schema of a law, with the parameters of a family as variables."""
     if family is None:
         return INTERFACE_LAW
     text = f"parameter of the {family.name} law"
@@ -381,7 +381,7 @@ def compare_laws(
     Dataset
         Follows ``LAW_COMPARISON``, in the order of the cross-validated error, the smallest first.
         The criterion is NaN for a law of free form, which has no defined number of parameters; the
-        weights are those of the other families.
+        weights belong to the other families.
 
     Notes
     -----

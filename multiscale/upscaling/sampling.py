@@ -121,7 +121,7 @@ class Control:
         )
 
     def __str__(self) -> str:
-        """Return the number of cheap cells, and their correlation with the dear cells."""
+        """Return the number of cheap cells, and their correlation with the expensive cells."""
         low, high = self.correlation.min(), self.correlation.max()
         counted = int(np.isfinite(self.cheap).any(axis=1).sum())
         return f"{counted} control cells with a correlation of {low:.5g} to {high:.5g}"
@@ -151,6 +151,6 @@ class Control:
 
 
 def best_ratio(correlation: float, cost_ratio: float) -> float:
-    """Return the cheap cells for each dear cell, M/R = sqrt(c rho² / (1 - rho²)), (3.6) of [2]_."""
+    """Return the best ratio of cheap cells, M/R = sqrt(c rho² / (1 - rho²)), (3.6) of [2]_."""
     square = min(correlation**2, 1.0 - 1e-6)
     return float(np.sqrt(cost_ratio * square / (1.0 - square)))

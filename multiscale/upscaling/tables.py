@@ -70,11 +70,11 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     path = Path(path)
     if quantity not in QUANTITIES:
         raise CaseError(f"there is no quantity {quantity!r}; choose from {', '.join(QUANTITIES)}")
-    wanted = {
+    expected = {
         name.replace("_", " "): unit for name, unit in QUANTITIES[quantity].conditions.items()
     }
-    wanted[_COLUMN[quantity]] = QUANTITIES[quantity].unit
-    columns, specimen, _ = read_columns(path, wanted, signed=("gap", "speed"))
+    expected[_COLUMN[quantity]] = QUANTITIES[quantity].unit
+    columns, specimen, _ = read_columns(path, expected, signed=("gap", "speed"))
     *conditions, values = columns.values()
     rows = specimen if specimen is not None else _occurrence(conditions)
     points, column = np.unique(np.column_stack(conditions), axis=0, return_inverse=True)
@@ -102,7 +102,7 @@ def quantity_of(path: str | PathLike[str]) -> str:
     if len(present) != 1:
         raise CaseError(
             f"{path}: the first line should name pressure and {' or '.join(columns)}, with "
-            f"units, found {', '.join(names)}"
+            f"units, got {', '.join(names)}"
         )
     return present[0]
 
@@ -113,7 +113,7 @@ def units_of_columns(path: Path) -> dict[str, str | None]:
 
 
 def read_columns(
-    path: Path, wanted: Mapping[str, str], *, signed: Collection[str], bare: bool = False
+    path: Path, expected: Mapping[str, str], *, signed: Collection[str], bare: bool = False
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
     """Read columns of a table, in SI, the column of specimens, and the columns without units."""
     heads = units_of_columns(path)
@@ -121,30 +121,30 @@ def read_columns(
     renamed = {
         other: name
         for name, other in (LOADS, LOADS[::-1])
-        if name in wanted and name not in heads and other not in wanted
+        if name in expected and name not in heads and other not in expected
     }
 
     def parse(head: str) -> tuple[str, str | None]:
         name, unit = _name_and_unit(head)
         return renamed.get(name, name), unit
 
-    table = read_table(path, lambda head: _kind(parse(head)[0], wanted, signed))
+    table = read_table(path, lambda head: _kind(parse(head)[0], expected, signed))
     present = {name: (head, unit) for head in table for name, unit in [parse(head)]}
-    if missing := [name for name in wanted if name not in present]:
-        example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
+    if missing := [name for name in expected if name not in present]:
+        example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in expected.items())
         raise CaseError(
             f"{path}: no column {' and no column '.join(missing)}; the first line should name "
-            f"{example}, found {', '.join(table)}"
+            f"{example}, got {', '.join(table)}"
         )
     for head in table:
         name, _ = parse(head)
-        if name in wanted and present[name][0] != head:
+        if name in expected and present[name][0] != head:
             raise CaseError(
                 f"{path}: the columns {head!r} and {present[name][0]!r} have the same name; leave "
                 f"one of them out"
             )
     columns, without = {}, []
-    for name, unit in wanted.items():
+    for name, unit in expected.items():
         head, given = present[name]
         if not given and bare:
             without.append(name)
@@ -163,8 +163,8 @@ def read_columns(
     return columns, specimen, without
 
 
-def _kind(name: str, wanted: Collection[str], signed: Collection[str]) -> Callable[[str], Any]:
-    if name not in wanted:
+def _kind(name: str, expected: Collection[str], signed: Collection[str]) -> Callable[[str], Any]:
+    if name not in expected:
         return str
     return finite if name in signed else positive
 

@@ -66,7 +66,7 @@ class Finished:
     @property
     def stages(self) -> list[tuple[Stage, object]]:
         """Stages and their datasets."""
-        return [(stage, self.run.found[stage.name]) for stage in self.run.stages]
+        return [(stage, self.run.datasets[stage.name]) for stage in self.run.stages]
 
 
 def write_files(folder: Path) -> None:

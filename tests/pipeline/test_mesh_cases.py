@@ -164,7 +164,7 @@ def test_named_volumes_need_laws_and_meshes_need_one_realisation(tmp_path):
     with pytest.raises(CaseError, match=r"names volumes without a law, matrix; give each"):
         make_cells(load_case(path))
     path = written(tmp_path / "case.toml", of_file("rve.msh"), rough=False, realisations=3)
-    with pytest.raises(CaseError, match="asks for 3 realisations; set realisations = 1"):
+    with pytest.raises(CaseError, match="has 3 realisations; set realisations = 1"):
         load_case(path)
 
 

@@ -66,7 +66,7 @@ def test_a_stage_that_is_added_is_run_reported_and_shown(run_folder, tmp_path, m
     assert list(results) == ["micro_response", "interface_law", "macro_result", "mean_pressure"]
     assert results["macro_result"] is results.macro_result
     finished = open_finished(out)
-    response, added = (finished.found[name] for name in ("micro_response", "mean_pressure"))
+    response, added = (finished.datasets[name] for name in ("micro_response", "mean_pressure"))
     np.testing.assert_allclose(
         added["mean_real_pressure"] * response["contact_fraction"].mean("realisation"),
         response["nominal_pressure"],

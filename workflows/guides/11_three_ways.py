@@ -1,6 +1,6 @@
 """Three ways to an answer: with a law, with cells at every point, or with all roughness resolved.
 
-Question: how much accuracy does a law of the roughness lose, and how much time does it save?
+Question: how large is the error of a law of the roughness, and how much time does it save?
 
     python workflows/guides/11_three_ways.py
 """

@@ -53,7 +53,7 @@ class Pairs(NamedTuple):
     impulse: np.ndarray  # impulses from which the sweeps start, shape (pairs, c), N s
     anchor: np.ndarray  # impulses at which contact springs are relaxed, shape (pairs, c), N s
     struck: np.ndarray  # impulses of impacts in this step; no rows without restitution, N s
-    wanted: np.ndarray  # whether a pair is a contact for any gap, shape (pairs,)
+    forced: np.ndarray  # whether a pair is a contact for any gap, shape (pairs,)
     compliance: np.ndarray  # shape (pairs,), dimensionless
 
 
@@ -196,7 +196,7 @@ def allowed_step(
 
 
 def build_contacts(pairs: Pairs, geometry: Geometry, step: FreeStep) -> Contacts:
-    """Return the contacts: wanted, with an impulse before, or near in a step without impulses."""
+    """Return the contacts: forced, with an impulse before, or near in a step without impulses."""
     h, strain, smaller = step.length, step.strain, geometry.smaller
     gap, way = geometry.gap + step.slack[0] * smaller + step.slack[1], np.zeros_like(smaller)
     met = np.zeros(len(smaller), bool)
@@ -206,7 +206,7 @@ def build_contacts(pairs: Pairs, geometry: Geometry, step: FreeStep) -> Contacts
     ahead = _parting(pairs.ends, geometry, step.velocity)
     ahead += (geometry.branch * geometry.normal) @ strain[0]
     near = gap + way + h * np.minimum(ahead, 0.0) < CONTACT_DISTANCE * smaller
-    chosen = np.flatnonzero(pairs.wanted | near | met | pairs.impulse.any(axis=1))
+    chosen = np.flatnonzero(pairs.forced | near | met | pairs.impulse.any(axis=1))
 
     (i, j), branch, mobility = pairs.ends[chosen].T, geometry.branch[chosen], step.mobility
     gap, way = gap[chosen], way[chosen]
@@ -243,7 +243,7 @@ def mark_overlaps(
     velocity: np.ndarray,
     rate: np.ndarray,
 ) -> bool:
-    """Mark pairs that overlap too far after the step as ``wanted``; report whether any do."""
+    """Mark pairs that overlap too far after the step as ``forced``; report whether any do."""
     used = np.full(len(pairs.ends), -1.0)
     used[contacts.number] = contacts.compliance
     gap = geometry.gap + step.slack[1]
@@ -252,8 +252,8 @@ def mark_overlaps(
     u = _parting(pairs.ends, geometry, velocity) + (geometry.branch * geometry.normal) @ rate
     allowed = np.where(used >= 0.0, CONTACT_OVERLAP, APART_OVERLAP) * geometry.smaller
     deep = gap + step.length * u < -allowed
-    deep &= np.where(used >= 0.0, used > LEAST_COMPLIANCE, ~pairs.wanted)
-    pairs.wanted[deep] = True
+    deep &= np.where(used >= 0.0, used > LEAST_COMPLIANCE, ~pairs.forced)
+    pairs.forced[deep] = True
     pairs.compliance[deep & (used >= 0.0)] *= STIFFENING
     return bool(deep.any())
 

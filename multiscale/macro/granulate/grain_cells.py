@@ -222,9 +222,9 @@ def shear_response(
         Follows ``MICRO_RESPONSE``, with the pressure and ``sliding_speed`` along ``step``. The
         traction acts on the plates, eqs (2)-(3) of the source with forces in place of tractions;
         ``mean_gap`` is the distance of the plates, and ``contact_fraction`` the share of the upper
-        plate below which grains bear it. A step is ``converged`` if 90 % of its time steps are,
-        and the grains bear the pressure within 5 % in the mean. The attribute ``ended`` has the
-        reasons of other steps.
+        plate carried by grains. A step is ``converged`` if 90 % of its time steps are, and the
+        grains carry the pressure within 5 % in the mean. The attribute ``ended`` has the reasons of
+        other steps.
 
     Notes
     -----

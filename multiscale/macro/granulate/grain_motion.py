@@ -209,8 +209,8 @@ def pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
             turned = contacts.coulomb[:, 2:] / max(given, across)
             relaxed = share * along + turned * (contacts.impulse - along)
         anchor[contacts.number] = longer * relaxed
-    unmet, wanted = np.zeros((0, impulse.shape[1])), np.zeros(count, bool)
-    return Pairs(state.pairs, impulse, anchor, unmet, wanted, np.full(count, given))
+    unmet, forced = np.zeros((0, impulse.shape[1])), np.zeros(count, bool)
+    return Pairs(state.pairs, impulse, anchor, unmet, forced, np.full(count, given))
 
 
 def _bounce(
@@ -223,7 +223,7 @@ def _bounce(
 ) -> tuple[FreeStep, Pairs, bool]:
     """Return step and pairs after impacts, and whether all are solved."""
     law, h, (first, acted) = model.law, step.length, times
-    every = pairs._replace(wanted=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
+    every = pairs._replace(forced=np.ones(len(pairs.ends), bool), impulse=0.0 * pairs.impulse)
     contacts = build_contacts(every, geometry, step)
     force, strained = step.velocity - damped[0], step.strain[0] - damped[1]
     start, rate = damped[0] + first * force, damped[1] + first * strained
@@ -450,7 +450,7 @@ def _spring_energy(state: GrainState, velocity: np.ndarray) -> float:
     overlap = np.where(contacts.compliance > 0.0, np.maximum(-openings, 0.0), 0.0)
     springs = 2.0 * np.sum(contacts.vectors * n, axis=1) / state.force_time * overlap
     if contacts.coulomb is not None:
-        held = contacts.impulse - np.sum(contacts.impulse * n, axis=1)[:, None] * n
+        tangential = contacts.impulse - np.sum(contacts.impulse * n, axis=1)[:, None] * n
         give = contacts.coulomb[:, 2] / contacts.coulomb[:, 0]
-        springs += give * np.sum(held**2, axis=1)
+        springs += give * np.sum(tangential**2, axis=1)
     return 0.5 * float(np.sum(springs))

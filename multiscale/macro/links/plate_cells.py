@@ -111,7 +111,7 @@ class PlateCell:
         return np.asarray(self.prestress + self.elastic * stretch)
 
     def _energy(self, tension: np.ndarray, elastic: np.ndarray) -> np.ndarray:
-        """Energy of the links, J, whose derivative by the elongation is the tension."""
+        """Energy of the links, J; its derivative by the elongation is the tension."""
         return np.asarray((tension * (elastic - 0.5 * tension)) @ (1.0 / self.elastic))
 
     def _condense(self, stiffness: np.ndarray) -> np.ndarray:
@@ -225,9 +225,11 @@ def _unit_strains(position: np.ndarray) -> np.ndarray:
 
 
 def _refuse_soft(stiffness: np.ndarray) -> None:
-    own = stiffness.diagonal()
+    diagonal = stiffness.diagonal()
     for kind in (slice(0, 3), slice(3, 6), slice(6, 8)):
-        soft = np.flatnonzero(own[kind] <= SOFT * max(own[kind].max(), SOFT * own.max()))
+        soft = np.flatnonzero(
+            diagonal[kind] <= SOFT * max(diagonal[kind].max(), SOFT * diagonal.max())
+        )
         if soft.size:
             raise CaseError(
                 f"the cell is a mechanism: {STRAINS[kind][soft[0]]} of its plate has no "

@@ -45,7 +45,7 @@ def natural_frequencies(
 
     The mass of a node with beams is distributed over their sections, taken as homogeneous, which
     gives it the inertia :math:`m\, EI / EA` against bending, and the sum of both against twist. A
-    beam is divided into several, between whose nodes its tension does not bend it.
+    beam is divided into several elements; its tension does not bend it between their nodes.
 
     Examples
     --------

@@ -62,7 +62,8 @@ def prepare_coarse(
     """Condense the linear stage onto the coarse unknowns."""
     # H T^T k_0 P: column j of a substructure is the answer to its coarse motion j
     # L = sum P^T k_0 P - (k_0 P)^T T H T^T k_0 P, with the inverse H of every substructure (1); all
-    # are blocks of a diagonal matrix, so that one solve with several right sides serves them
+    # are blocks of a diagonal matrix, so a single solve with several right sides is sufficient for
+    # them
     on_sides = csr_array(basis[stack.sides.slot])
     push = csr_array(side_stiffness @ on_sides)
     local_push = csr_array(stack.trace.T @ push[stack.rows])

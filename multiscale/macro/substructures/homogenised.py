@@ -63,8 +63,8 @@ def solve_homogenised(
         :func:`simulate_latin`. It is called for the coarse structure, of one substructure, and for
         ``problem`` where all substructures are resolved.
     adaptive : bool
-        Whether substructures are resolved in which links leave their range. Otherwise steps in
-        which links do so are refused.
+        Whether substructures are resolved in which links leave their range. Otherwise such steps
+        are refused.
 
     Returns
     -------

@@ -312,7 +312,7 @@ class CutProblem:
 
     @cached_property
     def bodies(self) -> np.ndarray:
-        """Number of the body of every substructure but shanks; those of a body share unknowns."""
+        """Body of every substructure but shanks; substructures of a body share unknowns."""
         shanks = len(self.bolts) if self.locked else 0
         cut = self.substructures[: len(self.substructures) - shanks]
         numbers = np.concatenate([substructure.unknown for substructure in cut])

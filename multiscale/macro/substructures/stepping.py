@@ -306,8 +306,8 @@ def follow(
             unloaded = np.flatnonzero(force <= NO_FORCE * largest)
             if unloaded.size:
                 names = " and ".join(bolts[place].name for place in unloaded)
-                reason = f"the load leaves {names} loose, as its force falls to zero; tighten it "
-                column |= {"converged": 0, "failure": f"{reason}harder, or lower the load"}
+                reason = f"the force of {names} falls to zero under the load; tighten it "
+                column |= {"converged": 0, "failure": f"{reason}more, or reduce the load"}
         elif locks:
             opened = _explain_opening(problem, factor, state.pressure, force)
             column["failure"] = opened or column["failure"]

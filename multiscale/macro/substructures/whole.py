@@ -94,7 +94,7 @@ class CondensedProblem:
 
 
 def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
-    """Cut an assembly, and condense its bodies once for all paths if its method does so."""
+    """Cut an assembly, and condense its bodies once for all paths if the method condenses."""
     if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
             "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
@@ -260,8 +260,8 @@ class MultigridNewton(AssembledNewton):
     """Newton's method on the whole with iterative directions, for bodies of 1e5 to 1e6 unknowns.
 
     The tangent of bodies and joints is preconditioned by smoothed aggregation with the rigid
-    motions of the bodies; see :class:`~multiscale.fe.multigrid.Multigrid`. A direction whose
-    residual stays above 1e-10 is not used.
+    motions of the bodies; see :class:`~multiscale.fe.multigrid.Multigrid`. A direction with a
+    residual above 1e-10 is not used.
     """
 
     name: ClassVar[str] = "Newton's method with multigrid"

@@ -373,7 +373,7 @@ def vibrate(
         are NaN with ``converged`` 0, and the attribute ``failure`` gives the reason.
     """
     # backbone of each mode
-    total, finished = 2 * sum(len(wanted.values) for wanted in amplitudes.values()), 0
+    total, finished = 2 * sum(len(levels.values) for levels in amplitudes.values()), 0
 
     def count() -> None:
         nonlocal finished
@@ -382,15 +382,15 @@ def vibrate(
 
     progress(0, total)
     curves = [
-        follow_backbone(rest, modes, load, mode, wanted, count)
-        for mode, wanted in amplitudes.items()
+        follow_backbone(rest, modes, load, mode, levels, count)
+        for mode, levels in amplitudes.items()
     ]
 
     # dataset
     shape = modes.nodal(rest.free)
     largest = np.linalg.norm(shape, axis=2).max(axis=1)
-    number = np.repeat([*amplitudes], [len(wanted.values) for wanted in amplitudes.values()])
-    q = np.concatenate([wanted.values for wanted in amplitudes.values()])
+    number = np.repeat([*amplitudes], [len(levels.values) for levels in amplitudes.values()])
+    q = np.concatenate([levels.values for levels in amplitudes.values()])
     frequency, damping, opens = (
         np.concatenate([getattr(curve, name) for curve in curves])
         for name in ("frequency", "damping", "opens")
@@ -419,9 +419,9 @@ def vibrate(
     # cautions
     cautions = [
         f"mode {mode + 1}: contact opens at amplitudes from "
-        f"{wanted.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule is "
+        f"{levels.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule is "
         f"not valid: the loss belongs to a full cycle, and both directions differ"
-        for (mode, wanted), curve in zip(amplitudes.items(), curves, strict=True)
+        for (mode, levels), curve in zip(amplitudes.items(), curves, strict=True)
         if curve.opens.any()
     ]
     cautions += [

@@ -150,8 +150,8 @@ def tangent_modes(
             f"mode {count} is requested, and the model has {n - rigid.shape[1]} modes; count them "
             f"from 1, or give finer meshes"
         )
-    wanted = min(count + MORE, n - rigid.shape[1])
-    if n <= max(FEW, 4 * wanted):
+    needed = min(count + MORE, n - rigid.shape[1])
+    if n <= max(FEW, 4 * needed):
         square, shape = eigh(stiffness.toarray(), mass.toarray())
         elastic = norm(rigid.T @ (mass @ shape), axis=0) ** 2 < RIGID
         square, shape = square[elastic], shape[:, elastic]
@@ -167,8 +167,8 @@ def tangent_modes(
 
         start = np.random.default_rng(seed=0).standard_normal(n)
         inverse = LinearOperator((n, n), matvec=balanced, dtype=float)
-        square, shape = eigsh(stiffness, wanted, mass, sigma=0.0, OPinv=inverse, v0=start)
-    order = np.argsort(square)[:wanted]
+        square, shape = eigsh(stiffness, needed, mass, sigma=0.0, OPinv=inverse, v0=start)
+    order = np.argsort(square)[:needed]
     square, shape = square[order], shape[:, order]
     if square[0] <= 0.0:
         raise CaseError(

@@ -158,7 +158,7 @@ def local_fatigue(
 def _difference(
     state: np.ndarray, cycles: float, first: FatigueProgress, other: FatigueProgress
 ) -> float:
-    """Half the relative difference of two jumps: of changes, or of lives where both crack."""
+    """Half the relative difference of two jumps: of changes, or of lives if both crack."""
     changes = [run.state[:, :2] - state[:, :2] for run in (first, other)]
     cracks = (first.broken & other.broken)[:, None]
     lives = [cycles + run.cycles[:, None] for run in (first, other)]

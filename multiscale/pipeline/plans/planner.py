@@ -179,7 +179,7 @@ class Planner:
         if ratio <= 1.0:
             raise CaseError(
                 f"the {name} at the setting {_rungs(setting)} and at the coarser setting "
-                f"{_rungs(below)} are the same, and their error is not known; ask for other "
+                f"{_rungs(below)} are the same, and their error is not known; give other "
                 f"{name}, or leave the target out"
             )
         coarse = self.solve(below, False)

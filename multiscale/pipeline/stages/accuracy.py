@@ -158,12 +158,12 @@ def find_answers(case: Case, stages: Sequence[Stage]) -> list[Asked]:
     elif accuracy.of is None:
         answers = every[:1]
     else:
-        wanted = set(accuracy.of.lower().replace("_", " ").split())
+        words = set(accuracy.of.lower().replace("_", " ").split())
         exact = [asked for asked in every if accuracy.of in (asked.name, asked.label)]
         answers = exact or [
             asked
             for asked in every
-            if wanted <= {*asked.name.split("_"), *asked.label.lower().split()}
+            if words <= {*asked.name.split("_"), *asked.label.lower().split()}
         ]
     if not answers:
         raise CaseError(

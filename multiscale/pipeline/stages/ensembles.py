@@ -53,7 +53,7 @@ cells, and with it the answers."""
 
 MOST = 256
 """Largest number of flat cells by the rule of the best ratio: the error of their mean is an eighth
-of the scatter of single cells. A case file may ask for more."""
+of the scatter of single cells. A case file may have more."""
 
 CHANCE = (
     "the correlation of the mean gaps of the control cells with the mean gaps of the {} cells is "

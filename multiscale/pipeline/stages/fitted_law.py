@@ -239,7 +239,7 @@ def _describe_shear(law: Dataset, of_points: float) -> _Part:
 
 
 def _format_ratio(law: Dataset, axis: int) -> str:
-    """Tangential over normal stiffness along an axis, with its 95 % interval if there is one."""
+    """Tangential over normal stiffness along an axis, with its 95 % interval if known."""
     value, drawn = float(law["shear_stiffness_ratio"][axis]), np.empty(0)
     if law.sizes.get("shear_sample", 0):
         drawn = law["shear_stiffness_ratio_sample"].to_numpy()[:, axis]

@@ -470,7 +470,7 @@ class MeasuredTable(toml.Settings):
     """Vibrating mass over the nominal area, for `kind = "vibration"`."""
     case: Path | None = None
     """Case of bodies with `[vibration]`, in place of `mass`: its first mode is the measured mode,
-    and all its interfaces have the law. Amplitudes are those of the node that moves farthest."""
+    and all its interfaces have the law. Amplitudes belong to the node that moves farthest."""
 
     def _faults(self) -> Iterator[str]:
         if (self.kind == "vibration") != ((self.mass is None) != (self.case is None)):

@@ -40,7 +40,7 @@ def cell_faults(case: "Case") -> Iterator[str]:
 def _mesh_faults(case: "Case") -> Iterator[str]:
     if case.cell.mesh is not None and case.micro.realisations != 1:
         yield (
-            f"mesh in [cell] is one cell, and [micro] asks for {case.micro.realisations} "
+            f"mesh in [cell] is one cell, and [micro] has {case.micro.realisations} "
             f"realisations; set realisations = 1"
         )
     if case.cell.mesh is not None and case.micro.shear is not None:
@@ -144,7 +144,7 @@ def _coarser_faults(case: "Case") -> Iterator[str]:
                 yield (
                     f"coarser in [micro] leaves {1e6 * spacing:.4g} um between points, and the "
                     f"same surface needs a short_cutoff of body_{number} of more than twice "
-                    f"that; give a longer one, or more points"
+                    f"that; give a longer cut-off, or more points"
                 )
 
 

@@ -351,7 +351,7 @@ MESSAGES: dict[str, Callable[[Any], str]] = {
         f"{fault['ctx']['expected_tags'].replace(chr(39), '')}"
     ),
 }
-"""Sentences that replace those of pydantic."""
+"""Sentences that replace the messages of pydantic."""
 
 
 def _message(fault: Any) -> str:

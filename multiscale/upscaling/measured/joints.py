@@ -313,7 +313,7 @@ def _first_loading(
 
 
 def split_loops(pressure: np.ndarray) -> list[slice]:
-    """Return the rows of every loop: consecutive rows whose preloads are the same but for SAME."""
+    """Return the consecutive rows of every loop, with preloads that differ by less than SAME."""
     starts = [0]
     for row, p in enumerate(pressure):
         if abs(p - pressure[starts[-1]]) > SAME * pressure[starts[-1]]:

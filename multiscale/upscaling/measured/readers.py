@@ -110,21 +110,23 @@ def read_measured(
 def _read_columns(path: Path, kind: Kind, error: float | None) -> tuple[dict[str, np.ndarray], str]:
     """Read the columns of a kind, SI, and return also the unit of its errors."""
     given = units_of_columns(path)
-    wanted = {LOADS.get(kind, "preload"): "Pa"} | COLUMNS[kind]
+    expected = {LOADS.get(kind, "preload"): "Pa"} | COLUMNS[kind]
     if "error" in given and error is not None:
         raise CaseError(
             f"{path}: the table has a column error, and error = {error:g} is given too; leave out "
             f"one of them"
         )
     if "error" in given:
-        wanted["error"] = "1" if given["error"] in ("%", "1", None) else list(wanted.values())[-1]
+        expected["error"] = (
+            "1" if given["error"] in ("%", "1", None) else list(expected.values())[-1]
+        )
     elif error is None:
         raise CaseError(
             f'{path}: the values have no error; state error, such as "3 %", or give the table a '
             f"column of this name"
         )
-    columns, _, _ = read_columns(path, wanted, signed=("displacement", "shear", "closure"))
-    unit = wanted.get("error", "1")
+    columns, _, _ = read_columns(path, expected, signed=("displacement", "shear", "closure"))
+    unit = expected.get("error", "1")
     if unit == "1" and "error" in columns and columns["error"].max() >= 1.0:
         raise CaseError(
             f"{path}: the column error has a share of {columns['error'].max():.4g}, and errors are "

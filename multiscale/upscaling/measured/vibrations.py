@@ -146,7 +146,7 @@ def read_vibration(
     if (len(given) == len(ERRORS)) == (error is not None) or len(given) == 1:
         raise CaseError(
             f'{path}: vibrations need either error, such as "3 %", or both columns '
-            f"{' and '.join(ERRORS)}, found {' and '.join(given) or 'no such column'} and "
+            f"{' and '.join(ERRORS)}, got {' and '.join(given) or 'no such column'} and "
             f"error = {error}"
         )
     preload = {} if mass is None else {"preload": "Pa"}
