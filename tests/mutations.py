@@ -58,6 +58,7 @@ TESTS = {
     "upscaling.scales": "tests/upscaling/test_scales.py",
     "upscaling.regression": "tests/upscaling/test_tables.py tests/upscaling/test_fit.py",
     "upscaling.calibration": "tests/upscaling/test_calibration.py",
+    "upscaling.prior": "tests/upscaling/test_calibration.py",
     "upscaling.transport": "tests/upscaling/test_transport.py",
     "macro.data_range": "tests/macro/test_data_range.py",
     "macro.links.statics": "tests/macro/test_link_statics.py tests/test_refused_calls.py",

@@ -19,8 +19,8 @@ PROPOSAL = 7.0  # degrees of freedom of the draws
 MOST_STEPS = 60
 
 NEAR, SETTLED = 0.1, 1e-3
-"""Distances from the mode in posterior standard deviations of each parameter: of the squares, and
-at kinks of the answers, as where a curve of stiffness is bent to rise; elsewhere."""
+"""Distances from the mode in posterior standard deviations of each parameter: of the squares, of
+answers with noise, and at kinks, as where a curve of stiffness is bent to rise; elsewhere."""
 
 Residual = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Maps parameters to residuals (data,) and their derivatives (data, parameters)."""
@@ -50,7 +50,7 @@ class Mode(NamedTuple):
         return [
             f"the parameters of the law converged to {self.apart:.1g} of their posterior standard "
             f"deviations in {self.solves} solves instead of {SETTLED:g}, since the answers have "
-            f"kinks; their intervals may have errors of this size"
+            f"kinks or noise; their intervals may have errors of this size"
         ]
 
     @property
@@ -65,8 +65,11 @@ class Mode(NamedTuple):
         return np.where(self.learned > 1e-6, self.theta / spread, 0.0)
 
 
-def find_mode(residual: Residual, n: int) -> Mode:
-    """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student."""
+def find_mode(residual: Residual, n: int, *, noisy: bool = False) -> Mode:
+    """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student.
+
+    With noisy answers steps end where one fails and the next would be no longer than NEAR.
+    """
     theta, solves = np.zeros(n), 1
     r, J = residual(theta)
     for robust in (False, True):
@@ -84,6 +87,8 @@ def find_mode(residual: Residual, n: int) -> Mode:
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
             else:
                 damping = max(10.0 * damping, 1e-2)
+                if noisy and apart <= NEAR * (1.0 + damping):
+                    break
     H, _, apart = _newton(theta, r, J, robust=True)
     return Mode(theta, np.linalg.inv(H), r, J, _weights(r), solves, apart)
 

@@ -79,7 +79,7 @@ def test_structures_that_are_solved_again_keep_the_volumes_of_their_other_bodies
         )
         return local_fatigue(stress_of, elements, material, **options)
 
-    monkeypatch.setattr("multiscale.pipeline.stages.body_life.local_fatigue", follow)
+    monkeypatch.setattr("multiscale.pipeline.stages.body_fatigue.local_fatigue", follow)
     load = TEXT[TEXT.index("[[structure.loads]]") : TEXT.index("[statics]")]
     solve(cube, (load, PAD), ("[fatigue]", '[fatigue]\nbody = "part"'))
     np.testing.assert_allclose(asked["again"], asked["first"], rtol=1e-6, atol=1.0)

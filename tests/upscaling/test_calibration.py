@@ -24,7 +24,6 @@ from multiscale.upscaling.budget import (
     interval_errors,
     with_budget,
 )
-from multiscale.upscaling.calibration import HEIGHTS, _covariance_of_cells
 from multiscale.upscaling.law_budget import LAW_QUANTITIES
 from multiscale.upscaling.measured.joints import (
     BedCurve,
@@ -37,6 +36,7 @@ from multiscale.upscaling.measured.joints import (
 )
 from multiscale.upscaling.posterior import Draws, draw, find_mode, smooth_weights
 from multiscale.upscaling.posterior_law import law_of_interfaces
+from multiscale.upscaling.prior import HEIGHTS, _covariance_of_cells
 from multiscale.upscaling.reading import fitted_laws
 from multiscale.upscaling.sampling import half_range
 from tests.support import press_flat, rough_square
@@ -180,6 +180,18 @@ def test_a_mode_at_a_kink_settles_with_a_caution():
     assert not find_mode(lambda theta: (theta - 3.0, np.eye(1)), 1).cautions
 
 
+def test_steps_end_at_the_noise_of_the_answers():
+    """Forty answers in stairs of a twentieth of their deviations."""
+
+    def residual(theta):
+        stairs = 0.05 * np.floor(20.0 * theta[0] + np.linspace(0.0, 1.0, 40) ** 3)
+        return stairs - 1.0, np.ones((40, 1))
+
+    mode = find_mode(residual, 1, noisy=True)
+    assert mode.settled
+    assert mode.solves < 8 < find_mode(residual, 1).solves
+
+
 def test_a_wrong_gradient_does_not_settle():
     def residual(theta):
         return theta - 3.0, -np.eye(1)
@@ -195,10 +207,10 @@ def test_weights_of_a_few_draws_are_not_reliable():
 def test_uneven_weights_are_a_caution_if_they_give_too_few_draws(
     law, monkeypatch, effective, cautions
 ):
-    def uneven(mode, residual, count, random):
+    def uneven(residual, mode, candidates, count, random):
         return Draws(random.normal(size=(count, mode.theta.size)), effective, 0.8)
 
-    monkeypatch.setattr("multiscale.upscaling.calibration._draws", uneven)
+    monkeypatch.setattr("multiscale.upscaling.calibration.draw", uneven)
     data = measure(stiffness(), interface(), np.random.default_rng(1))
     sentences = calibrate(law, [data]).sentences
     assert any("represent 30 independent draws" in text for text in sentences) == cautions

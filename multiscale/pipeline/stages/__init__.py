@@ -5,9 +5,10 @@ from collections.abc import Container
 from multiscale.pipeline.stage import Stage
 from multiscale.pipeline.stages import ensembles
 from multiscale.pipeline.stages.accuracy import accuracy_stage
-from multiscale.pipeline.stages.body_life import BODY_FATIGUE, CRACKING_BODY
+from multiscale.pipeline.stages.body_fatigue import BODY_FATIGUE
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.stages.cracking_body import CRACKING_BODY
 from multiscale.pipeline.stages.cut_structures import CONDENSED_PARTS, LINKS
 from multiscale.pipeline.stages.ensembles import SLIDING
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW

@@ -115,7 +115,7 @@ class MeasuredJoint(ABC):
 
     unit: ClassVar[str]
     sheared: ClassVar[bool] = False  # whether the answer depends on kappa and mu
-    linear: ClassVar[bool] = False  # whether an answer takes so long that draws linearise it
+    linear: ClassVar[bool] = False  # whether an answer takes long and has noise: draws linearise it
 
     @property
     def rows(self) -> list[tuple[str, str]]:

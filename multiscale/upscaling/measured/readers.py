@@ -176,7 +176,12 @@ def _compliances(kind: Kind, columns: Mapping[str, np.ndarray], value: np.ndarra
 
 
 def refuse_settings(path: Path, error: float | None, others: Mapping[str, float | None]) -> None:
-    """Refuse errors and compliances without a meaning."""
+    """Refuse a load of two names, and errors and compliances without a meaning."""
+    if units_of_columns(path).keys() >= {"preload", "pressure"}:
+        raise CaseError(
+            f"{path}: preload and pressure both name the load over the nominal area; leave one of "
+            f"both columns out"
+        )
     if error is not None and not 0.0 < error < 1.0:
         raise CaseError(
             f"{path}: error must be a share of the values between 0 and 1, got {error:g}; give the "
