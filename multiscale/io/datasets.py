@@ -41,6 +41,8 @@ def write_dataset(
 
     Raises
     ------
+    SchemaError
+        If the dataset does not follow the schema.
     MultiscaleError
         If the file cannot be written.
     """
@@ -79,6 +81,11 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     ----------
     schema : Schema, optional
         Schema that the dataset must follow; the schema that it names if not given.
+
+    Raises
+    ------
+    SchemaError
+        If the file is missing, damaged, of another kind or of another schema version.
     """
     path = Path(path)
     kind = f"a {schema.name!r} dataset" if schema else "a dataset"
@@ -153,6 +160,11 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
     DataTree
         The available datasets, such as ``micro_response``, ``shear_response``,
         ``interface_law`` and ``macro_result`` of a case with cells that are sheared.
+
+    Raises
+    ------
+    SchemaError
+        If the folder has no results, or a file is refused.
     """
     import xarray as xr
 

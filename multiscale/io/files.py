@@ -146,7 +146,13 @@ def first_line(error: Exception) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file, without its byte order mark."""
+    """Read a text file, without its byte order mark.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, cannot be read or is not text.
+    """
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -61,7 +61,11 @@ class VoxelImage:
 
     @property
     def floating(self) -> np.ndarray:
-        """Whether a voxel is solid of a floating piece, at one side at most, shape (nx, ny, nz)."""
+        """Whether a voxel is solid that floats in voids, shape (nx, ny, nz).
+
+        A floating piece has no common face of voxels with the largest piece and touches at most
+        one side of the box: pieces between two sides may be supported outside.
+        """
         from scipy.ndimage import label
 
         pieces, number = label(~self.void)
@@ -144,6 +148,12 @@ def read_images(
     Returns
     -------
     VoxelImage, the volume, with columns of the pages along x, rows along y and pages along z
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, cannot be read, is not a binary stack, has no size of its voxels,
+        or tifffile is not installed.
     """
     path = Path(path)
     if not path.exists():

@@ -147,6 +147,12 @@ def read_surface(
         them, and ``filled_share`` is their share. A measured map is not periodic: see
         :func:`multiscale.surfaces.mirror` and :func:`~multiscale.surfaces.window`.
 
+    Raises
+    ------
+    CaseError
+        If the file is missing, cannot be read as a height map, holds a line scan, has no unit or
+        no lateral size, has undefined points, is flat, or SurfaceTopography is not installed.
+
     Notes
     -----
     An incomplete file is not detected in formats without length or checksum, such as plain text

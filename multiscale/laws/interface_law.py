@@ -109,11 +109,18 @@ class InterfaceLaw(ABC):
         return state
 
     def shaken_down(self) -> "InterfaceLaw":
-        """Return the law, with the same state, of further loads without plastic flow."""
+        """Return the law, with the same state, of further loads without plastic flow.
+
+        It is the law itself if it unloads as it loads.
+        """
         return self
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
-        """Return the state for tangential jumps relative to the last committed jump."""
+        """Return the state for tangential jumps relative to the last committed jump.
+
+        The traction depends only on their changes, which rounding loses in long slips on stiff
+        laws.
+        """
         return state
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
@@ -122,7 +129,10 @@ class InterfaceLaw(ABC):
         return Sliding(none + 1.0, none, none, self.respond(jump, state).state)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Share of the pressure that slips in a first shear from a state; 1 without friction."""
+        """Share of the pressure of contacts that slip as a shear reaches a jump, from a state.
+
+        Valid for a first shear at constant pressure. Without friction the share is 1.
+        """
         return np.ones(jump.shape[1:])
 
     def resolvent(

@@ -340,7 +340,10 @@ class ConvexDecreasing(NormalLaw):
         return np.asarray(a1 + d * (2.0 * a2 + d * 3.0 * a3))
 
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Return the local gap, m, at a pressure, Pa; the last knot at zero pressure."""
+        """Return the local gap, m, at a pressure, Pa; the last knot at zero pressure.
+
+        Newton's method is monotone for a convex function from any start left of the root.
+        """
         target = np.asarray(pressure, dtype=float)
         if not np.all((target >= 0.0) & np.isfinite(target)):
             raise ValueError("a pressure must be finite and not negative (Pa)")

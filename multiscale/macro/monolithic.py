@@ -113,11 +113,21 @@ def solve_interface(
     -------
     InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; the law is evaluated at ``jump``
 
+    Raises
+    ------
+    ValueError
+        If the shapes do not agree.
+
     Notes
     -----
-    After a Newton step that does not lower the energy along it, the law is linearised at another
-    jump, (1) of this module; line searches, another stiffness of the bodies and parts of the load
-    follow where the residual does not fall. The record has the residuals of all attempts.
+    A Newton step that lowers the derivative of the energy along it is accepted. After any other
+    step the law is linearised at a jump that differs from the jump of the bodies, (1) of this
+    module, which also works for laws without energy and laws of any stiffness; the residual is
+    evaluated with the traction there. A line search for the least energy, from the iterate of the
+    smallest residual, follows where a small stiffness supports bodies on an open interface, where
+    the residual grows too much, and where it has not fallen for some steps. A load at which the
+    iteration stalls is tried again with another stiffness of the bodies, then in parts; the record
+    has the residuals of all attempts.
     """
     check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size

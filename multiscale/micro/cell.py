@@ -206,6 +206,11 @@ def solve_cell(
         Follows ``MICRO_RESPONSE``, with one realisation. A step that did not converge is ``NaN``
         with ``converged`` 0, and the attribute ``ended`` has the reason. Later steps are still
         tried if the body has no memory; with friction, at large strain or sliding the path ends.
+
+    Raises
+    ------
+    CaseError
+        If the cell cannot be meshed, or its kind has no such fields or flow.
     """
     keep = Keep(keep_fields, keep_spots, keep_flow, recover_stress)
     record = record_cell(cell, path, keep, tolerance=tolerance, checkpoint=checkpoint)

@@ -62,6 +62,8 @@ def run_ensemble(
 
     Raises
     ------
+    CaseError
+        If the folder contains realisations with another identity.
     MultiscaleError
         If a worker process died; finished cells remain.
     """

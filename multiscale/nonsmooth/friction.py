@@ -164,6 +164,11 @@ def solve_friction(
         verifier, is not ``CONVERGED``; ``INFEASIBLE`` and ``JAMMED`` come with a certificate in
         ``detail``. Where W is singular the impulses need not be unique: compare velocities.
 
+    Raises
+    ------
+    CaseError
+        If the data do not fit, are not finite, W is indefinite, or the impulses are out of range.
+
     Examples
     --------
     A mass of 2 kg hits the ground at 1 m/s while it slides at 3 m/s:

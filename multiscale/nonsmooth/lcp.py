@@ -83,6 +83,12 @@ def solve_lcp(
         ``value`` is the z with the smallest residual, shape (n,). ``CONVERGED`` follows the
         verifier, ``INFEASIBLE`` comes with a certificate in ``detail``.
 
+    Raises
+    ------
+    CaseError
+        If data do not fit or are not finite, or M is symmetric but indefinite (``"pivoting"``
+        takes it).
+
     Examples
     --------
     >>> solve_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0])).unwrap()

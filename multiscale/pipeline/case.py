@@ -81,6 +81,11 @@ def load_case(case: str | Path) -> Case:
         Path of a TOML file, or the name of a shipped case. Paths in the file are relative to its
         folder.
 
+    Raises
+    ------
+    CaseError
+        If there is no such case, or the file has faults; the message has a line for each.
+
     Examples
     --------
     >>> load_case("ground_steel").cell.points
@@ -102,6 +107,11 @@ def case_of_image(
     ----------
     youngs_modulus, voxel_size : str
         Quantities as in case files; an empty size of the voxels is read from the image.
+
+    Raises
+    ------
+    CaseError
+        If a quantity is refused.
     """
     stack = {"file": str(image.resolve()), "void_value": void_value}
     solid = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}

@@ -59,7 +59,13 @@ def longest_wave(case: Case) -> float:
 
 
 def make_cells(case: Case) -> list[AnyCell]:
-    """Build the cell of each realisation."""
+    """Build the cell of each realisation.
+
+    Raises
+    ------
+    CaseError
+        If a surface cannot be made or read, or a map has too few windows.
+    """
     return measured_cells(case)[0]
 
 

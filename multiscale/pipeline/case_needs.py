@@ -109,6 +109,11 @@ def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int =
     folders : iterable of Path
         Run folder of each case; up-to-date datasets in it cost nothing.
     jobs : int, worker processes; 0 for one per core
+
+    Raises
+    ------
+    CaseError
+        If a stage exceeds a limit; the message names the stage and the number.
     """
     limit, workers, seconds = usable_memory(), jobs or cores(), 0.0
     for case, folder in zip(cases, folders, strict=True):

@@ -202,6 +202,8 @@ def run_macro(
 
     Raises
     ------
+    CaseError
+        If the structure or its law is refused.
     ConvergenceError
         If no step converged, or there is no equilibrium from which a motion starts.
     """

@@ -87,7 +87,10 @@ class Sweep:
         return replace(self, title=title, points=points, content=content)
 
     def only_part(self, part: str, law: Path | None = None) -> "Sweep":
-        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only."""
+        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only.
+
+        A law is the file for the joints of the structure, in place of the law that the case names.
+        """
         parts = {
             "law": methodcaller("without_structure"),
             "structure": methodcaller("from_structure", law),
@@ -121,6 +124,11 @@ def load_sweep(case: str | Path) -> Sweep:
     case : str or Path
         Path of a TOML file, or the name of a shipped case. ``[sweep]`` repeats tables and keys of
         the case, each with a list of values in place of a value.
+
+    Raises
+    ------
+    CaseError
+        If there is no such case, or a point has faults; the message lists all faults of the first.
 
     Examples
     --------

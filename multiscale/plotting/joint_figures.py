@@ -250,7 +250,10 @@ def _plot_cycles(result: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
 
 
 def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
-    """Return the plots of a joint, by name, at the last step that has an answer."""
+    """Return the plots of a joint, by name: zones and pressure, and under shear loop and loss.
+
+    Zones are drawn at the last step that has an answer, at the amplitude of the shear.
+    """
     slips = result["slip_fraction"].values
     if np.isnan(slips).all():
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
@@ -326,7 +329,10 @@ def plot_load_paths(result: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def load_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
-    """Return the plots of bodies under loads, by name; interfaces at the last known step."""
+    """Return the plots of bodies under loads, by name; interfaces at the last known step.
+
+    Paths with a value at a single step are not drawn.
+    """
     draw: dict[str, Callable[..., object]] = {}
     if np.isfinite(result["load_displacement"].values).any(axis=1).sum() > 1:
         draw["loads"] = partial(plot_load_paths, result)

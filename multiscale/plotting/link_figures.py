@@ -91,7 +91,10 @@ def plot_deformed_links(
 
 
 def plot_past_limit(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the load factor of a path over the motion along its mode; unstable dashed."""
+    """Plot the load factor of a path over the displacement of the node that the mode moves most.
+
+    The displacement is along the critical mode; states that are not stable are dashed.
+    """
     ax = axes_or_current(ax)
     mode = result["critical_mode"].values
     node = int(np.argmax(np.linalg.norm(mode, axis=1)))

@@ -79,7 +79,11 @@ class FinishedRun:
         return [*of_stages, *self.costs()]
 
     def lines(self, *, details: bool = False) -> Iterator[str]:
-        """Yield the lines of the command line; with details of all stages, the last stage first."""
+        """Yield the lines of the command line.
+
+        These are question, answer in two sentences and one table. With details the answers,
+        tables and remarks of all stages are printed, the last stage first.
+        """
         if not details:
             sections = self.answering.sections(self.datasets, self.out)
             yield from brief_lines(self.title, self.summary, sections)
@@ -135,7 +139,10 @@ def open_finished(out: Path) -> FinishedRun:
 
 
 def draw_figures(out: str | Path) -> list[Path]:
-    """Draw the figures of a finished run or sweep into its folder ``figures``."""
+    """Draw the figures of a finished run or sweep into its folder ``figures``.
+
+    Figures that the stages of another case have left there are removed.
+    """
     with reading_run(out):
         return draw_run(Path(out), open_finished(Path(out)).sections())
 
@@ -229,7 +236,10 @@ def write_reports(
     executor: Executor | None = None,
     progress: ShowProgress = unseen,
 ) -> None:
-    """Draw figures and write reports of points of a sweep; up-to-date reports are skipped."""
+    """Draw the figures and write the reports of the points of a sweep in a folder.
+
+    Points without a result or a folder, or with a report newer than their datasets, are skipped.
+    """
     solved = [Path(out) / str(name) for name in sweep["folder"].values[sweep["failure"] == ""]]
     folders = [folder for folder in solved if any(folder.glob("*.nc"))]
     finished = count(1)

@@ -176,6 +176,11 @@ def at_speed(law: Dataset, speed: float | None) -> Dataset:
     law : Dataset, follows ``INTERFACE_LAW``; of a third body, with the attribute ``sliding_speed``
     speed : float or None, m/s; a law without a speed takes None only
 
+    Raises
+    ------
+    CaseError
+        If the law depends on the speed and none is given, or the other way round.
+
     Notes
     -----
     Rigid grains have no time scale, so gap and friction depend on
@@ -261,6 +266,11 @@ def sliders_from_dataset(
     along : {0, 1}, optional, direction of the stiffness, x or y; the mean if not given
     pressures : tuple of float, optional, where the bed is fine, Pa; the data if not given
     slabs : int, see :class:`~multiscale.laws.Sliders`
+
+    Raises
+    ------
+    CaseError
+        If the dataset has no tangential branch, or not this sample.
     """
     if len(tangential_values(dataset)) < 2:
         raise CaseError(
@@ -387,7 +397,13 @@ def _without_unloading(law: Dataset, loading: NormalLaw, observed: Observations)
 
 
 def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> HystereticLaw:
-    """Build the law of a dataset with its unloading branch: the mean, or a bootstrap sample."""
+    """Build the law of a dataset with its unloading branch: the mean, or a bootstrap sample.
+
+    Raises
+    ------
+    CaseError
+        If the dataset has no unloading branch, or not this sample.
+    """
     if "unloading_stiffness_ratio" not in dataset.variables:
         raise CaseError(
             "the law has no unloading branch; unload the cells (unload = true in [micro]), and "

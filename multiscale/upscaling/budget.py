@@ -87,7 +87,13 @@ def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:
 
 
 def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:
-    """Return a law or a macro result with its error budget at the same steps."""
+    """Return a law or a macro result with its error budget at the same steps.
+
+    Raises
+    ------
+    CaseError
+        If the steps differ in number.
+    """
     ERROR_BUDGET.check(budget)
     if dataset.sizes.get("step") != budget.sizes["step"]:
         raise CaseError(
@@ -309,6 +315,11 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     coarser : mapping of float to ndarray, shape (..., steps)
         From the ratio :math:`r > 1` of the spacings to the answer there; one or two grids, the
         second with :math:`r^2`.
+
+    Raises
+    ------
+    CaseError
+        If there is no coarser grid or a ratio is not above 1.
 
     Notes
     -----

@@ -102,6 +102,10 @@ def calibrate(
 
     Raises
     ------
+    CaseError
+        If there are no data, nothing is uncertain, a preload lies outside the law, a table needs a
+        friction that the law lacks, or more than a quarter of the values lies more than 3 standard
+        deviations away from any law: they contradict each other.
     ConvergenceError
         If the parameters do not converge.
 
@@ -166,6 +170,11 @@ def predict_measured(law: Dataset, table: MeasuredJoint) -> tuple[np.ndarray, np
     -------
     value : ndarray, shape (rows,), by the mean law, in the unit of the table
     band : ndarray, shape (2, rows), ends of the 95 % intervals, by the samples
+
+    Raises
+    ------
+    CaseError
+        If the law has no samples, or not the stiffness ratio and friction of the table.
     """
     count = int(law.sizes.get("sample", 0))
     if refusal := refuse_band(law):

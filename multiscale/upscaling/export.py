@@ -106,6 +106,12 @@ def write_pressure_overclosure(
     face_to_face : bool, default False
         Write the table so that CalculiX 2.20 carries load with ``TYPE=SURFACE TO SURFACE`` too.
 
+    Raises
+    ------
+    CaseError
+        If two points would be closer than CalculiX keeps apart, the tolerance needs more than 40
+        points, or 20 face to face, the name is invalid, or friction is asked of a law without.
+
     Notes
     -----
     Both codes read the same lines: ``*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR`` under a
@@ -284,6 +290,11 @@ def write_law_table(
     leakage : bool
         Write the hydraulic apertures too, along x, y and both, with the ends of their 95 %
         intervals, and all columns at the pressures of the data only; zero is tight.
+
+    Raises
+    ------
+    CaseError
+        If apertures are asked of a law without them.
     """
     require_law(dataset, "pressure_min", "pressure_max")
     p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], TABLE_POINTS)

@@ -113,8 +113,13 @@ def fit_law(
 
     Raises
     ------
+    CaseError
+        If there are too few points, the mean gap does not fall as the pressure rises, no convex
+        law follows three gaps of cells, or the data contradict themselves.
     ConvergenceError
         If the parameters do not converge.
+    SchemaError
+        If the response does not follow its schema.
 
     Notes
     -----
@@ -427,6 +432,8 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
 
     Raises
     ------
+    CaseError
+        If no family is admissible.
     MultiscaleError
         If the data are refused.
     """

@@ -99,6 +99,11 @@ def error_budget(
         from the data, such as the sampling of a single realisation, makes the total unknown, NaN,
         at its quantity and step.
 
+    Raises
+    ------
+    CaseError
+        If the law does not belong to the response, or a response has other steps.
+
     Notes
     -----
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
@@ -398,7 +403,10 @@ def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.
 
 
 def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
-    """Return a law with its budget for the scale separation of another structure."""
+    """Return a law with its budget for the scale separation of another structure.
+
+    A budget that lacks a term, as a budget of an earlier version may, is refused.
+    """
     law = of_this_version(law)
     require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]

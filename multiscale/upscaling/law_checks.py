@@ -63,6 +63,11 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
         coefficient and a power that are not negative, and rotates with the frame. A contact
         fraction starts at zero, never falls and stays below 1. A stiffness is positive and never
         falls. Unloading is stiffer than loading, and no cycle gains energy.
+
+    Raises
+    ------
+    CaseError
+        If the law is of another kind.
     """
     return Admissibility(pressure_range, _checks(law, pressure_range))
 

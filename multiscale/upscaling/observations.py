@@ -198,6 +198,12 @@ def observe(
         SI; NaN where a realisation has no value.
     **attributes
         Strings and numbers for the attributes of the law.
+
+    Raises
+    ------
+    CaseError
+        If the quantity is unknown, shapes do not agree, a pressure is not positive, or nothing or
+        something negative was observed.
     """
     if quantity not in QUANTITIES:
         raise CaseError(f"there is no quantity {quantity!r}; choose from {', '.join(QUANTITIES)}")

@@ -34,6 +34,11 @@ def law_from_dataset(
     dataset : Dataset, follows ``INTERFACE_LAW``
     sample : int, optional, which bootstrap sample; the mean law if not given
     family : Family, optional, defined by the user, if the family of the law is not built in
+
+    Raises
+    ------
+    CaseError
+        If the dataset has no normal law, an unknown family, or not this sample.
     """
     law = fitted_law(dataset, sample, family=family)
     if not isinstance(law, NormalLaw):
@@ -142,6 +147,11 @@ def law_band(
     Returns
     -------
     low, high : ndarray, shaped as the answer
+
+    Raises
+    ------
+    CaseError
+        If samples or realisations are too few for this confidence.
     """
     if not 0.0 < confidence < 1.0:
         raise CaseError(f"confidence must lie between 0 and 1, got {confidence:g}")

@@ -266,6 +266,11 @@ def friction_observations(response: Dataset) -> Observations:
         Of ``"friction_coefficient"``: :math:`|t_T| / p` for each realisation and step that
         converged, at its pressure and speed. The speed of cells is the change of the jump over the
         change of the time, or zero without times.
+
+    Raises
+    ------
+    CaseError
+        If nothing slides.
     """
     MICRO_RESPONSE.check(response)
     counted, pressure = usable_steps(response)

@@ -108,6 +108,11 @@ def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
         Root mean square height of the whole surface, m, for instance of many of the longest
         wavelengths, without a solution. It becomes the attribute ``gaps_at_rms_height``.
 
+    Raises
+    ------
+    CaseError
+        If the height is not positive, or the response has no heights.
+
     Notes
     -----
     Small periodic cells have few long wavelengths, and their root mean square height :math:`h_k` is

@@ -56,6 +56,13 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         k-th value at a pressure belongs to the k-th specimen. Each specimen is a realisation.
     quantity : str, see :func:`observe`; for instance ``"normal_stiffness"``
 
+    Raises
+    ------
+    CaseError
+        If a column or its unit is missing or of another dimension, an entry is not a number,
+        infinite or, except for gaps and speeds, not positive, or a specimen has two values at a
+        point.
+
     Examples
     --------
     >>> from pathlib import Path

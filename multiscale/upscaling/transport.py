@@ -72,7 +72,10 @@ def with_conductance(
 
 
 def conductances(law: Dataset, pressure: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the conductances of a law at pressures, Pa, by name, W m-2 K-1 and S m-2."""
+    """Return the conductances that a law has, at pressures of the interface, Pa.
+
+    By names of :data:`CONDUCTANCES`, of the shape of the pressures, W m-2 K-1 and S m-2.
+    """
     normal = law_from_dataset(law)
     stiffness = normal.stiffness(normal.gap_at(pressure))
     return {name: ratio * stiffness for name, ratio in conductance_ratios(law).items()}
@@ -85,7 +88,10 @@ def conductance_ratios(law: Dataset) -> dict[str, float]:
 
 
 def elastic_source(law: Dataset, answers: np.ndarray) -> Uncertainty:
-    """Return the start of unloading as a source of error of the answers with 1 in ``answers``."""
+    """Return the start of unloading as a source of error of the answers that are conductances.
+
+    ``answers``, shape (answers, steps), is 1 for conductances and 0 for other answers.
+    """
     require_law(law, "conductance_branch")
     half = 0.0
     if law.attrs["conductance_branch"] == "unloading":

@@ -171,7 +171,10 @@ class BoltSection:
             )
 
     def nodes(self, bodies: Sequence[Body]) -> tuple[np.ndarray, np.ndarray, int, float]:
-        """Return matching nodes of both sides, axis, and sign of the normal of side 2."""
+        """Return matching nodes of both sides, the axis, and the direction of the normal of side 2.
+
+        The direction is 1 along the axis, else -1.
+        """
         from scipy.spatial import cKDTree
 
         lower, upper = (bodies[side] for side in self.sides)

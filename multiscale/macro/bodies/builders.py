@@ -129,6 +129,11 @@ def lap_joint(
         Elasticity of the lower and the upper plate.
     law : InterfaceLaw, on the whole overlap
     shank : float, optional, axial stiffness of the bolt, N/m; see :func:`shank_stiffness`
+
+    Raises
+    ------
+    CaseError
+        If the dimensions do not fit each other, or gmsh cannot be loaded.
     """
     lower, upper = lap_meshes(shape)
     # the force of the bolt on the ring of the mesh, a polygon
@@ -161,7 +166,11 @@ def _fading(direction: float, position: np.ndarray, time: float) -> np.ndarray:
 
 
 def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
-    """Mesh both plates by hexahedra; their faces match in the overlap, at z = 0."""
+    """Mesh both plates by hexahedra; their faces match in the overlap, at z = 0.
+
+    A plane mesh of quadrilaterals covers the overlap and the rest of each plate. Each plate is an
+    extrusion of its elements, downwards or upwards.
+    """
     points, quads = _plan(shape)
     middle = points[0, quads].mean(axis=0)
     half = 0.5 * shape.overlap

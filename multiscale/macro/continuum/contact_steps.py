@@ -100,6 +100,9 @@ def solve_contact(
 
     Raises
     ------
+    CaseError
+        If the times do not increase from zero, a load is not finite, two surfaces have no
+        common area, or ``condensed`` is True for a nonlinear problem.
     ConvergenceError
         If a body can move without force in the first step; a later step is then INFEASIBLE.
 

@@ -146,7 +146,11 @@ class FiniteAssembly:
 
     @cached_property
     def diagonal(self) -> np.ndarray:
-        """Diagonal of the initial stiffness against shape, (unknowns,), N/m, zero at supports."""
+        """Diagonal of the initial stiffness, shape (unknowns,), N/m, zero at supports.
+
+        It excludes the resistance to a change of volume, so that it is the stiffness at a contact
+        node also for nearly incompressible bodies.
+        """
         diagonal = np.concatenate(
             [
                 _stiffness(elements, body.law, shape_only=True).diagonal()
@@ -222,7 +226,11 @@ class FiniteAssembly:
         return Coupling.stack(couplings, *self.start.shape)
 
     def operators(self, old: Coupling, now: Coupling) -> tuple[csr_array, csr_array]:
-        """Weighted jump B in local frames and its derivative, (c contact nodes, unknowns), m²."""
+        """Weighted jump B in the local frames and its derivative, (c contact nodes, unknowns), m².
+
+        The transpose of B times the reaction is H r. The derivative of the slip uses the partners
+        of the step before; without friction there are only normal rows.
+        """
         c, d = self.components, self.start.shape[1]
         n, unit = now.area.size, np.eye(d)
         i, j = np.arange(n * c).reshape(n, c), np.arange(n * d).reshape(n, d)
@@ -243,7 +251,10 @@ class FiniteAssembly:
         *,
         fitted: bool = True,
     ) -> np.ndarray:
-        """Gap and slip of a step, means over the area of each contact node, (nodes, c), m."""
+        """Gap and slip of a step, means over the area of each contact node, (nodes, c), m.
+
+        Couplings, motions and times are given at its start and its end.
+        """
         start, d = self.start, self.start.shape[1]
         before, u = (field.reshape(-1, d) for field in motion)
         area = np.where(now.area > 0.0, now.area, 1.0)[:, None]

@@ -24,6 +24,11 @@ class Grains:
     velocity, spin : ndarray, shape (grains, 3), optional
         Velocities, m/s, and angular velocities, rad/s; zero if not given.
     thickness : float, optional, thickness of discs, m; the grains are spheres if it is not given
+
+    Raises
+    ------
+    CaseError
+        If a size or density is not positive, a vector is not finite, or discs leave their plane.
     """
 
     position: np.ndarray
@@ -163,6 +168,11 @@ class PlaneWall(Wall):
     mass : float, mass of a loaded plane, kg; infinite if the plane is fixed or moved
     force : float
         Force on a loaded plane along its normal, N: positive presses it against the grains.
+
+    Raises
+    ------
+    CaseError
+        If the mass is not positive, or a force is not finite or acts on an infinite mass.
     """
 
     mass: float = np.inf

@@ -287,7 +287,13 @@ def shear_cells(
 def shear_steps(
     grains: Grains, pressure: float, speed: float, distance: float
 ) -> tuple[float, int]:
-    """Return length, s, and number of the steps in which a plate slides some mean diameters."""
+    """Return length, s, and number of the steps in which a plate slides some mean diameters.
+
+    Raises
+    ------
+    CaseError
+        If grains under their pressure rearrange in so short steps that the plate hardly slides.
+    """
     require("speed", speed, "(0, inf)", "m/s")
     diameter = 2.0 * float(grains.radius.mean())
     step = min(_resolving_step(grains, pressure), LONGEST_SLIP * diameter / speed)
@@ -373,6 +379,8 @@ def biaxial_cell(
 
     Raises
     ------
+    CaseError
+        If the pressure is not positive or the rate is negative.
     ConvergenceError
         If the grains are not at rest under the pressure.
 

@@ -33,6 +33,11 @@ class ContactLaw:
         :math:`a` of (1) across the normal, dimensionless, at least ``compliance``: with a rigid
         normal direction 0.05 or more makes dense piles with friction solvable.
 
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+
     Notes
     -----
     A compliant contact of mass :math:`m` moves while its impulse :math:`r` differs from the impulse
@@ -82,6 +87,11 @@ class Solver:
         Largest number of contacts for which :func:`multiscale.nonsmooth.solve_friction` solves a
         step on which the sweeps fail; interior points solve more contacts without friction. With
         zero sweeps are all there is.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
     """
 
     tolerance: float = 1e-4
@@ -112,6 +122,12 @@ class Model:
     strain_rate : tuple of float or None, shape (3,)
         Prescribed rates of the logarithmic strain of such a cell along its axes, 1/s, extension
         positive; ``None`` along axes that strain under the pressure.
+
+    Raises
+    ------
+    CaseError
+        If the damping is negative, a period is not positive, a strain rate is not finite, planes
+        cross, or pressure, strain rate, period and walls contradict.
     """
 
     grains: Grains

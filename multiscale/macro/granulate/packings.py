@@ -20,6 +20,11 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
     -------
     ndarray, shape (n,), radii in random order, m
 
+    Raises
+    ------
+    CaseError
+        If the bounds are not positive and in order, or n is no integer from 1 on.
+
     Notes
     -----
     The volume of spheres is distributed uniformly over the radius, so that the density of their
@@ -143,6 +148,11 @@ def silo(
     Returns
     -------
     Model, grains above the bottom of the pipe, at rest
+
+    Raises
+    ------
+    CaseError
+        If the largest grain does not fit.
     """
     largest, bore = float(np.max(radii)), 0.5 * diameter
     across = int(diameter / (2.2 * largest))

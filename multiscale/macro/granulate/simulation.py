@@ -47,6 +47,11 @@ def simulate_grains(
         over, has ``converged`` 0, and the motion continues; the attribute ``cautions`` counts such
         steps. If a velocity becomes infinite, or a grain too fast for the period, the motion ends,
         and ``failure`` states the time.
+
+    Raises
+    ------
+    CaseError
+        If the initial state, duration, step, accuracy or number of frames is refused.
     """
     if not (0.0 < step <= duration < np.inf):
         raise CaseError(

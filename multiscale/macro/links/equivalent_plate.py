@@ -44,6 +44,11 @@ class EquivalentPlate:
         The structure, from a corner at the origin; its fixed nodes are all nodes at z = 0 of some
         edges.
     elements : tuple of int, elements of the plate along x and y
+
+    Raises
+    ------
+    CaseError
+        If other nodes are fixed, or none, or no edge has nodes between its corners.
     """
 
     system: LinkSystem
@@ -193,6 +198,11 @@ def solve_plate(
         nodes; in ``slack_links`` the number of slack links, by the shares of the cells; with a mass
         the first frequency of small vibration about every step. A step that does not converge is
         NaN, and the attribute ``failure`` states the reason.
+
+    Raises
+    ------
+    CaseError
+        If the mass is not positive, or groups of links are not cells of the plate.
     """
     if mass is not None:
         require("mass of a node", mass, "(0, inf)", "kg")

@@ -161,6 +161,8 @@ def solve_past_limit(
 
     Raises
     ------
+    CaseError
+        If the load factor is zero or not finite, there is no load, or links do not fit.
     ConvergenceError
         If the state at rest has no equilibrium.
     """

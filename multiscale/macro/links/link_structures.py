@@ -266,6 +266,11 @@ def system_from_mesh(
     load : tuple of float
         Force (N), with beams followed by the moment (N m), on every free node at load factor 1.
     scale : float, length unit of the file, m
+
+    Raises
+    ------
+    CaseError
+        If a set is missing, a line has no law or two laws, or the structure is refused.
     """
     c = 6 if any(isinstance(law, Beam) for law in laws.values()) else 3
     ends, kind = [], []

@@ -53,6 +53,12 @@ class LinkSystem:
         :math:`\Omega_0` is only the reference of the relaxed lengths, and the structure moves at
         load factor 0, for example after a cable has been cut.
 
+    Raises
+    ------
+    CaseError
+        If shapes or numbers do not fit, a node belongs to no link, a link has no length or occurs
+        twice, or the prestress is not in equilibrium.
+
     Examples
     --------
     Two bars carry 1 kN at their common node:

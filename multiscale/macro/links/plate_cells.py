@@ -137,6 +137,12 @@ def plate_cell(system: LinkSystem, periods: tuple[float, float]) -> PlateCell:
         edges belong to both cells that meet there, and count in both.
     periods : tuple of float, edges of the cell along x and y, m
 
+    Raises
+    ------
+    CaseError
+        If nodes on opposite edges do not match, a link is a beam or has a fixed length, the nodes
+        lie in a plane, or a strain of the plate meets no stiffness.
+
     Examples
     --------
     >>> from multiscale.macro import tensegrity_grid

@@ -47,6 +47,12 @@ def with_specimen_error(
         ``slack_links_error``, a number of links. A step fails where the specimen does, or where it
         is off by more than :data:`LARGEST_ERROR`.
 
+    Raises
+    ------
+    CaseError
+        If the specimen has no fewer modules, or too few to have links at each distance from the
+        edge, or groups of links are not cells of the plates.
+
     Examples
     --------
     >>> from multiscale.macro import tensegrity_grid

@@ -82,6 +82,11 @@ def solve_static(
         adds the dimension ``step``. A step that does not converge is NaN with ``converged`` 0,
         and the attribute ``failure`` states the reason and the nodes that can move freely.
 
+    Raises
+    ------
+    CaseError
+        If the structure is not supported, or the options do not fit it.
+
     Notes
     -----
     Tensions are unique. Slack and displacements are not unique if the slack links make a mechanism

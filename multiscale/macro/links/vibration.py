@@ -35,6 +35,11 @@ def natural_frequencies(
         ``rest`` with ``natural_frequency (step, mode)`` and ``first_frequency (step)``, Hz. They
         are NaN at steps that did not converge or that are not stable.
 
+    Raises
+    ------
+    CaseError
+        If the mass is not positive, or links have a fixed length.
+
     Notes
     -----
     With the tangent of the taut links and the geometric stiffness of the tensions

@@ -117,7 +117,13 @@ def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
 
 
 def require_held(assembly: Assembly) -> None:
-    """Refuse bodies that may move freely."""
+    """Refuse bodies that may move freely.
+
+    Raises
+    ------
+    CaseError
+        With the bodies and their motions, or as :func:`cut_assembly`.
+    """
     refuse_free(assembly, cut_assembly(assembly))
 
 

@@ -119,6 +119,11 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
         both substructures that share the resultant: assembly by it gives the stiffness of the
         coarse structure.
 
+    Raises
+    ------
+    CaseError
+        If the result belongs to another structure, or its step did not converge.
+
     Notes
     -----
     With :math:`G = C (K + \kappa C^T C)^{-1} C^T`, (1) is :math:`G^{-1} - \kappa I` for every

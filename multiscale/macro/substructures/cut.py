@@ -60,6 +60,12 @@ def cut_assembly(
     parts : tuple of int, boxes of every body in plan, along x and y
     owners : sequence of ndarray of int, shape (elements,), optional
         Substructure of every element, counted from 0 in each body, in place of the boxes.
+
+    Raises
+    ------
+    CaseError
+        If a law is not elastic, a support moves, a platen has fixed nodes, faces do not match, or a
+        substructure is in pieces.
     """
     # number the unknowns of bodies, platens, washers and cuts through bolts
     bodies, bolts, sections = assembly.bodies, assembly.bolts, assembly.sections
@@ -307,6 +313,11 @@ def cut_links(system: LinkSystem, owner: np.ndarray, *, prestressed: bool = Fals
     CutProblem
         One load case. Nodes that lie in two substructures are edge interfaces, in three or
         more weak cross-points; their loads are shared out equally.
+
+    Raises
+    ------
+    CaseError
+        If a substructure is empty or in pieces, or a link has a fixed length.
     """
     from multiscale.macro.links.link_equations import compatibility, equations
 

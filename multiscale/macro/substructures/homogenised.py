@@ -74,6 +74,12 @@ def solve_homogenised(
         resolved substructures. A step fails where the solver does, or where a homogenised
         substructure has links outside their range.
 
+    Raises
+    ------
+    CaseError
+        If the structure has joints or no links, its prestress is not in equilibrium, or a
+        substructure is a mechanism while its interfaces rest.
+
     Examples
     --------
     >>> from multiscale.macro import NewtonSchur, cut_links, tensegrity_grid

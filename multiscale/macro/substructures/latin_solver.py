@@ -89,13 +89,18 @@ def solve_latin(
 
     Raises
     ------
+    CaseError
+        If load factors do not fit the load cases.
     MultiscaleError
         If the whole structure can move without resistance.
 
     Notes
     -----
-    Local and linear stage with a coarse solve, accelerated by Anderson's method.
-    :func:`multiscale.macro.solve_static` is faster at every size that fits into its memory.
+    Each iteration is a *local stage*, a scalar projection for each link and a mean for each
+    interface, and a *linear stage*, a solve for each substructure with factors that last until the
+    status of a link or joint changes, and a coarse solve. Anderson acceleration combines the last
+    iterates. :func:`multiscale.macro.solve_static` on one process is faster at every size that
+    fits into its memory.
 
     References
     ----------
@@ -249,6 +254,11 @@ def simulate_latin(
     Dataset
         Follows ``MACRO_RESULT``, a step for each time. A step that fails is NaN with
         ``converged`` 0, the attribute ``failure`` has the reason, and later steps are not tried.
+
+    Raises
+    ------
+    CaseError
+        If times or masses are refused.
 
     Notes
     -----

@@ -35,6 +35,11 @@ class LoadPath:
         Amplitudes of the shear of a joint, rising: a closed cycle of each at the end of every step,
         next to the path.
     amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range, or the cycled load is unknown.
     """
 
     names: tuple[str, ...]
@@ -117,7 +122,10 @@ class LoadPath:
         return [slice(start, start + cycle + 1) for start in starts.tolist()]
 
     def cycle_energy(self, displacement: np.ndarray) -> np.ndarray:
-        """Energy dissipated in every cycle, J, by displacements of all loads, (steps, loads), m."""
+        """Energy dissipated in every cycle, J, from the displacement of all loads, (steps, loads).
+
+        See :func:`cycle_work`.
+        """
         case = self.names.index(self.cycled)
         q = np.array([displacement[cycle, case] for cycle in self.closed()])
         return np.asarray(self.forces[case] * cycle_work(self.amplitude, q))
@@ -148,7 +156,11 @@ class LoadPath:
         ]
 
     def answers(self, moved: np.ndarray, work: np.ndarray, jointed: bool) -> dict[str, Any]:
-        """Return factors, displacements and stiffnesses of loads that moved (steps, loads), m."""
+        """Return factors, displacements and stiffnesses of the loads.
+
+        They follow from displacements, shape (steps, loads), m, and
+        :attr:`~.measures.FollowedLoads.work`, with or without interfaces.
+        """
         factors, forces = self.factors(), np.array(self.forces)
         (stuck, *_), (whole, of_interfaces, _) = work
         free = np.isinf(whole)
@@ -212,6 +224,11 @@ def joint_path(
     steps : int, load steps from zero to the amplitude: 4 of these make a cycle
     amplitudes : sequence of float
         Amplitudes of the shear, Pa, rising: a cycle of each at every preload, next to the path.
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range.
     """
     if not preloads or not all(0.0 < p < np.inf for p in preloads):
         raise CaseError(f"preloads must be positive (Pa), got {list(preloads)}")

@@ -78,6 +78,12 @@ def load_joint(
     -------
     Dataset
         Follows ``MACRO_RESULT``; see :func:`measure_loads`.
+
+    Raises
+    ------
+    CaseError
+        If faces do not match, a substructure is in pieces, a law is rigid contact, or there are
+        not two areas.
     """
     if len(assembly.areas) != 2:
         raise CaseError(
@@ -125,6 +131,11 @@ def follow_loads(
         instance the small problem of :func:`condense_assembly`.
     method : Method, as in :func:`solve_assembly`
     near : FollowedLoads, optional, the same path under other laws, as initial guess
+
+    Raises
+    ------
+    CaseError
+        If the path does not have a factor for each load case.
     """
     factors, ends = path.factors(), path.ends()
     tangents = Tangents(problem, method.linear(problem))
@@ -152,7 +163,10 @@ def follow_loads(
 
 
 def changed_stiffness(followed: FollowedLoads, laws: Sequence[SideBySide]) -> dict[str, np.ndarray]:
-    """Return relative changes of stiffnesses by small changes of laws, (laws, preloads)."""
+    """Return relative changes of the stiffnesses at the preloads by small changes of the laws.
+
+    To first order, shape (laws, preloads); see :meth:`~.tangents.Tangents.changes`.
+    """
     problem, n = followed.path.problem, len(followed.ended)
     tangents, work = Tangents(problem), followed.work[0, :, :n]
     changes = [tangents.changes(state, laws) for state in followed.ended]
@@ -195,8 +209,11 @@ def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Data
     points. A joint has the area A of a face in place of F, and :math:`A / (f \cdot u)` as
     stiffness; joints and bodies are in series, with the work that each stores.
 
-    Every cycle is solved, as Masing's rule does not hold. The secant stiffness is the shear over
-    the displacement between both ends of a cycle.
+    Every cycle is solved: pressing makes points slip, and the shear of a lap joint changes its
+    pressure, so that Masing's rule from the first loading does not hold. The secant stiffness is
+    the shear over the displacement between both ends of a cycle. The distribution of the loss comes
+    from the dissipation of the steps; their sum is of first order in the step and is scaled to the
+    work of the cycle.
     """
     path, problem, run = followed.loads, followed.path.problem, followed.path
     moved = np.asarray(run.unknowns @ followed.load / np.array(path.forces))

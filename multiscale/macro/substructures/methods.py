@@ -79,6 +79,12 @@ def solve_assembly(
         attribute ``failure`` has the reason. Points follow the order of the pairs of adjacent
         substructures; ``point_joint`` is the interface of each.
 
+    Raises
+    ------
+    CaseError
+        If a body is not elastic, a support moves, faces do not match, a substructure is in
+        pieces, or load factors do not fit the load cases.
+
     Examples
     --------
     >>> from multiscale.laws import Exponential, Sliders

@@ -141,6 +141,11 @@ class CutProblem:
         Interfaces with a law. Perfect interfaces follow from the numbers of the unknowns.
     bolts : tuple of CutBolt, tightened by the first load case
     locked : bool, whether the last substructures are the shanks of the bolts
+
+    Raises
+    ------
+    CaseError
+        If the traces of an interface do not fit its sides.
     """
 
     substructures: tuple[Substructure, ...]
@@ -225,7 +230,10 @@ class CutProblem:
         return replace(self, substructures=substructures)
 
     def with_locked_bolts(self) -> "CutProblem":
-        """Return the structure with the shanks as substructures; a case of 1 N in each follows."""
+        """Return the structure with the shanks of its bolts as substructures.
+
+        A load case for each bolt, a tension of 1 N in its washers, follows the other load cases.
+        """
         if not self.bolts:
             return self
         position, component = self.places()

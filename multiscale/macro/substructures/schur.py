@@ -57,8 +57,12 @@ class NewtonSchur(Method):
 
     Notes
     -----
-    Systems of the shared unknowns are solved by conjugate gradients, or GMRES, preconditioned by
-    BDDC, :class:`~.balancing.Balancing`, to a tolerance that decreases with the residual [1]_.
+    The tangent is condensed onto the unknowns that substructures share, again only where a link or
+    a joint changed its status. Conjugate gradients, preconditioned by BDDC with constraints from
+    the flexibility of the jumps, :class:`~.balancing.Balancing`, solve for them; where the tangent
+    is not symmetric, as with friction, GMRES. The tolerance of the linear systems decreases with
+    the residual [1]_. With links and without joints line searches are exact, and the interior
+    of every substructure is in balance before a step.
 
     In the result ``iterations`` counts the Newton steps, ``krylov_iterations`` the iterations of
     the linear solver in all of them, and ``condition_number`` is the largest ratio of the Ritz

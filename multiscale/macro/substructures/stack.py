@@ -251,7 +251,13 @@ def split_columns(
 
 
 def world() -> ProcessGroup:
-    """Return the processes that ``mpiexec`` has started, or a single process."""
+    """Return the processes that ``mpiexec`` has started, or a single process.
+
+    Raises
+    ------
+    CaseError
+        If ``mpiexec`` has started the process and mpi4py is missing.
+    """
     if not any(name in environ for name in LAUNCHERS):
         return ALONE
     try:

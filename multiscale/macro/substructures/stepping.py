@@ -259,6 +259,9 @@ def follow(
 
     Raises
     ------
+    CaseError
+        If load factors do not fit the load cases, or do not tighten the bolts, or the state belongs
+        to another structure.
     ConvergenceError
         If a step gains energy; see :func:`~multiscale.laws.interface_law.advance_state`.
     """

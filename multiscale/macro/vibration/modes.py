@@ -131,6 +131,8 @@ def tangent_modes(
 
     Raises
     ------
+    CaseError
+        If the model has fewer modes, or the tangent is not positive: the preload is unstable.
     MultiscaleError
         If the tangent with the springs below is singular: bodies move without force.
 
@@ -229,7 +231,10 @@ class Preloaded:
         return self.followed.end
 
     def tangent(self) -> csr_array:
-        """Stiffness of the whole with locked bolts and without slip, N/m, (whole.n, whole.n)."""
+        """Stiffness of the whole against small changes, N/m, shape (whole.n, whole.n).
+
+        Bolts are locked, and no point slips.
+        """
         whole, law = assemble(self.free.with_locked_bolts()), self.law
         tangent = law.respond(self.state.jump, law.unsheared(self.state.history)).tangent
         B, points = whole.jump, whole.weight.size
@@ -268,6 +273,8 @@ def press_structure(
 
     Raises
     ------
+    CaseError
+        If a body is free to move separately, or as :func:`cut_assembly`.
     ConvergenceError
         If the preload has no equilibrium, or is far outside the data of a law.
     """
@@ -305,7 +312,13 @@ def press_structure(
 
 
 def require_joined(assembly: Assembly) -> None:
-    """Refuse bodies that may move against each other; the structure as a whole may be free."""
+    """Refuse bodies that may move against each other; the structure as a whole may be free.
+
+    Raises
+    ------
+    CaseError
+        With the bodies and their motions, or as ``cut_assembly``.
+    """
     supported = _add_springs(cut_assembly(assembly))
     refuse_free(assembly, supported, "; the structure as a whole may be free")
 

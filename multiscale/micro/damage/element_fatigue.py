@@ -81,9 +81,12 @@ def local_fatigue(
 
     Notes
     -----
-    The stress is constant until the share of an element changes. A jump is computed with the stress
-    at its start and at its end; half the difference of both is bounded by ``tolerance`` times the
-    larger change or life, and the accepted jump has the mean of both stresses.
+    The stress is constant until the share of an element changes. A jump of J cycles is computed
+    with the stress at its start, then with the stress at its end; half the difference of both
+    changes is bounded by ``tolerance`` times the larger change, and half the difference of the
+    lives of inclusions that crack in both by ``tolerance`` times the longer life. The accepted jump
+    has the mean of both stresses. An element that has cracked through keeps the stiffness of an
+    inclusion, as the search ends there.
     """
     check_limits(tolerance)
     factors = limit_factors(scatter)

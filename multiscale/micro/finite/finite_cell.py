@@ -159,7 +159,11 @@ class FiniteCell(PeriodicLayer):
         return plastic_approach(float(span), refinement)
 
     def slid_increments(self, length: float, largest: float) -> int:
-        """Count the increments of a slide: in each a node passes at most a single point."""
+        """Count the increments of a slide: in each a node passes at most a single point.
+
+        In a body that flows, sliding up the slopes closes the gap by at most ``largest`` in each. A
+        rigid flat has no points to pass.
+        """
         from multiscale.micro.elastic.flat_reference import surface_slopes
 
         if self.obstacle is None and self.second is None:

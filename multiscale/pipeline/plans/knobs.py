@@ -42,7 +42,10 @@ class Knob:
         return self._has(case, 1) or self._has(case, -1)
 
     def lowest(self, case: "Case") -> int:
-        """Return the lowest rung of a case at which its error is known."""
+        """Return the lowest rung of a case at which its error is known.
+
+        A measured knob has another spacing at the rung above its lowest rung.
+        """
         rung = 0
         while rung > LOWEST and self._has(case, rung - 1):
             rung -= 1

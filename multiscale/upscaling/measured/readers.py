@@ -71,6 +71,11 @@ def read_measured(
         Half-widths of the 95 % intervals of the compliance of the frame in series, m/Pa, and of
         the zero of the load, Pa. A fifth of the least measured compliance and a tenth of the least
         preload if not given; 0 where they are known to be absent.
+
+    Raises
+    ------
+    CaseError
+        If the table is refused, has no error, is not in order, or leaves the range of its kind.
     """
     path = Path(path)
     refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})

@@ -135,6 +135,11 @@ def read_vibration(
         has them.
     error : float, optional, half-width of frequency and damping, without these columns
     bodies, frame, offset : float, optional; see :func:`~.tables.read_measured`
+
+    Raises
+    ------
+    CaseError
+        If the table is refused, has no error, or has a damping of 1 or more.
     """
     path = Path(path)
     refuse_settings(path, error, {"bodies": bodies, "frame": frame, "offset": offset})
