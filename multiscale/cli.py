@@ -72,12 +72,12 @@ def run_command(
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a run that was begun in the folder.")
+        bool, typer.Option("--resume", help="Continue the run in the folder.")
     ] = False,
     dask: DaskOption = None,
     explain: ExplainOption = False,
     force: Annotated[
-        bool, typer.Option("--force", help=f"Compute all stages anew, and {ANYWAY}.")
+        bool, typer.Option("--force", help=f"Compute all stages again, and {ANYWAY}.")
     ] = False,
     keep: Annotated[
         bool, typer.Option("--keep", help="Store the run folders of all points of a large sweep.")
@@ -85,7 +85,7 @@ def run_command(
     until: Annotated[Literal["law", ""], typer.Option(help="Stop after the interface law.")] = "",
     start: Annotated[
         Literal["structure", ""],
-        typer.Option("--from", help="Begin at the structure, with the law that its joints name."),
+        typer.Option("--from", help="Start with the structure, with the law named by its joints."),
     ] = "",
     only: Annotated[
         Literal["rve", ""], typer.Option(help="Compute the representative volume only.")
@@ -101,9 +101,9 @@ def run_command(
     from multiscale.pipeline import load_sweep
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
-        raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
+        raise CaseError(f"{out} has no run to resume; leave out --resume for a new run")
     if resume and force:
-        raise CaseError("--resume keeps what --force computes anew; give one of them")
+        raise CaseError("--resume keeps results that --force computes again; give one of them")
     selected = [stages for stages in (until, start, only) if stages]
     if len(selected) > 1:
         raise CaseError("--until, --from and --only exclude each other")
@@ -314,9 +314,7 @@ def inspect_command(
     ] = "",
     preload: Annotated[
         str,
-        typer.Option(
-            help='Preload of the structure, such as "20 kN", which decides on the pressures.'
-        ),
+        typer.Option(help='Preload of the structure, such as "20 kN", for the pressures.'),
     ] = "",
     channel: Annotated[str, typer.Option(help="Number, from 0, or name of a channel.")] = "",
     size: Annotated[
@@ -330,9 +328,9 @@ def inspect_command(
         int, typer.Option(min=0, max=2, help="0 mean, 1 plane, 2 curvature.")
     ] = 2,
     remove_spikes: Annotated[
-        bool, typer.Option("--remove-spikes", help="Fill points that stand out of the others.")
+        bool, typer.Option("--remove-spikes", help="Fill points far above or below the others.")
     ] = False,
-    case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
+    case: Annotated[Path | None, typer.Option(help="Complete case file to write.")] = None,
 ) -> None:
     """Describe measured surfaces, and propose a case of cells with the same roughness."""
     edges = to_lengths(size) if size else None
@@ -386,7 +384,7 @@ def damage_command(
     youngs_modulus: Annotated[
         str, typer.Option(help='For an image: modulus of its solid, such as "71 GPa".')
     ] = "",
-    poissons_ratio: Annotated[float, typer.Option(help="For an image: of its solid.")] = 0.3,
+    poissons_ratio: Annotated[float, typer.Option(help="For an image: ratio of its solid.")] = 0.3,
     voxel_size: Annotated[
         str, typer.Option(help='Edge of a voxel, such as "5 um", if it is missing in the image.')
     ] = "",
@@ -439,7 +437,7 @@ def _working(
     except KeyboardInterrupt:
         report_line(
             f"multiscale: interrupted; finished jobs remain in {out}, and the same command "
-            f"goes on with the others"
+            f"continues with the others"
         )
         raise typer.Exit(INTERRUPTED) from None
 
@@ -460,6 +458,6 @@ def main() -> None:
     except MemoryError as error:
         message = f"not enough memory ({error}); use fewer points or jobs"
     except OSError as error:  # of standard output, for instance
-        message = f"{error}; free some space or look at the permissions"
+        message = f"{error}; free some space or check the permissions"
     report_line(f"multiscale: {message}")
     raise SystemExit(1)

@@ -17,7 +17,7 @@ class Status(Enum):
     MAX_ITERATIONS = "the iteration limit was reached; raise max_iterations or cut the load step"
     WORK_SPENT = (
         "the limit on linear iterations was reached; Poisson's ratios near .5, steep slopes and "
-        "long steps need most iterations: lower any of these"
+        "long steps need most iterations: reduce one of these"
     )
     NOT_FINITE = "a value became NaN or infinite; check units and boundary conditions"
     STALLED = "the residual stopped falling; the problem is too ill-conditioned for the tolerance"

@@ -70,8 +70,8 @@ def run_jobs(
         ) from error
     except CancelledError as error:
         raise MultiscaleError(
-            f"the workers were lost after {done} finished jobs; finished results remain, so run "
-            f"again once the workers are back"
+            f"the workers disappeared after {done} finished jobs; finished results remain, so run "
+            f"again when workers are available"
         ) from error
     finally:
         for future in in_flight:

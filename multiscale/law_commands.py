@@ -33,10 +33,10 @@ def fit_command(
         ),
     ] = "",
     shear: Annotated[
-        Path | None, typer.Option(help="Response of the cells that were sheared, for friction.")
+        Path | None, typer.Option(help="Response of sheared cells, for friction.")
     ] = None,
     sliding: Annotated[
-        Path | None, typer.Option(help="Response of the cells that slid, for friction.")
+        Path | None, typer.Option(help="Response of sliding cells, for friction.")
     ] = None,
     pressure: Annotated[
         list[str] | None,
@@ -209,5 +209,5 @@ def export_command(
             face_to_face=face_to_face,
         )
     else:
-        raise CaseError(f"a law is exported to a file that ends in .inp or .csv, got {out}")
+        raise CaseError(f"a law is exported to a file with the ending .inp or .csv, got {out}")
     typer.echo(f"written: {out}")

@@ -71,7 +71,7 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool 
     for name, facets in arrays.boundaries.items():
         index = [known.get(tuple(sorted(facet)), -1) for facet in facets.tolist()]
         if min(index) < 0 and not volume:
-            raise CaseError(f"{path}: boundary {name!r} has a facet that no element has")
+            raise CaseError(f"{path}: boundary {name!r} has a facet without an element")
         if max(index) >= 0:
             boundaries[name] = np.unique([facet for facet in index if facet >= 0])
     outer = mesh.boundary_facets()

@@ -46,7 +46,7 @@ def read_table(
     lines = csv.reader(text, delimiter=separator)
     rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if row]
     if not rows:
-        raise CaseError(f"{path}: empty; the first line names the columns")
+        raise CaseError(f"{path}: empty; the first line must have the names of the columns")
     head = rows[0][1]
     table: dict[str, list[Any]] = {name: [] for name in head}
     if len(table) < len(head):

@@ -91,7 +91,7 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
     kind = f"a {schema.name!r} dataset" if schema else "a dataset"
     if not path.is_file():
         state = "not a file" if path.exists() else "no such file"
-        raise SchemaError(f"{path}: {state}; it should hold {kind}")
+        raise SchemaError(f"{path}: {state}; it should contain {kind}")
     dataset = _load(path)
     if dataset is None:
         raise SchemaError(
@@ -176,7 +176,7 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
     }
     if not datasets:
         raise SchemaError(
-            f"{folder}: no results; a run leaves the dataset of each of its stages there, such as "
+            f"{folder}: no results; the folder of a run has the dataset of each stage, such as "
             f"{INTERFACE_LAW.name}.nc"
         )
     return xr.DataTree.from_dict(datasets, name=folder.name)

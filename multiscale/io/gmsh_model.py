@@ -50,7 +50,7 @@ def _refusals(gmsh: Any, subject: str) -> Iterator[None]:
     except Exception as error:  # gmsh raises bare Exceptions
         wrong = [line for line in gmsh.logger.get() if line.startswith("Error")]
         reason = (wrong or str(error).splitlines() or ["no reason given"])[0]
-        raise CaseError(f"gmsh refuses the {subject} ({reason})") from error
+        raise CaseError(f"gmsh cannot process the {subject} ({reason})") from error
     finally:
         gmsh.logger.stop()
 

@@ -161,7 +161,7 @@ def read_images(
     pages, edges_in_file = _read_pages(path)
     if pages.ndim != 3:
         raise CaseError(
-            f"{path}: holds an array of shape {pages.shape}; give a stack of grey images"
+            f"{path}: contains an array of shape {pages.shape}; give a stack of grey images"
         )
     values = np.unique(pages)
     if values.size > 2 or (values.size == 2 and void_value not in values):
@@ -202,7 +202,7 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
             names = [str(p) for p in path.iterdir() if p.suffix.lower() in {".tif", ".tiff"}]
             slices = tifffile.natural_sorted(names)
             if not slices:
-                raise CaseError(f"{path}: the folder holds no .tif file; give the slices as TIFF")
+                raise CaseError(f"{path}: the folder has no .tif file; give the slices as TIFF")
             count, pages = 0, []
             for name in slices:
                 with tifffile.TiffFile(name) as file:

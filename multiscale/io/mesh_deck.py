@@ -166,7 +166,7 @@ def _nodes(blocks: list[Block]) -> dict[int, list[float]]:
         position += [0.0] * (3 - len(position))
         if nodes.setdefault(number, position) != position:
             raise CaseError(
-                f"line {line} gives node {number} a second place, as decks of several parts do; "
+                f"line {line} gives node {number} a second place, as in decks of several parts; "
                 f"write the body as a deck without parts"
             )
     return nodes

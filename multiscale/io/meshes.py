@@ -191,7 +191,7 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
             f"{path}: a body needs elements of one kind out of {', '.join(FACETS)} or of their "
             f"second order, got {counts or listed(whole)}; "
             + (
-                f"give as volume one of {listed(choices)}, or a face of the wanted piece"
+                f"give as volume one of {listed(choices)}, or a face of the volume"
                 if choices
                 else "mesh the body again"
             )

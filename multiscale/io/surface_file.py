@@ -61,8 +61,8 @@ class Topography:
         number = int(np.count_nonzero(spikes))
         if number > MOST_SPIKES * spikes.size:
             raise CaseError(
-                f"{self.path}: {number} of {spikes.size} points ({number / spikes.size:.2%}) stand "
-                f"out of their surroundings, too many for spikes; leave out spikes, or remove them "
+                f"{self.path}: {number} of {spikes.size} points ({number / spikes.size:.2%}) are "
+                f"far from their neighbours, too many for spikes; leave out spikes, or remove them "
                 f"in the instrument's software"
             )
         return replace(self, heights=np.where(spikes, np.nan, self.heights), spikes=number)
@@ -73,8 +73,8 @@ class Topography:
             return []
         share = f"{100.0 * self.spikes / self.heights.size:.2g} %"
         return [
-            f"{self.spikes} of {self.heights.size} points ({share}) stood out of their "
-            f"surroundings as spikes, and are filled"
+            f"{self.spikes} of {self.heights.size} points ({share}) were spikes, far from "
+            f"their neighbours, and are filled"
         ]
 
     def to_surface(self, *, detrend_order: int = 1, fill_undefined: bool = False) -> "Surface":
@@ -98,8 +98,8 @@ class Topography:
         heights = remove_trend(self.heights, detrend_order)
         if np.nanstd(heights) <= 1e-13 * scale:  # round-off of the fit
             raise CaseError(
-                f"{path}: all heights are equal once the {_TRENDS[detrend_order]} is removed; "
-                f"choose a file, or a channel, that holds a rough surface"
+                f"{path}: all heights are equal without the {_TRENDS[detrend_order]}; "
+                f"choose a file or channel with a rough surface"
             )
         if n_undefined:
             heights = _fill(heights, undefined, self.size)
@@ -161,7 +161,7 @@ def read_surface(
     topography = open_topography(path, channel=channel, size=size, unit=unit)
     if topography.is_profile:
         raise CaseError(
-            f"{path}: holds a line scan of {topography.heights.size} points; give a map, or set "
+            f"{path}: contains a line scan of {topography.heights.size} points; give a map, or set "
             f"profile in the surface table of a case to make a map of the scan"
         )
     return topography.to_surface(detrend_order=detrend_order, fill_undefined=fill_undefined)
@@ -225,7 +225,7 @@ def _check_metadata(
 ) -> None:
     """Refuse a file without size or unit, or with a unit that is also given by the caller."""
     if entry.dim not in (1, 2) or (entry.dim == 2 and entry.is_uniform is False):
-        raise CaseError(f"{path}: holds scattered points; give a map on a regular grid")
+        raise CaseError(f"{path}: contains scattered points; give a map on a regular grid")
     if entry.unit is not None and unit is not None:
         raise CaseError(f"{path}: the file gives its unit, {entry.unit}; leave out unit")
     missing = {
@@ -380,7 +380,7 @@ def _points_on_grid(path: Path, reader: Any) -> BytesIO | None:
     on_grid = place_on_grid(np.ma.filled(points, np.nan).T)
     if on_grid is None:
         raise CaseError(
-            f"{path}: holds three columns, which are scattered points or not a map; give a map "
+            f"{path}: has three columns, which are scattered points or not a map; give a map "
             f"on a regular grid"
         )
     return on_grid
@@ -391,7 +391,7 @@ def _check_array(path: Path) -> None:
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.ndim not in (1, 2) or array.dtype.kind not in "fiu":
         raise CaseError(
-            f"{path}: holds an array of shape {array.shape} and type {array.dtype}; a map is a "
+            f"{path}: contains an array of shape {array.shape} and type {array.dtype}; a map is a "
             f"matrix of real numbers (nx, ny)"
         )
 

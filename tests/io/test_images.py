@@ -106,7 +106,7 @@ def test_an_unreadable_image_is_refused_with_a_sentence(void, tmp_path):
         (flat, r"shape \(4, 5\); give a stack"),
         (colour, r"shape \(3, 4, 5, 3\); give a stack"),
         (broken, "cannot be read as images"),
-        (tmp_path / "empty", "holds no .tif file"),
+        (tmp_path / "empty", "has no .tif file"),
     ):
         with pytest.raises(CaseError, match=sentence):
             read_images(path)

@@ -284,7 +284,7 @@ def test_a_file_of_salome_that_lacks_an_attribute_is_a_sentence(tmp_path, capfd)
     file = med(tmp_path / "cube.med")
     with h5py.File(file, "r+") as content:
         del content["ENS_MAA/mesh"].attrs["ESP"]
-    with pytest.raises(CaseError, match=r"cube.med cannot be read as a mesh: gmsh refuses"):
+    with pytest.raises(CaseError, match=r"cube.med cannot be read as a mesh: gmsh cannot process"):
         load_mesh(file)
     assert capfd.readouterr() == ("", "")
 
@@ -340,7 +340,7 @@ def test_a_mesh_of_another_program_names_its_faces(reference_data, name, volume,
         ("field/cont103b.med", r"got 343 hexahedron, 395 tetra; give as volume one of hexa"),
         ("field/dangling.inp", "element 1 has node 99, which the deck does not define"),
         ("field/law.inp", "the deck has no elements"),
-        ("user/truncated.msh", "gmsh refuses the mesh .Error: Could not read elements"),
+        ("user/truncated.msh", "gmsh cannot process the mesh .Error: Could not read elements"),
     ],
 )
 def test_a_faulty_mesh_of_a_user_is_refused_with_its_reason(reference_data, name, message, capfd):

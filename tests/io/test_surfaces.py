@@ -257,7 +257,7 @@ def test_points_x_y_z_and_line_scans_are_read_with_their_unit(tmp_path, heights,
     assert scan.is_profile
     assert scan.size[0] == pytest.approx(15e-6)
     np.testing.assert_allclose(scan.heights[:, 0], 1e-6 * heights.ravel(), atol=1e-11)
-    with pytest.raises(CaseError, match="holds a line scan of 30 points"):
+    with pytest.raises(CaseError, match="contains a line scan of 30 points"):
         read_surface(path, unit=1e-6)
 
 

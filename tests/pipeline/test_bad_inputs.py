@@ -62,7 +62,7 @@ TOLD = 'size = ["1 mm", "1 mm"]\nunit = "m"'
 MAPS = {
     "holes": (np.where(np.arange(24) == 3, np.nan, bumps()), TOLD, "set fill_undefined to true"),
     "line scan": (bumps().ravel(), TOLD.replace(', "1 mm"', ""), "profile"),
-    "text": (np.array([["a", "b"]]), TOLD, "holds an array of shape"),
+    "text": (np.array([["a", "b"]]), TOLD, "contains an array of shape"),
     "untold": (bumps(), "", "no lateral size and no unit of length; give size and unit"),
     "wrong channel": (bumps(), f"{TOLD}\nchannel = 7", "height channels: 0"),
     "small map": (bumps(), TOLD.replace("1 mm", "9 um"), "window"),

@@ -151,7 +151,7 @@ def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
     assert np.all(before < [file.stat().st_mtime_ns for file in files])
     status, _, output = command(*arguments, "--force", "--resume")
     assert status == 1
-    assert "--resume keeps what --force computes anew" in output
+    assert "--resume keeps results that --force computes again" in output
 
 
 def test_tables_of_earlier_versions_are_refused_in_sweeps(tmp_path):

@@ -192,7 +192,7 @@ def test_inspect_counts_spikes_and_removes_them(store, rough, spiked):
         inspect_surface(store(item), **known, spikes=spikes)
         for item, spikes in ((rough, "keep"), (heights, "remove"))
     )
-    assert f"{number} of {heights.size} points (0.049 %) stood out" in text.attrs["cautions"]
+    assert f"{number} of {heights.size} points (0.049 %) were spikes" in text.attrs["cautions"]
     assert "few points cause" not in text.attrs["cautions"]
     assert float(inspection["kurtosis"]) > 10 * float(text["kurtosis"])
     for name in ("rms_height", "rms_slope"):
@@ -222,7 +222,7 @@ def test_too_many_spikes_are_no_spikes(store):
     noise = np.random.default_rng(1).standard_cauchy((64, 64))
     case = case_of([{"file": str(store(noise)), "size": ["1 mm"] * 2, "unit": "um"}, None])
     surface = case.body_1.surface.model_copy(update={"spikes": "remove"})
-    with pytest.raises(CaseError, match="stand out of their surroundings, too many for spikes"):
+    with pytest.raises(CaseError, match="far from their neighbours, too many for spikes"):
         measured_map(surface)
 
 
@@ -387,7 +387,7 @@ FILES = {
     "xyz-1.txt": {"unit": 1e-6},
 }
 REFUSED = {
-    "nc-1.nc": "all heights are equal once the plane is removed",
+    "nc-1.nc": "all heights are equal without the plane",
 }
 
 

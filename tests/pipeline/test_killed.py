@@ -314,7 +314,7 @@ def test_jobs_end_in_one_sentence_when_all_workers_of_dask_are_gone(dask, monkey
             process.kill()
 
     with (
-        pytest.raises(MultiscaleError, match="the workers were lost after 1 finished jobs"),
+        pytest.raises(MultiscaleError, match="the workers disappeared after 1 finished jobs"),
         executors.workers(1, address) as executor,
     ):
         executors.run_jobs(sleep, ((k, (20.0 * k,)) for k in range(5)), executor, finish)
@@ -339,7 +339,7 @@ def test_a_scheduler_of_dask_that_is_killed_is_one_sentence(dask, swept, tmp_pat
     output = begun.communicate()[1]
     assert begun.returncode == 1
     assert "Traceback" not in output, output
-    assert output.count("multiscale: the workers were lost after") == 1
+    assert output.count("multiscale: the workers disappeared after") == 1
     check_whole(tmp_path / "out")
     stored = cells(tmp_path / "out")
     assert stored
