@@ -154,6 +154,7 @@ def _of_settings(
     if asked.cycles is None:
         return
     if sources.beds:
+        # where 4 or more slabs slip the error is about .4 of this change, else it may be larger
         fewer, how = Change(sources.beds, coarse_bed=True), "beds of half of the slabs"
         term = MACRO if sources.meshes else BED  # unknown meshes leave their term unknown
         share = asked.in_cycles(1.0)
