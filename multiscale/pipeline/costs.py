@@ -29,7 +29,7 @@ def stage_seconds(datasets: Mapping[str, Dataset], stages: Iterable[Shown]) -> d
         dataset = datasets[stage.name]
         time = float(dataset.attrs.get(SECONDS, 0.0))
         if isinstance(stage, Stage) and stage.folders and "wall_time" in dataset:
-            time = float(dataset["wall_time"].sum())
+            time = max(time, float(dataset["wall_time"].sum()))  # with cells of earlier runs
         if again := float(dataset.attrs.get(INTERVALS, 0.0)):
             seconds[f"intervals of {stage.name}"] = again
         seconds[stage.name] = max(time - again, 0.0)

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.datasets import open_run
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.costs import cost_section
+from multiscale.pipeline.costs import cost_section, stage_seconds
 from multiscale.pipeline.plans.answers import KnobError, Outcome, SourceCost, halving_seconds
 from multiscale.pipeline.plans.case_knobs import body_knobs, cell_knobs
 from multiscale.pipeline.plans.knobs import Knob, scaled
@@ -211,6 +211,14 @@ def test_the_cost_of_a_round_follows_the_measured_growth():
     growth = reached.state.growth
     assert growth["structure", "elements"] == pytest.approx(1.5)
     assert growth["structure", "steps"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seconds", [0.5, 5.0])
+def test_the_time_of_cells_includes_their_files_and_cells_of_earlier_runs(seconds):
+    from multiscale.pipeline.stages.cells import CELLS
+
+    cells = xr.Dataset({"wall_time": ("realisation", [1.0, 2.0])}, attrs={"seconds": seconds})
+    assert stage_seconds({CELLS.name: cells}, [CELLS]) == {CELLS.name: max(seconds, 3.0)}
 
 
 def test_seen_orders_are_extrapolated():
