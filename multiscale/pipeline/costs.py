@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from multiscale.pipeline.plans.answers import SourceCost, halving_seconds
-from multiscale.pipeline.plans.knobs import Knob
+from multiscale.pipeline.plans.knob_errors import SourceCost, halving_seconds
+from multiscale.pipeline.plans.knobs import CaseKnob
 from multiscale.pipeline.showing import format_error
 from multiscale.pipeline.stage import Section, Shown, Stage
 from multiscale.pipeline.tables.settings import Case
@@ -36,7 +36,7 @@ def stage_seconds(datasets: Mapping[str, Dataset], stages: Iterable[Shown]) -> d
     return seconds
 
 
-def knobs_of(case: Case, stages: Iterable[Shown]) -> list[Knob]:
+def knobs_of(case: Case, stages: Iterable[Shown]) -> list[CaseKnob]:
     """Return the knobs that stages name, and that the case has."""
     asked = [stage for stage in stages if isinstance(stage, Stage) and stage.asked_for(case.tables)]
     named = {knob.name: knob for stage in asked for knob in stage.knobs(case)}
@@ -44,7 +44,7 @@ def knobs_of(case: Case, stages: Iterable[Shown]) -> list[Knob]:
 
 
 def source_costs(
-    knobs: Sequence[Knob], result: Dataset, seconds: Mapping[str, float]
+    knobs: Sequence[CaseKnob], result: Dataset, seconds: Mapping[str, float]
 ) -> list[SourceCost]:
     """Return the terms of the first answer of a result, with the time that halves them, s."""
     budget = result.isel(quantity=0)

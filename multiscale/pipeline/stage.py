@@ -15,7 +15,7 @@ from multiscale.upscaling.tables import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
-    from multiscale.pipeline.plans.knobs import Knob
+    from multiscale.pipeline.plans.knobs import CaseKnob
     from multiscale.pipeline.tables.toml_model import Settings
 
 Datasets: TypeAlias = "Mapping[str, Dataset]"  # dataset of every stage, by its name
@@ -177,7 +177,7 @@ class Stage(Shown):
     """Compute the first realisation of an ensemble of cells again, to compare it."""
     check: Callable[[Dataset], object] = _nothing
     """Refuse a written dataset without any answer."""
-    knobs: "Callable[[Any], Iterable[Knob]]" = _nothing
+    knobs: "Callable[[Any], Iterable[CaseKnob]]" = _nothing
     """Settings of accuracy of the stage."""
     folders: tuple[str, ...] = ()
     """Folders of a run with results that the stage reuses."""

@@ -18,7 +18,7 @@ from multiscale.upscaling.measured.joints import Answer, BedCurve, Curve, Measur
 from multiscale.upscaling.observations import list_pressures
 from multiscale.upscaling.posterior import Draws, Mode, draw, find_mode
 from multiscale.upscaling.posterior_law import law_of_interfaces
-from multiscale.upscaling.prior import Parameter, Prior, pressure_grid
+from multiscale.upscaling.prior import CalibratedParameter, Prior, pressure_grid
 from multiscale.upscaling.reading import fitted_laws, pick, refuse_band, require_law
 
 UNIT_TEXTS = {"Pa m-1": "Pa/m", "s-1": "Hz"}
@@ -55,7 +55,7 @@ class Calibration:
     """A calibrated law, and how it follows from prior and data."""
 
     law: Dataset  # follows INTERFACE_LAW, with samples and budget of the posterior
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[CalibratedParameter, ...]
     rows: tuple[MeasuredRow, ...]
     sentences: tuple[str, ...]  # parameters that disagree or are not learned, outliers
     effective: float  # number of independent draws

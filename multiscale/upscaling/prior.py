@@ -35,7 +35,7 @@ GRID, BELOW, ABOVE = 400, 7.0, 0.8  # points of the grid over x; beyond the data
 VARIANCE = 0.995  # of the logarithm of the stiffness, that the modes contain
 
 
-class Parameter(NamedTuple):
+class CalibratedParameter(NamedTuple):
     """A parameter of the law, or a nuisance, before and after calibration."""
 
     name: str
@@ -160,7 +160,7 @@ class Prior:
             at = place.stop
         return np.concatenate(residuals), np.concatenate(rows)
 
-    def parameters(self, mode: Mode) -> Iterator[Parameter]:
+    def parameters(self, mode: Mode) -> Iterator[CalibratedParameter]:
         """Yield the parameters in their units before and after calibration."""
         data = (self.x >= self.x[0] + BELOW) & (self.x <= self.x[-1] - ABOVE)
         scale = self.scale.copy()  # of modes as the root mean square of ln K over the data
@@ -173,7 +173,7 @@ class Prior:
         after *= np.sqrt(np.diag(mode.covariance))
         columns = (self.middle, before, value, after, mode.learned, mode.pull)
         for name, unit, *row in zip(self.names, self.units, *columns, strict=True):
-            yield Parameter(name, unit, *map(float, row))
+            yield CalibratedParameter(name, unit, *map(float, row))
 
 
 def pressure_grid(law: Dataset) -> np.ndarray:

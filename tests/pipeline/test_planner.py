@@ -13,9 +13,9 @@ from multiscale.io.datasets import open_run
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.costs import cost_section, stage_seconds
-from multiscale.pipeline.plans.answers import KnobError, Outcome, SourceCost, halving_seconds
 from multiscale.pipeline.plans.case_knobs import body_knobs, cell_knobs
-from multiscale.pipeline.plans.knobs import Knob, scaled
+from multiscale.pipeline.plans.knob_errors import KnobError, Outcome, SourceCost, halving_seconds
+from multiscale.pipeline.plans.knobs import CaseKnob, scaled
 from multiscale.pipeline.plans.planner import Planner
 from multiscale.pipeline.verification import verify_run
 from multiscale.upscaling.budget import MACRO, total_error
@@ -37,10 +37,12 @@ def test_the_lowest_rung_is_the_last_that_a_case_accepts(least, lowest):
             raise CaseError("too coarse")
         return case * 2.0**rung
 
-    knob = Knob("points", change, measured=False)
+    knob = CaseKnob("points", change, measured=False)
     assert knob.lowest(4.0) == lowest
     assert knob.applies(4.0)
-    assert Knob("points", lambda case, rung: change(case, min(rung, 0))).applies(4.0) == (least < 4)
+    assert CaseKnob("points", lambda case, rung: change(case, min(rung, 0))).applies(4.0) == (
+        least < 4
+    )
 
 
 @dataclass
@@ -76,9 +78,9 @@ class Synthetic:
 
     def knobs(self):
         return [
-            Knob("cells", NO_CASE, ("sampling",), (0.5, 0.5), {"cells": 1.0}, False, adds=True),
-            Knob("elements", NO_CASE, costs={"structure": 3.0}),
-            Knob("steps", NO_CASE, costs={"structure": 3.0}),
+            CaseKnob("cells", NO_CASE, ("sampling",), (0.5, 0.5), {"cells": 1.0}, False, adds=True),
+            CaseKnob("elements", NO_CASE, costs={"structure": 3.0}),
+            CaseKnob("steps", NO_CASE, costs={"structure": 3.0}),
         ]
 
     def plan(self, target, **limits):
@@ -151,7 +153,7 @@ def test_an_error_follows_from_the_ratio_of_the_spacings(ratio, order):
         value = np.array([1.0 + 0.1 * ratio ** (-order * v["elements"])])
         return Outcome(value, {}, {"structure": 1.0}, ratio={"elements": ratio})
 
-    planner = Planner([Knob("elements", NO_CASE)], solve, {"elements": 0})
+    planner = Planner([CaseKnob("elements", NO_CASE)], solve, {"elements": 0})
     state = planner.measure({"elements": 2}, planner.measure({"elements": 1}, None))
     assert np.isfinite(state.left["elements"].order) == (ratio > 1.8)
     np.testing.assert_array_less(abs(1.0 - 1.0 / state.value), 1.05 * state.error())
@@ -183,9 +185,9 @@ def test_meshes_of_files_leave_the_rungs_of_other_bodies(coarser, terms):
 
 def test_meshes_that_never_differ_have_no_error():
     with pytest.raises(CaseError, match=r"^the elements of all settings .* are the same"):
-        Knob("elements", NO_CASE, ratio=lambda case: 1.0).lowest(1.0)
+        CaseKnob("elements", NO_CASE, ratio=lambda case: 1.0).lowest(1.0)
     same = Outcome(TRUTH, {}, {}, ratio={"elements": 1.0})
-    planner = Planner([Knob("elements", NO_CASE)], lambda v, whole: same, {"elements": 0})
+    planner = Planner([CaseKnob("elements", NO_CASE)], lambda v, whole: same, {"elements": 0})
     with pytest.raises(
         CaseError, match=r"the elements at the setting elements \+1 and at the coar"
     ):
@@ -235,7 +237,7 @@ def test_seen_orders_are_extrapolated():
 @pytest.mark.parametrize("effect", [0.0, -0.05, 0.08, 0.12, 0.2])
 def test_stated_errors_hold_effects_of_the_size_of_cells_within_their_scatter(effect, target):
     cells, *_ = Synthetic(0).knobs()
-    size = Knob("size", NO_CASE, ("cell size",), costs={"cells": 2.5}, scatters=True, draws=1.0)
+    size = CaseKnob("size", NO_CASE, ("cell size",), costs={"cells": 2.5}, scatters=True, draws=1.0)
     held, times = [], []
     for seed in range(120):
         stage = Sizes(seed, effect)
@@ -255,7 +257,7 @@ def test_the_chance_of_cells_of_two_sizes_is_not_an_error_of_their_size(adding):
     If cells can be added, four times as many of half the size have the same scatter.
     """
     cells = Synthetic(0).knobs()[:adding]
-    knob = Knob("size", NO_CASE, ("cell size",), costs={"cells": 3.0}, scatters=True, draws=1.0)
+    knob = CaseKnob("size", NO_CASE, ("cell size",), costs={"cells": 3.0}, scatters=True, draws=1.0)
     states = [
         Planner([*cells, knob], Sizes(k), {}).measure({"cells": 0, "size": 0}, None)
         for k in range(500)
@@ -307,7 +309,7 @@ def test_a_term_falls_as_two_rungs_show(surface, stopped):
     def solve(v, whole):
         return Outcome(np.ones(1), {"surface": surface[v["size"]] * np.ones(1)}, {"cells": 1.0})
 
-    knob = Knob("size", NO_CASE, measured=False, orders=(1.0, 1.0), lowers=("surface",))
+    knob = CaseKnob("size", NO_CASE, measured=False, orders=(1.0, 1.0), lowers=("surface",))
     reached = Planner([replace(knob, scatters=True)], solve, {"size": 0}, 0.03).run()
     assert (reached.error.max() <= 0.03) == (not stopped)
     assert reached.stopped.startswith(f"an error of {stopped}" if stopped else "")

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline.case_cells import longest_wave
-from multiscale.pipeline.plans.knobs import Knob, as_read, scaled
+from multiscale.pipeline.plans.knobs import CaseKnob, as_read, scaled
 from multiscale.pipeline.tables.settings import Case
 from multiscale.upscaling.budget import MACRO
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
@@ -29,23 +29,23 @@ LAYERED, PLANE = 3.75, 2.5
 iterations grow, too."""
 
 
-def cell_knobs(case: Case) -> Iterator[Knob]:
+def cell_knobs(case: Case) -> Iterator[CaseKnob]:
     """Yield the knobs of pressed and sheared cells."""
     each = dict.fromkeys((CELLS, SHEAR, FLAT), 1.0)
     # a law that measured joints calibrate has the sampling error of their posterior, which does not
     # fall with the number of cells
     sampled = case.measured is None
     if sampled:
-        yield Knob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+        yield CaseKnob("cells", _more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
     pressed = dict.fromkeys((CELLS, FLAT), 1.0)
-    yield Knob("pressures", _denser, ("fit",), (2.0, 2.0), pressed, measured=False)
+    yield CaseKnob("pressures", _denser, ("fit",), (2.0, 2.0), pressed, measured=False)
     if case.cell.mesh is None:
         fine = LAYERED if case.cell.geometry != "flat" else PLANE
         finer, larger = {CELLS: fine, SHEAR: LAYERED}, dict.fromkeys(each, PLANE)
-        yield Knob("points of the cells", _finer, ("micro discretisation",), costs=finer)
+        yield CaseKnob("points of the cells", _finer, ("micro discretisation",), costs=finer)
         if case.way == "direct":  # cells are as wide as the blocks
             return
-        yield Knob(
+        yield CaseKnob(
             "size of the cells",
             _larger,
             ("cell size",),
@@ -56,27 +56,29 @@ def cell_knobs(case: Case) -> Iterator[Knob]:
         )
 
 
-def volume_knobs(case: Case) -> Iterator[Knob]:
+def volume_knobs(case: Case) -> Iterator[CaseKnob]:
     """Yield the knobs of representative volumes."""
     more, finer = scaled({"rve.recipe.realisations": 2}), scaled({"rve.voxels": 2})
-    yield Knob("volumes", more, ("sampling",), (0.5, 0.5), {"rve": 1.0}, measured=False, adds=True)
-    yield Knob("voxels of the volumes", finer, ("micro discretisation",), costs={"rve": 3.2})
+    yield CaseKnob(
+        "volumes", more, ("sampling",), (0.5, 0.5), {"rve": 1.0}, measured=False, adds=True
+    )
+    yield CaseKnob("voxels of the volumes", finer, ("micro discretisation",), costs={"rve": 3.2})
 
 
-def road_knobs(case: Case) -> Iterator[Knob]:
+def road_knobs(case: Case) -> Iterator[CaseKnob]:
     """Yield the knobs of cells of rubber on a road."""
     more, each = scaled({"sliding.realisations": 2}), {CELLS: 1.0}
-    yield Knob("cells", more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+    yield CaseKnob("cells", more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
     finer = scaled({"cell.points": 2})
-    yield Knob("points of the cells", finer, ("micro discretisation",), costs={CELLS: PLANE})
+    yield CaseKnob("points of the cells", finer, ("micro discretisation",), costs={CELLS: PLANE})
 
 
-def grain_knobs(case: Case) -> Iterator[Knob]:
+def grain_knobs(case: Case) -> Iterator[CaseKnob]:
     """Yield the knobs of sheared cells of grains."""
     more, each = scaled({"third_body.realisations": 2}), {CELLS: 1.0}
-    yield Knob("cells", more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
+    yield CaseKnob("cells", more, ("sampling",), (0.5, 0.5), each, measured=False, adds=True)
     larger = {CELLS: 2.0}
-    yield Knob(
+    yield CaseKnob(
         "size of the cells", wider_grains, ("cell size",), costs=larger, scatters=True, draws=1.0
     )
 
@@ -88,18 +90,18 @@ def wider_grains(case: Case, rung: int = 1) -> Case:
     return wider
 
 
-def tread_knobs(case: Case) -> Iterator[Knob]:
+def tread_knobs(case: Case) -> Iterator[CaseKnob]:
     """Yield the knob of a tread block."""
-    yield Knob("elements", scaled({"tread.elements": 2}), (MACRO,), costs={STRUCTURE: LAYERED})
+    yield CaseKnob("elements", scaled({"tread.elements": 2}), (MACRO,), costs={STRUCTURE: LAYERED})
 
 
-def body_knobs(case: Case) -> Iterator[Knob]:
+def body_knobs(case: Case) -> Iterator[CaseKnob]:
     """Yield the knobs of bodies with joints, at rest, in cycles and in vibration."""
     spacing = {"structure.element": 0.5, "structure.elements": 2, "structure.bodies.element": 0.5}
     both = (STRUCTURE, "vibration")
     files = case.structure.file_meshes if case.structure else ()
     budgeted = any(files) and all(files)  # the error of all meshes is in the budget
-    yield Knob(
+    yield CaseKnob(
         "elements",
         scaled(spacing),
         () if files and not budgeted else (MACRO,),
@@ -108,14 +110,14 @@ def body_knobs(case: Case) -> Iterator[Knob]:
         ratio=lambda case: case.structure.refinement() if case.structure else 2.0,
     )
     smaller = {"cycles.steps": 2, "statics.substeps": 2}
-    yield Knob("load steps", scaled(smaller), costs=dict.fromkeys(both, 1.0), eases=True)
+    yield CaseKnob("load steps", scaled(smaller), costs=dict.fromkeys(both, 1.0), eases=True)
     for name, keys, orders, cost in (
         ("layers of the elements", {"structure.layers": 2}, (1.0, 2.0), 1.3),
         ("tolerance of the substructures", {"substructures.tolerance": 0.1}, (3.0, 3.4), 0.1),
         ("slabs", {"vibration.slabs": 2, "cycles.slabs": 2}, (1.0, 2.0), 0.5),
         ("steps of a vibration", {"vibration.steps": 2}, (1.0, 2.0), 1.0),
     ):
-        yield Knob(name, scaled(keys), (), orders, dict.fromkeys(both, cost))
+        yield CaseKnob(name, scaled(keys), (), orders, dict.fromkeys(both, cost))
 
 
 def _more(case: Case, rung: int) -> Case:

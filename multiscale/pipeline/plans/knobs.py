@@ -18,7 +18,7 @@ LOWEST, HIGHEST = -2, 6
 
 
 @dataclass(frozen=True, eq=False)
-class Knob:
+class CaseKnob:
     """A setting of accuracy on a ladder; rung 0 is the given case."""
 
     name: str

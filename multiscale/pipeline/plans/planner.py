@@ -12,19 +12,19 @@ from math import inf, isfinite, nan
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
-from multiscale.pipeline.plans.answers import (
-    NEGLIGIBLE,
+from multiscale.pipeline.plans.knob_errors import (
+    MINOR,
     SAMPLING,
     KnobError,
     Outcome,
+    PlanState,
     SourceCost,
-    State,
     at_places,
     further_cells,
     measure_error,
     measure_growth,
 )
-from multiscale.pipeline.plans.knobs import HIGHEST, Knob, Setting
+from multiscale.pipeline.plans.knobs import HIGHEST, CaseKnob, Setting
 
 MOST_ROUNDS = 10
 AIM = 0.85
@@ -55,7 +55,7 @@ class Round:
 class Reached:
     """The answer of a plan."""
 
-    state: State
+    state: PlanState
     error: np.ndarray  # shape (places,), relative 95 % bound on the error of the value
     rounds: Sequence[Round]
     sources: Sequence[SourceCost]  # the largest error first
@@ -67,7 +67,7 @@ class Reached:
 class Planner:
     """Rounds of settings towards a target."""
 
-    knobs: Sequence[Knob]
+    knobs: Sequence[CaseKnob]
     solve: Solve
     lowest: Mapping[str, int]  # rung of every knob
     target: float = inf  # largest relative error; inf if only the time counts
@@ -85,7 +85,7 @@ class Planner:
         # a knob that is measured has a rung below the first
         start = {knob.name: self.lowest[knob.name] + knob.measured for knob in self.knobs}
         step = Round(start, nan, nan)
-        state: State | None = None
+        state: PlanState | None = None
         while True:
             before, begin = state, self.spent()
             state, step = self._advance(state, step)
@@ -113,7 +113,7 @@ class Planner:
             "" if error <= self.target else self._reason(state, error, len(rounds)),
         )
 
-    def _advance(self, state: State | None, step: Round) -> tuple[State, Round]:
+    def _advance(self, state: PlanState | None, step: Round) -> tuple[PlanState, Round]:
         """Solve a setting, or first settings that are finer until they have an answer.
 
         No setting at or above a setting without an answer is tried again, unless smaller steps may
@@ -140,10 +140,10 @@ class Planner:
             for low, _ in self.refused
         )
 
-    def measure(self, setting: Setting, before: State | None) -> State:
+    def measure(self, setting: Setting, before: PlanState | None) -> PlanState:
         """Solve the answer at a setting, and below it for every knob that matters."""
         outcome = self.solve(setting, True)
-        state = State(self.knobs, setting, outcome)
+        state = PlanState(self.knobs, setting, outcome)
         if before is None and (floor := self._floor(state)):  # without the coarser settings
             raise CaseError(floor)
         left, growth = dict[str, KnobError](), dict(before.growth) if before else {}
@@ -168,7 +168,7 @@ class Planner:
         return replace(state, prediction_error=max(float(away - bias), 0.0))
 
     def _coarsen(
-        self, knob: Knob, state: State, old: KnobError | None
+        self, knob: CaseKnob, state: PlanState, old: KnobError | None
     ) -> tuple[KnobError, Mapping[tuple[str, str], float]]:
         """Solve the answer at the rung below a knob: the error of the knob, and growth of times."""
         name, setting, outcome = knob.name, state.setting, state.outcome
@@ -197,7 +197,7 @@ class Planner:
             measure_growth(self.knobs, knob, outcome.seconds, coarse.seconds),
         )
 
-    def choose(self, state: State, time: float) -> Round | None:
+    def choose(self, state: PlanState, time: float) -> Round | None:
         """Return the next setting, None if no step fits into the time or helps."""
         now = float(np.max(state.error()))
         aim = AIM * self.target
@@ -212,7 +212,7 @@ class Planner:
         ]
         return min(helping, key=lambda s: (s.expected_error, s.expected_seconds), default=None)
 
-    def cheapest(self, state: State, goal: float, time: float) -> Round | None:
+    def cheapest(self, state: PlanState, goal: float, time: float) -> Round | None:
         """Return the cheapest step with an expected error below a goal."""
         fit = [
             step
@@ -221,7 +221,7 @@ class Planner:
         ]
         return min(fit, key=lambda step: step.expected_seconds, default=None)
 
-    def steps(self, state: State) -> Iterator[Round]:
+    def steps(self, state: PlanState) -> Iterator[Round]:
         """Yield the settings of the next round, with their expected errors and seconds."""
         ranges = []
         larger = [knob.name for knob in self.knobs if knob.scatters]
@@ -244,14 +244,14 @@ class Planner:
             error = float(np.max(state.error(up)))
             yield Round(setting, nan, nan, error, state.seconds(up, self.target))
 
-    def _floor(self, state: State) -> str:
+    def _floor(self, state: PlanState) -> str:
         """Report terms that no knob reduces if the target is below them."""
         if not (every := state.fixed(0.0)):
             return ""
         floor = float(np.max(np.linalg.norm([state.half_width[term] for term in every], axis=0)))
         if floor <= self.target:
             return ""
-        fixed = {term: error for term, error in every.items() if error > NEGLIGIBLE * floor}
+        fixed = {term: error for term, error in every.items() if error > MINOR * floor}
         named = " and ".join(f"{term} ({100.0 * error:.2g} %)" for term, error in fixed.items())
         return (
             f"an error of {100.0 * self.target:.3g} % is out of reach: no setting of the case "
@@ -259,7 +259,7 @@ class Planner:
             f"comes from"
         )
 
-    def _reason(self, state: State, error: float, rounds: int) -> str:
+    def _reason(self, state: PlanState, error: float, rounds: int) -> str:
         if floor := self._floor(state):
             return floor
         aimed = self.cheapest(state, AIM * self.target, inf)

@@ -15,9 +15,9 @@ from multiscale.errors import CaseError
 from multiscale.io import make_folder, write_bytes
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.costs import cost_section, knobs_of, stage_seconds
-from multiscale.pipeline.plans.answers import Outcome, SourceCost
 from multiscale.pipeline.plans.case_knobs import refuse_surfaces
-from multiscale.pipeline.plans.knobs import Knob, Setting
+from multiscale.pipeline.plans.knob_errors import Outcome, SourceCost
+from multiscale.pipeline.plans.knobs import CaseKnob, Setting
 from multiscale.pipeline.plans.planner import Planner, Reached
 from multiscale.pipeline.showing import format_error, round_by
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
@@ -187,7 +187,7 @@ class Campaign:
     """The settings of a case that were solved, also in an earlier run."""
 
     case: Case  # without a target
-    knobs: Sequence[Knob]
+    knobs: Sequence[CaseKnob]
     stages: Sequence[Stage]
     answers: Sequence[Asked]
     job: Job

@@ -22,7 +22,7 @@ from multiscale.pipeline.tables.joint_settings import (
     LawError,
     StatedAsperities,
 )
-from multiscale.pipeline.tables.meshed_bodies import Name, Unit
+from multiscale.pipeline.tables.meshed_bodies import LengthUnit, Name
 from multiscale.pipeline.tables.structure_kind import Face
 from multiscale.units import to_si
 
@@ -86,7 +86,7 @@ class StatedGap(toml.Settings):
     file: Path
     """Table with the columns `x`, `y` and `gap`: points in the plane of the interface, along the
     axes of the structure, and gaps, `nan` in holes."""
-    unit: Unit = Field(description='Length of one unit of the table, such as `"mm"`.')
+    unit: LengthUnit = Field(description='Length of one unit of the table, such as `"mm"`.')
 
     def build(self) -> "macro.GapMap":
         """Read the map."""

@@ -52,7 +52,7 @@ def _read_unit(value: object) -> object:
 
 
 Axes = Annotated[str, BeforeValidator(_read_axes)]
-Unit = Annotated[toml.Length, BeforeValidator(_read_unit)]
+LengthUnit = Annotated[toml.Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
 
 
@@ -137,7 +137,7 @@ class MeshedBody(Material):
     volume: str = ""
     """Named volume of the mesh that is the body; or `"tetra"` or `"hexahedron"` in a mesh with
     both; or a named face of the body in a mesh of several volumes. The whole mesh if not given."""
-    unit: Unit | None = None
+    unit: LengthUnit | None = None
     """Length of the unit of the mesh, such as `"mm"`; m if not given."""
     order: Annotated[Literal[1, 2] | None, FIRST] = None
     """Order of the elements: 2 adds nodes between the corners of the mesh, without which tetrahedra

@@ -24,14 +24,14 @@ from math import isfinite, log2, nan
 
 import numpy as np
 
-from multiscale.pipeline.plans.knobs import Knob, Setting
+from multiscale.pipeline.plans.knobs import CaseKnob, Setting
 from multiscale.upscaling.budget import total_error
 
 NARROW = 0.5  # width of a range of orders that is taken without two differences
 BELOW, ABOVE = 0.5, 0.7  # distance of an observed order from its range, at most
 NEAR = 0.5  # distance of an order from the observed order, at most
 CLEAR_RATIO = 1.8  # of spacings, below which two differences show no order
-NEGLIGIBLE = 0.05
+MINOR = 0.05
 """Error of a knob over the target below which it is not measured again at the next setting, and of
 a term over a whole error below which it is not named."""
 
@@ -89,10 +89,10 @@ class SourceCost:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class PlanState:
     """An answer at a setting, with the errors that its knobs leave."""
 
-    knobs: Sequence[Knob]
+    knobs: Sequence[CaseKnob]
     setting: Setting
     outcome: Outcome
     left: Mapping[str, KnobError] = field(default_factory=dict)
@@ -100,7 +100,7 @@ class State:
     """Power of two by stage and knob."""
     falls: Mapping[str, float] = field(default_factory=dict)
     """Powers of two by which terms in ``lowers`` of knobs fell."""
-    first: "State | None" = None  # of the plan
+    first: "PlanState | None" = None  # of the plan
     prediction_error: float = 0.0  # distance from the prediction, relative
 
     @property
@@ -146,7 +146,7 @@ class State:
             fall += power * up.get(knob.name, 0)
         return fall
 
-    def falls_from(self, first: "State") -> dict[str, float]:
+    def falls_from(self, first: "PlanState") -> dict[str, float]:
         """Return the powers of two by which terms that knobs should lower fall from rung to rung.
 
         Terms of few cells have a chance, which a single rung may hide their fall in.
@@ -163,17 +163,17 @@ class State:
                     falls[term] = max(log2(old / new) / rungs, 0.0)
         return falls
 
-    def matters(self, knob: Knob) -> bool:
+    def matters(self, knob: CaseKnob) -> bool:
         """Whether a knob has an error worth lowering."""
         if knob.name in self.left:
             return bool(np.max(self.left[knob.name].bias) > 0.0)
         lowered = (*knob.terms, *knob.lowers)
         return any(np.any(self.half_width.get(term, 0.0)) for term in lowered)
 
-    def is_settled(self, knob: Knob, target: float) -> bool:
+    def is_settled(self, knob: CaseKnob, target: float) -> bool:
         """Whether the error of a knob is too small to be measured again at its rung."""
         left, bound = self.left.get(knob.name), target if isfinite(target) else 0.0
-        return left is not None and left.size < NEGLIGIBLE * bound
+        return left is not None and left.size < MINOR * bound
 
     def seconds(self, up: Setting, target: float) -> float:
         """Forecast the seconds of the next round: the answer, and its coarsened settings."""
@@ -192,13 +192,13 @@ class State:
                     total += new * 2.0 ** (time_of_more(self.knobs, knob, stage) - power[knob])
         return total
 
-    def _power(self, stage: str, knob: Knob) -> float:
+    def _power(self, stage: str, knob: CaseKnob) -> float:
         return self.growth.get((stage, knob.name), knob.costs.get(stage, 0.0))
 
     def sources(self) -> Iterator[SourceCost]:
         """Yield every source of error with the seconds that halve it."""
 
-        def halving(knob: Knob | None, order: float) -> float:
+        def halving(knob: CaseKnob | None, order: float) -> float:
             if knob is None:
                 return nan
             seconds = self.outcome.seconds
@@ -225,7 +225,7 @@ class State:
             if term not in lowered or self.falls.get(term, 1.0) < LEAST_FALL
         }
         largest = sorted(errors.items(), key=lambda item: -item[1])
-        return {term: error for term, error in largest if error > NEGLIGIBLE * whole}
+        return {term: error for term, error in largest if error > MINOR * whole}
 
 
 def halving_seconds(
@@ -237,7 +237,7 @@ def halving_seconds(
     return float(grown - (sum(seconds[stage] for stage in moved) if adds else 0.0))
 
 
-def further_cells(knobs: Sequence[Knob], knob: Knob) -> dict[Knob, int]:
+def further_cells(knobs: Sequence[CaseKnob], knob: CaseKnob) -> dict[CaseKnob, int]:
     """Return the rungs by which cells of the rung below a knob are more, as they scatter more.
 
     So many have the scatter of the rung, and take less time.
@@ -246,14 +246,17 @@ def further_cells(knobs: Sequence[Knob], knob: Knob) -> dict[Knob, int]:
     return {cells: round(knob.draws / cells.orders[0]) for cells in adding}
 
 
-def time_of_more(knobs: Sequence[Knob], knob: Knob, stage: str) -> float:
+def time_of_more(knobs: Sequence[CaseKnob], knob: CaseKnob, stage: str) -> float:
     """Return the power of two by which these cells take more time."""
     further = further_cells(knobs, knob).items()
     return sum(rungs * cells.costs.get(stage, 0.0) for cells, rungs in further)
 
 
 def measure_growth(
-    knobs: Sequence[Knob], knob: Knob, fine: Mapping[str, float], coarse: Mapping[str, float]
+    knobs: Sequence[CaseKnob],
+    knob: CaseKnob,
+    fine: Mapping[str, float],
+    coarse: Mapping[str, float],
 ) -> dict[tuple[str, str], float]:
     """Return the powers of two by which the seconds of stages grow with a knob."""
     powers = {}
@@ -265,7 +268,7 @@ def measure_growth(
 
 
 def measure_error(
-    knob: Knob,
+    knob: CaseKnob,
     difference: np.ndarray,
     rung: int,
     old: KnobError | None,
@@ -291,7 +294,7 @@ def measure_error(
 
 
 def _order(
-    knob: Knob, difference: np.ndarray, rung: int, old: KnobError | None, ratio: float
+    knob: CaseKnob, difference: np.ndarray, rung: int, old: KnobError | None, ratio: float
 ) -> float:
     """Return the order by two differences, the order seen before, or a narrow range's middle."""
     low, high = knob.orders
@@ -306,7 +309,7 @@ def _order(
     return 0.5 * (low + high) if high - low < NARROW else nan
 
 
-def _expected_order(knob: Knob, left: KnobError) -> float:
+def _expected_order(knob: CaseKnob, left: KnobError) -> float:
     """Return the order by which an error is expected to fall."""
     low, high = knob.orders
     return float(np.clip(left.order, low, high)) if isfinite(left.order) else 0.5 * (low + high)
