@@ -227,10 +227,11 @@ def measure_loads(followed: FollowedLoads, *, extrapolate: bool = False) -> Data
         known = extrapolate | (result["known"].to_numpy() == 1)
         moved = np.where(known[:, None], moved, np.nan)
     if path.cycles:
-        lost = {"cycle_energy": path.cycle_energy(moved)}
+        energy = path.cycle_energy(moved)
+        lost = {"cycle_energy": energy}
+        if joints:
+            lost["interface_energy"] = _interface_energy(result, path, energy)
         result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(path.cycles))
-    if joints:
-        result = MACRO_RESULT.assign(result, _of_interfaces(result, path))
     if path.amplitudes:
         result = _with_amplitudes(result, followed, extrapolate)
     return result.assign_coords(path.labels()).assign_attrs(path=path.kind)
@@ -291,11 +292,11 @@ def contact_measures(followed: FollowedPath) -> dict[str, Any]:
     failed = np.isnan(pressure)
     joint = np.unique(problem.point_joint, return_inverse=True)[1]
     shares = joint == np.arange(joint.max() + 1)[:, None]  # (joints, points)
-    force = np.maximum(pressure, 0.0) * area
+    areas, force = shares @ area, np.maximum(pressure, 0.0) * area
     total = force @ shares.T  # (steps, joints)
 
     # open, stuck and slipping points
-    mean = (total / (shares @ area))[:, joint]
+    mean = (total / areas)[:, joint]
     state = np.where(slipping > SLIPPING, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * mean, OPENED, state)
     slides = np.where(pressure > 0.0, slipping, 0.0) * force
@@ -309,6 +310,9 @@ def contact_measures(followed: FollowedPath) -> dict[str, Any]:
     def fraction(where: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(failed, np.nan, where) @ area_share)
 
+    def mean_of_joint(values: np.ndarray) -> np.ndarray:
+        return np.asarray((np.where(failed, np.nan, values) * area) @ shares.T / areas)
+
     def force_share(slipping: np.ndarray, whole: np.ndarray) -> np.ndarray:
         return np.asarray(slipping / np.where(whole > 0.0, whole, 1.0) + 0.0 * whole)
 
@@ -321,6 +325,9 @@ def contact_measures(followed: FollowedPath) -> dict[str, Any]:
         "slip_fraction": fraction(state == SLIPS),
         "slipping_load": force_share(slides.sum(axis=1), force.sum(axis=1)),
         "interface_slipping_load": force_share(slides @ shares.T, total),
+        "interface_pressure": mean_of_joint(pressure),
+        "interface_open": mean_of_joint(state == OPENED),
+        "interface_slip": mean_of_joint(state == SLIPS),
         "dissipation": followed.dissipated,
     }
 
@@ -342,26 +349,11 @@ def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
     return law.normal_law
 
 
-def _by_interface(result: Dataset, values: np.ndarray) -> np.ndarray:
-    number = result["point_joint"].to_numpy()
-    return np.stack([values[:, number == joint].sum(axis=1) for joint in np.unique(number)], axis=1)
-
-
-def _of_interfaces(result: Dataset, path: LoadPath) -> dict[str, np.ndarray]:
-    """Mean pressure of every interface, its open and slipping shares, and its loss in cycles."""
-    state, area = result["contact_state"].to_numpy(), result["point_area"].to_numpy()
-    pressure = -result["traction"].to_numpy()[..., 0]
-    known = np.where(np.isnan(state), np.nan, 1.0)
-    whole = _by_interface(result, known * area)
-    values = {
-        "interface_pressure": _by_interface(result, pressure * area) / whole,
-        "interface_open": _by_interface(result, known * (state == OPENED) * area) / whole,
-        "interface_slip": _by_interface(result, known * (state == SLIPS) * area) / whole,
-    }
-    if path.cycles:
-        lost = _by_interface(result, result["dissipation"].to_numpy() * area)
-        slipped = np.array([lost[cycle][1:].sum(axis=0) for cycle in path.closed()])
-        total = slipped.sum(axis=1, keepdims=True)
-        energy = result["cycle_energy"].to_numpy()
-        values["interface_energy"] = slipped / np.where(total > 0.0, total, 1.0) * energy[:, None]
-    return values
+def _interface_energy(result: Dataset, path: LoadPath, energy: np.ndarray) -> np.ndarray:
+    """Energy of every cycle and interface, J, in proportion to the dissipation at its points."""
+    number, area = result["point_joint"].to_numpy(), result["point_area"].to_numpy()
+    lost = result["dissipation"].to_numpy() * area
+    slipped = np.array([lost[cycle][1:].sum(axis=0) for cycle in path.closed()])
+    slipped = slipped @ (number[:, None] == np.unique(number))
+    total = slipped.sum(axis=1, keepdims=True)
+    return np.asarray(slipped / np.where(total > 0.0, total, 1.0) * energy[:, None])
