@@ -35,14 +35,19 @@ def stamp_of(root, module):
     stamp, found, new = sha256(), set(), {module}
     while new:
         found |= new
-        new = {other for each in new for other in imported(root, each)} - found
+        new = set().union(*(imported(root, each) for each in new)) - found
     for each in sorted(found):
         stamp.update(each.read_bytes())
     return stamp.hexdigest()
 
 
+@cache  # modules of kernels share most of what they import
 def imported(root, module):
     """Return the modules of a package that a module imports; all of a package, if it names one."""
+    return frozenset(_imported(root, module))
+
+
+def _imported(root, module):
     for node in ast.walk(ast.parse(module.read_bytes())):
         if isinstance(node, ast.Import | ast.ImportFrom):
             base = [node.module] if isinstance(node, ast.ImportFrom) else []
