@@ -64,6 +64,7 @@ def test_of_two_processes_one_compiles_a_kernel_and_the_other_loads_it(tmp_path,
     ]
 
 
+@pytest.mark.slow
 def test_a_kernel_that_was_killed_while_it_compiled_is_compiled_by_the_next(tmp_path, environment):
     program = """
         from pathlib import Path

@@ -194,6 +194,7 @@ def test_the_direct_way_is_refused_where_nothing_resolves_the_roughness(text, wo
         load_case(write_scene(tmp_path, text))
 
 
+@pytest.mark.slow
 def test_cells_between_far_pressures_narrow_the_interval_by_the_form_of_the_law(tmp_path):
     halves = []
     for way in ("sequential", "adaptive"):

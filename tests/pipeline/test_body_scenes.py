@@ -118,6 +118,7 @@ def test_homogenised_substructures_with_slack_links_follow_the_law_of_their_modu
     assert "use the model adaptive" in refused.attrs["failure"]
 
 
+@pytest.mark.slow
 def test_intervals_by_modules_of_elements_that_are_not_square_cover(tmp_path):
     uneven = [("n = 16", "n = 32"), ("[4, 4]", '[4, 8]\nmodel = "homogenised"')]
     factors = [0.03, 0.04, 0.1, 1.0]

@@ -66,6 +66,7 @@ def test_a_bar_has_the_strength_and_the_energy_of_the_mean_law_on_every_mesh(cra
     )
 
 
+@pytest.mark.slow
 def test_a_stated_modulus_widens_the_interval_of_the_energy_of_a_bent_bar(tmp_path):
     write_body(tmp_path / "bar.msh", box_mesh(SIZE, (3, 1, 4)), scale=1.0)
     bent = (

@@ -174,6 +174,7 @@ def meshed(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_blocks_answer_as_the_same_bodies_under_named_loads(meshed):
     """The same quantities under two names; the beds of sliders differ."""
     blocks, bodies = (

@@ -213,6 +213,7 @@ def bed_of(law, ratio, friction):
     return BedCurve(Curve(x, stiffness, np.array([np.ones(x.size)])), ratio, friction)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_a_small_vibration_is_the_rayleigh_quotient(meshes):
     """Of the frequency by the logarithm of the stiffness ratio, which the rest does not see."""
     write_scattered_law(meshes / "law.nc", samples=FEWEST_SAMPLES)

@@ -201,13 +201,8 @@ def ironing(friction, *, swapped=False):
     return np.array([side * step.unwrap().contact["joint"].force for step in steps])
 
 
-@pytest.mark.parametrize(
-    "swapped",
-    [
-        pytest.param(False, marks=pytest.mark.slow, id="die first"),
-        pytest.param(True, id="base first"),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("swapped", [False, True], ids=["die first", "base first"])
 def test_ironing_has_smooth_resultants(swapped):
     force = ironing(0.2, swapped=swapped)[8:]  # drawn along, away from the start
     tangent, normal = force[:, 0], -force[:, 1]
