@@ -201,7 +201,7 @@ def test_a_bolt_without_tension_ends_the_path():
     result = solve_assembly(clamped(), steps)
     np.testing.assert_array_equal(result.converged, [1, 1, 0, 0])
     assert result.attrs["failure"].startswith(
-        "the steps end before step 2: the load leaves the bolt from"
+        "the steps end before step 2: the force of the bolt from"
     )
     assert np.isnan(result.bolt_force[2:]).all()
     assert np.isnan(result.displacement[2:]).all()
