@@ -7,7 +7,8 @@ intersections of the facets [1]_, :math:`M u_2 - D u_1` is the weighted jump:
 .. math:: D_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
     M_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma.    \tag{1}
 
-.. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629.
+.. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629,
+   doi:10.1016/j.cma.2003.10.010.
 .. [2] M. A. Puso, T. A. Laursen, J. Solberg, Comput. Methods Appl. Mech. Eng. 197 (2008) 555-566.
 """
 

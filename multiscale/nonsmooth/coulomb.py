@@ -38,7 +38,8 @@ def natural_map(
     velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
     r"""Residual (1) :math:`r - P_{K_\mu}(r - \rho\,(u + \mu \|u_T\| n))` of Coulomb's law."""
-    # V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175
+    # V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175,
+    # doi:10.1002/zamm.201000073
     ahead = reaction - step * shifted_velocity(velocity, friction)
     return np.asarray(reaction - project_friction_cone(ahead, friction))  # (1)
 

@@ -55,8 +55,9 @@ def iterate_newton_min(
         slack = problem.slack(x)
         yield np.maximum(x, 0.0)
 
-        # M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; the single change
-        # ends for P-matrices: J. J. Júdice, F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596
+        # M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
+        # doi:10.1137/S1052623401383558; the single change ends for P-matrices: J. J. Júdice,
+        # F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596
         # next set: all violations change sides, or only the last after too many steps
         wrong = np.where(active, x, slack) < -ROUNDING
         violations = int(np.count_nonzero(wrong))
@@ -155,7 +156,7 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
         return
     # the path of 0 <= A x + b + x_0 perp x >= 0 ends at x_0 = 0 for P-matrices, and for positive
     # semidefinite or copositive matrices if there is an admissible x: Cottle, Pang, Stone, The
-    # Linear Complementarity Problem, SIAM 2009, 4.4, 4.9
+    # Linear Complementarity Problem, SIAM 2009, 4.4, 4.9, doi:10.1137/1.9780898719000
     # columns: w, x, the artificial variable, the right-hand side
     matrix = problem.matrix
     tableau = np.empty((n, 2 * n + 2))

@@ -41,8 +41,8 @@ def breadth(q: np.ndarray, power: np.ndarray) -> float:
     if slope_square == 0.0:
         raise CaseError("a flat surface has no Nayak parameter; give a rough surface")
     m0, m2, m4 = height_square, slope_square / 2.0, 3.0 / 8.0 * curvature_square
-    # P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407: alpha = m_0 m_4 / m_2², m_0 = <h²>, m_2 =
-    # <|grad h|²> / 2, m_4 = 3/8 <(laplace h)²> (3)
+    # P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608:
+    # alpha = m_0 m_4 / m_2², m_0 = <h²>, m_2 = <|grad h|²> / 2, m_4 = 3/8 <(laplace h)²> (3)
     return float(m0 * m4 / m2**2)  # (3)
 
 
@@ -56,8 +56,9 @@ def ring_density(
     used = number > 0.0
     number = number[used]
     wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
-    # T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001, with the
-    # sum over rings of width 2π / min(L), which is exact (incomplete rings in the corners count):
+    # T. D. B. Jacobs, T. Junge, L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001,
+    # doi:10.1088/2051-672X/aa51f8, with an exact sum over rings of width 2π / min(L), incomplete
+    # rings in the corners included:
     #     C_q = L_x L_y |h_q|²,   <(h - mean)²> = 1/(L_x L_y) sum N C ~ 1/2π ∫ q C dq  (4)
     area = surface.size[0] * surface.size[1]
     return wavenumber, area * np.bincount(rings, power.ravel())[used] / number, number  # (4)
