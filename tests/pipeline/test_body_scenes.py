@@ -408,7 +408,7 @@ def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load
     out = tmp_path / "slid.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out), "--details"])
     assert done.exit_code == 1
-    match = re.search(r"load of (\S+) N, .* carries about (\S+) N", str(done.exception))
+    match = re.search(r"load of (\S+) N; .* carries about (\S+) N", str(done.exception))
     np.testing.assert_allclose(
         [float(group) for group in match.groups()], [1760.0, 1600.0], rtol=0.05
     )
