@@ -416,7 +416,7 @@ def test_blocks_that_slide_away_keep_their_steps_and_exit_with_capacity_and_load
     assert "nan" not in done.output
     result = open_dataset(out, MACRO_RESULT)
     np.testing.assert_array_equal(result["converged"], [1, 1, 1] + 9 * [0])
-    assert "the steps end before step 3: no equilibrium" in result.attrs["failure"]
+    assert "the steps end before step 3: there is no equilibrium" in result.attrs["failure"]
     expected = expected_stiffness(tmp_path / "law.nc", [5e6, 20e6])
     np.testing.assert_allclose(result.joint_stiffness[:2], expected, rtol=1e-6)
 
