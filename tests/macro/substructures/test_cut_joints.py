@@ -114,7 +114,7 @@ def test_a_push_just_below_friction_is_balanced_and_a_push_just_above_it_is_refu
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
     np.testing.assert_array_equal(result.displacement[0], outcome.displacement[0])
     assert np.isnan(result.displacement[1:]).all()
-    assert "the steps end before step 1: no equilibrium" in result.attrs["failure"]
+    assert "the steps end before step 1: there is no equilibrium" in result.attrs["failure"]
     np.testing.assert_allclose(say_slide(result), [1.5 * 1600.0, 1600.0], rtol=1e-3)
 
 
