@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError, require
 from multiscale.macro.granulate.bodies import Grains, PlaneWall
-from multiscale.macro.granulate.grain_motion import initial_state, step_grains
+from multiscale.macro.granulate.grain_motion import initial_state, least_period, step_grains
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
 from multiscale.macro.granulate.packings import place_loosely
 from multiscale.macro.granulate.simulation import Record, network, simulate_grains
@@ -22,6 +22,10 @@ LONGEST_SLIP, MOST_STEPS = 0.1, 20000
 PRESSED_STEPS, STILL = 100, 0.05
 """Steps of a plate that presses, after which it rests if they moved it by less than ``STILL`` mean
 diameters."""
+
+PART, LEAST_STEP = 0.2, 0.1
+"""Part of the room in a period that a grain may move in a step of pressing, and the least share of
+the step that resolves rearrangements."""
 
 SOLVED, UNSTEADY, FRAMES = 0.9, 0.05, 21
 """Share of solved steps and relative error of the mean pressure in steady shear; its frames."""
@@ -177,12 +181,16 @@ def _press(model: Model, step: float, solver: Solver) -> tuple[np.ndarray, float
     """Press a layer until its upper plate rests; return the centres and the height, m."""
     state, height = initial_state(model), np.inf
     way = 2.0 * STILL * float(model.grains.radius.mean())
+    room = float(state.period.min()) - least_period(model.grains.radius)
     for k in range(MOST_STEPS):
         if k % PRESSED_STEPS == 0:
             if height - state.point[1, 2] < way:
                 return state.position, float(state.point[1, 2])
             height = state.point[1, 2]
-        state, _ = step_grains(model, state, step, solver)
+        # fast grains move by a part of the distance to their images, or the period is refused
+        speed = float(np.linalg.norm(state.velocity[: model.grains.n, :3], axis=1).max())
+        short = PART * room / speed if speed > 0.0 else step
+        state, _ = step_grains(model, state, min(max(short, LEAST_STEP * step), step), solver)
     raise ConvergenceError(
         f"the plate still sinks into the grains after {MOST_STEPS} steps; use fewer layers of "
         f"grains, or a larger area"

@@ -154,6 +154,19 @@ def plane_strain(seed, inertial):
     return sine(np.diag(stress[len(stress) // 4 :].mean(axis=0)))
 
 
+def test_grains_that_fly_in_a_short_period_are_pressed_to_the_same_height_at_all_pressures():
+    radii = granulate.draw_radii(60, 0.004, 0.006, seed=0)
+    pressed = (
+        granulate.shear_layer(
+            radii, (0.05, 0.04), p, 0.5, ContactLaw(0.5), solver=Solver(1e-2, 300, 0), seed=1
+        )[0]
+        for p in (5e2, 3.2e4)
+    )
+    low, high = (model.walls[1].point[2] for model in pressed)
+    assert low == pytest.approx(high, rel=1e-6)  # rigid grains have no scale of pressure
+    assert 2.0 * radii.max() < low < 0.05
+
+
 def plane_shear(seed, inertial, rough):
     """Sine of the friction in the middle half of sheared spheres, and their share of the rate.
 
