@@ -203,6 +203,9 @@ def test_fewer_cells_leave_enough_for_their_scatter():
     few = case.micro.model_copy(update={"realisations": 16})
     few = cells.change(case.model_copy(update={"micro": few}), -1)
     assert (few.micro.realisations, few.micro.shear.realisations) == (8, 3)
+    two = case.model_copy(update={"micro": case.micro.model_copy(update={"realisations": 2})})
+    counts = [cells.change(two, rung).micro.realisations for rung in (0, 1, 2)]
+    assert counts == [4, 8, 16]  # a rung is a factor of two, also with the fewest
 
 
 def test_the_cost_of_a_round_follows_the_measured_growth():
@@ -248,6 +251,30 @@ def test_stated_errors_hold_effects_of_the_size_of_cells_within_their_scatter(ef
     assert np.mean(held) >= 0.9
     if abs(effect) > target:  # where it need not be shown to be small
         assert np.median(times) <= 6.0 * stage.best_fixed(target)
+
+
+@dataclass
+class Windows(Sizes):
+    """Cells of a map, which has room for a number of them."""
+
+    most: int = 8
+
+    def __call__(self, v, whole):
+        if 8 * 2 ** v["cells"] > self.most:
+            raise CaseError("the map has no room for so many cells")
+        return super().__call__(v, whole)
+
+
+@pytest.mark.parametrize(
+    ("cells", "most", "variance"), [(6, 512, 5.0), (5, 512, 3.0), (0, 8, 5.0), (0, 32, 2.0)]
+)
+def test_smaller_cells_are_as_many_as_the_highest_rung_and_the_case_have(cells, most, variance):
+    knob = CaseKnob("size", NO_CASE, ("cell size",), costs={"cells": 3.0}, scatters=True, draws=1.0)
+    planner = Planner([Synthetic(0).knobs()[0], knob], Windows(0, most=most), {})
+    state = planner.measure({"cells": cells, "size": 0}, None)
+    half_width = state.outcome.half_width["sampling"][0]
+    assert state.left["size"].noise[0] == pytest.approx(half_width * np.sqrt(variance))
+    assert state.growth["cells", "size"] == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("adding", [0, 1])

@@ -14,7 +14,7 @@ from multiscale.upscaling.budget import MACRO
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 FEWEST_CELLS, FIRST_CELLS = 4, 8
-"""Cells for the scatter: the fewest of a case, and the fewest if a planner has a choice."""
+"""Cells for the scatter: the fewest of a plan, and the fewest to which it reduces more cells."""
 FEWEST_POINTS = 8  # of a cell along an edge
 FEWEST_WAVELENGTHS = 2.0  # across a cell: with fewer the error has no power law in the size
 SIZE_SEED = 1_000_003
@@ -125,7 +125,7 @@ def _more(case: Case, rung: int) -> Case:
     micro, factor = case.micro, 2.0**rung
     if rung < 0 and factor * micro.realisations < FIRST_CELLS:
         raise CaseError(f"fewer than {FIRST_CELLS} cells do not determine their scatter")
-    count = max(FEWEST_CELLS, round(factor * micro.realisations))
+    count = round(factor * max(FEWEST_CELLS, micro.realisations))
     changes: dict[str, Any] = {
         "realisations": count if case.cell.mesh is None else micro.realisations
     }

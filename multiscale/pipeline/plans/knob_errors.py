@@ -24,7 +24,7 @@ from math import isfinite, log2, nan
 
 import numpy as np
 
-from multiscale.pipeline.plans.knobs import CaseKnob, Setting
+from multiscale.pipeline.plans.knobs import HIGHEST, CaseKnob, Setting
 from multiscale.upscaling.budget import total_error
 
 NARROW = 0.5  # width of a range of orders that is taken without two differences
@@ -189,7 +189,9 @@ class PlanState:
             for knob in self.knobs:
                 again = knob.measured and (up[knob.name] or not self.is_settled(knob, target))
                 if again and (power[knob] or not stored):
-                    total += new * 2.0 ** (time_of_more(self.knobs, knob, stage) - power[knob])
+                    there = {name: rung + up[name] for name, rung in self.setting.items()}
+                    more = time_of_more(further_cells(self.knobs, knob, there), stage)
+                    total += new * 2.0 ** (more - power[knob])
         return total
 
     def _power(self, stage: str, knob: CaseKnob) -> float:
@@ -237,31 +239,35 @@ def halving_seconds(
     return float(grown - (sum(seconds[stage] for stage in moved) if adds else 0.0))
 
 
-def further_cells(knobs: Sequence[CaseKnob], knob: CaseKnob) -> dict[CaseKnob, int]:
+def further_cells(
+    knobs: Sequence[CaseKnob], knob: CaseKnob, setting: Setting
+) -> dict[CaseKnob, int]:
     """Return the rungs by which cells of the rung below a knob are more, as they scatter more.
 
-    So many have the scatter of the rung, and take less time.
+    So many have the scatter of the rung, and take less time; there are none above the highest rung.
     """
     adding = [cells for cells in knobs if cells.adds and knob.scatters]
-    return {cells: round(knob.draws / cells.orders[0]) for cells in adding}
+    return {
+        cells: max(min(round(knob.draws / cells.orders[0]), HIGHEST - setting[cells.name]), 0)
+        for cells in adding
+    }
 
 
-def time_of_more(knobs: Sequence[CaseKnob], knob: CaseKnob, stage: str) -> float:
+def time_of_more(further: Mapping[CaseKnob, int], stage: str) -> float:
     """Return the power of two by which these cells take more time."""
-    further = further_cells(knobs, knob).items()
-    return sum(rungs * cells.costs.get(stage, 0.0) for cells, rungs in further)
+    return sum(rungs * cells.costs.get(stage, 0.0) for cells, rungs in further.items())
 
 
 def measure_growth(
-    knobs: Sequence[CaseKnob],
     knob: CaseKnob,
+    further: Mapping[CaseKnob, int],
     fine: Mapping[str, float],
     coarse: Mapping[str, float],
 ) -> dict[tuple[str, str], float]:
     """Return the powers of two by which the seconds of stages grow with a knob."""
     powers = {}
     for stage, seconds in fine.items():
-        less = coarse.get(stage, 0.0) * 2.0 ** -time_of_more(knobs, knob, stage)
+        less = coarse.get(stage, 0.0) * 2.0 ** -time_of_more(further, stage)
         if seconds > 0.0 and less > 0.0:
             powers[stage, knob.name] = float(np.clip(log2(seconds / less), 0.0, 4.0))
     return powers

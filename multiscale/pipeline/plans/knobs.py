@@ -14,7 +14,7 @@ Setting = Mapping[str, int]
 """Rungs of all knobs of a case, by their names."""
 
 LOWEST, HIGHEST = -2, 6
-"""Rungs under test."""
+"""Lowest and highest rung of a plan."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -172,9 +172,8 @@ class Planner:
     ) -> tuple[KnobError, Mapping[tuple[str, str], float]]:
         """Solve the answer at the rung below a knob: the error of the knob, and growth of times."""
         name, setting, outcome = knob.name, state.setting, state.outcome
-        further = further_cells(self.knobs, knob)
+        further = further_cells(self.knobs, knob, setting)
         below = {**setting, name: setting[name] - 1}
-        below |= {cells.name: setting[cells.name] + rungs for cells, rungs in further.items()}
         ratio = outcome.ratio.get(name, 2.0)
         if ratio <= 1.0:
             raise CaseError(
@@ -182,7 +181,14 @@ class Planner:
                 f"{_rungs(below)} are the same, and their error is not known; give other "
                 f"{name}, or leave the target out"
             )
-        coarse = self.solve(below, False)
+        more = {cells.name: setting[cells.name] + rungs for cells, rungs in further.items()}
+        try:
+            coarse = self.solve(below | more, False)
+        except CaseError:
+            if not any(further.values()):
+                raise
+            further = {}  # as many cells, if there is no room for more
+            coarse = self.solve(below, False)
         if coarse.value.shape != outcome.value.shape or not np.isfinite(coarse.value).all():
             raise CaseError(
                 f"the answer at the coarser setting {_rungs(below)} is not known at all of its "
@@ -191,10 +197,11 @@ class Planner:
             )
         difference = 1.0 - coarse.value / outcome.value
         sampling = outcome.half_width.get(SAMPLING, np.zeros(outcome.value.shape))
-        chance = sampling * np.hypot(1.0, 1.0 if further else 2.0**knob.draws)
+        fall = knob.draws - sum(rungs * cells.orders[0] for cells, rungs in further.items())
+        chance = sampling * np.hypot(1.0, 2.0**fall)
         return (
             measure_error(knob, difference, setting[name], old, chance, ratio),
-            measure_growth(self.knobs, knob, outcome.seconds, coarse.seconds),
+            measure_growth(knob, further, outcome.seconds, coarse.seconds),
         )
 
     def choose(self, state: PlanState, time: float) -> Round | None:
