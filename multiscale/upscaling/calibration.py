@@ -33,7 +33,8 @@ FAR, FEW = 3.0, 0.25  # standard deviations of a residual, and share of rows tha
 
 DISAGREES, LEARNS = 3.0, 0.05  # standard deviations of a pull; share of a variance
 
-RELIABLE = 0.7  # shape of the tail of the weights
+RELIABLE, USABLE = 0.7, 1.0
+"""Shapes of the tail of the weights: above the second their effective number is no measure."""
 
 
 class MeasuredRow(NamedTuple):
@@ -332,7 +333,7 @@ def _sentences(
     if unlearned:
         yield f"the measured values give no information on the {' and the '.join(unlearned)}"
     # few candidates have uneven weights by chance, and may give enough independent draws
-    if draws.tail > RELIABLE and draws.effective < len(draws.theta):
+    if draws.tail > (USABLE if draws.effective >= len(draws.theta) else RELIABLE):
         yield (
             f"the weights of the draws are uneven (Pareto shape {draws.tail:.2g}); the samples "
             f"represent {draws.effective:.3g} independent draws, and intervals are rough"

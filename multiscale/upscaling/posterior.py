@@ -17,6 +17,7 @@ FREEDOM = 4.0
 PROPOSAL = 7.0  # degrees of freedom of the draws
 
 MOST_STEPS = 60
+MOST_DAMPING = 1e6  # over the diagonal of the Hessian, above which steps vanish in noise
 
 NEAR, SETTLED = 0.1, 1e-3
 """Distances from the mode in posterior standard deviations of each parameter: of the squares, of
@@ -68,7 +69,7 @@ class Mode(NamedTuple):
 def find_mode(residual: Residual, n: int, *, noisy: bool = False) -> Mode:
     """Minimise (1) by Gauss-Newton steps with Levenberg's damping; squares first, then Student.
 
-    With noisy answers steps end where one fails and the next would be no longer than NEAR.
+    With noisy answers steps end where a step fails within NEAR of the mode, or all damped steps do.
     """
     theta, solves = np.zeros(n), 1
     r, J = residual(theta)
@@ -87,7 +88,7 @@ def find_mode(residual: Residual, n: int, *, noisy: bool = False) -> Mode:
                 damping = 0.0 if damping < 1e-3 else 0.1 * damping
             else:
                 damping = max(10.0 * damping, 1e-2)
-                if noisy and apart <= NEAR * (1.0 + damping):
+                if noisy and (apart <= NEAR or damping > MOST_DAMPING):
                     break
     H, _, apart = _newton(theta, r, J, robust=True)
     return Mode(theta, np.linalg.inv(H), r, J, _weights(r), solves, apart)

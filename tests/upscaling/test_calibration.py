@@ -192,6 +192,19 @@ def test_steps_end_at_the_noise_of_the_answers():
     assert mode.solves < 8 < find_mode(residual, 1).solves
 
 
+def test_failed_steps_far_from_the_mode_do_not_end_it():
+    """The mode lies along a narrow curved valley, of Rosenbrock, which undamped steps leave."""
+
+    def residual(theta):
+        x, y = theta
+        return np.array([10.0 * (y - x**2), x - 2.0]), np.array([[-20.0 * x, 10.0], [1.0, 0.0]])
+
+    mode, noisy = find_mode(residual, 2), find_mode(residual, 2, noisy=True)
+    assert noisy.settled
+    np.testing.assert_allclose(noisy.theta, mode.theta, rtol=1e-3)
+    assert mode.theta[0] > 0.5
+
+
 def test_a_wrong_gradient_does_not_settle():
     def residual(theta):
         return theta - 3.0, -np.eye(1)
@@ -203,12 +216,14 @@ def test_weights_of_a_few_draws_are_not_reliable():
     assert smooth_weights(np.append(np.zeros(3), np.full(97, -np.inf)))[1] == np.inf
 
 
-@pytest.mark.parametrize(("effective", "cautions"), [(80.0, False), (30.0, True)])
+@pytest.mark.parametrize(
+    ("effective", "tail", "cautions"), [(80.0, 0.8, False), (30.0, 0.8, True), (80.0, 1.1, True)]
+)
 def test_uneven_weights_are_a_caution_if_they_give_too_few_draws(
-    law, monkeypatch, effective, cautions
+    law, monkeypatch, effective, tail, cautions
 ):
     def uneven(residual, mode, candidates, count, random):
-        return Draws(random.normal(size=(count, mode.theta.size)), effective, 0.8)
+        return Draws(random.normal(size=(count, mode.theta.size)), effective, tail)
 
     monkeypatch.setattr("multiscale.upscaling.calibration.draw", uneven)
     data = measure(stiffness(), interface(), np.random.default_rng(1))
