@@ -177,7 +177,7 @@ class PlanState:
 
     def seconds(self, up: Setting, target: float) -> float:
         """Forecast the seconds of the next round: the answer, and its coarsened settings."""
-        total = 0.0
+        total, higher = 0.0, {name: rung + up[name] for name, rung in self.setting.items()}
         for stage, now in self.outcome.seconds.items():
             power = {knob: self._power(stage, knob) for knob in self.knobs}
             there = now * 2.0 ** sum(power[knob] * up[knob.name] for knob in self.knobs)
@@ -189,8 +189,7 @@ class PlanState:
             for knob in self.knobs:
                 again = knob.measured and (up[knob.name] or not self.is_settled(knob, target))
                 if again and (power[knob] or not stored):
-                    there = {name: rung + up[name] for name, rung in self.setting.items()}
-                    more = time_of_more(further_cells(self.knobs, knob, there), stage)
+                    more = time_of_more(further_cells(self.knobs, knob, higher), stage)
                     total += new * 2.0 ** (more - power[knob])
         return total
 
