@@ -154,7 +154,9 @@ def _of_settings(
     if asked.cycles is None:
         return
     if sources.beds:
-        # where 4 or more slabs slip the error is about .4 of this change, else it may be larger
+        # the change contains the error of the loss in about 96 % of cycles in which 8 or more slabs
+        # slip, in 83-88 % of those with 2 to 8, and in half or less with fewer, by a closed form of
+        # an exponential law; the change can cross zero, more often at uniform pressure
         fewer, how = Change(sources.beds, coarse_bed=True), "beds of half of the slabs"
         term = MACRO if sources.meshes else BED  # unknown meshes leave their term unknown
         share = asked.in_cycles(1.0)
