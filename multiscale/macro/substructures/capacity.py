@@ -87,12 +87,12 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 
 def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
     """Name bodies that supports, interfaces and bolts leave free, and their rigid motions."""
-    # jumps of joints and stretches of bolts, which must be zero
+    # jumps of joints, in the mean of each, and stretches of bolts, which must be zero
     modes = _free_motions(problem)
     normal, *across = np.split(problem.jump @ modes, 3)
     rough = problem.law.friction_limit(np.ones(problem.weight.size)) > 0.0
-    rows = [normal, *(jump[rough] for jump in across)]
-    constraints = [jump / np.sqrt(len(jump)) for jump in rows if len(jump)]
+    each = 1.0 / np.sqrt(np.bincount(problem.point_joint)[problem.point_joint])[:, None]
+    constraints = [each * normal, *((each * jump)[rough] for jump in across)]
     constraints += [np.diff(modes[list(bolt.unknown)], axis=0) for bolt in problem.bolts]
     if constraints and modes.shape[1]:
         R = np.linalg.qr(np.concatenate(constraints), mode="r")

@@ -127,8 +127,9 @@ def follow_loads(
     Parameters
     ----------
     problem : CutProblem
-        Its load cases are the loads of the path; with bolts, the first is their tightening. For
-        instance the small problem of :func:`condense_assembly`.
+        Its load cases are the loads of the path; with bolts, the first is their tightening. A
+        method on the whole factorises the bodies in every iteration, unless the problem is
+        condensed before, as by :func:`condense_assembly`.
     method : Method, as in :func:`solve_assembly`
     near : FollowedLoads, optional, the same path under other laws, as initial guess
 

@@ -30,12 +30,26 @@ from multiscale.macro.substructures.stack import Alone, stack_substructures
 from multiscale.numerics.factorisation import factorise, on_diagonal
 from tests.cut_methods import solve_schur
 from tests.macro.substructures.test_cut_joints import stacked_blocks, two_blocks, whole_blocks
-from tests.macro.substructures.test_latin import thin_plate
+from tests.macro.substructures.test_latin import tension_error, thin_plate
 
 
 @pytest.fixture(scope="module")
 def grid():
     return tensegrity_grid(8, prestress=2550.0 / 4.0)
+
+
+def test_the_linear_iterations_do_not_grow_with_the_number_of_substructures():
+    counts = []
+    for n in (8, 16, 24):
+        grid = tensegrity_grid(n)
+        problem = cut_links(grid, split_grid(grid, (n // 4, n // 4)))
+        factor = 0.25 * (16.0 / n) ** 2  # equally far from slackness
+        result = solve_schur(problem, factor)
+        expected = solve_static(grid, factor).tension.values
+        assert tension_error(grid, result.tension.values[0], expected) < 1e-8
+        counts.append(float(result.krylov_iterations[0] / result.iterations[0]))
+    assert max(counts) <= 12.0
+    assert counts[2] <= 1.3 * counts[1]
 
 
 def test_the_sides_of_a_joint_may_be_cut_differently():

@@ -70,6 +70,34 @@ def test_the_compliances_of_two_bodies_add_up():
     np.testing.assert_allclose(both, symbol(film) + kernel, rtol=1e-12)
 
 
+@pytest.mark.parametrize("share", [0.5, 1.0, 2.0], ids=["thin", "even", "thick"])
+def test_a_flat_punch_on_a_nearly_alike_coating_moves_as_by_gao_chiu_and_lee(share):
+    """First order in the difference of the moduli: Int. J. Solids Struct. 29 (1992) 2471, eq 24."""
+    n, radius, nu, more = 96, 1.0 / 12.0, 0.3, 1e-2
+    x = (np.arange(n) - n // 2) / n
+    inside = x[:, None] ** 2 + x**2 < radius**2
+    obstacle = Surface(np.where(inside, 0.0, 1e-3), (1.0, 1.0))
+    flat, moved, pressure = Surface(np.zeros((n, n)), (1.0, 1.0)), [], 1e-4
+    stiff = (1.0 + more, nu)
+    film = Coating(share * radius, *stiff)
+    for coating in ((), (film,)):
+        cell = Cell(flat, 20.0, 4, 1.0, nu, obstacle, geometry="flat", coating=coating)
+        response = solve_cell(cell, Path(pressure=(pressure,)), keep_fields=True, tolerance=1e-9)
+        # against the mean plane, which the whole depth moves
+        gap = response["gap"].values[0, 0].T - obstacle.heights
+        moved.append(float(np.mean(gap[inside]) - np.mean(gap)))
+    # other punches of the square lattice lift the plane: the constant of its Green's function
+    alone = moved[0] + 3.9002649 / np.pi * (1.0 - nu**2) * pressure
+    xi = share * radius * 2.0 * alone / ((1.0 - nu**2) * pressure)  # thickness over radius
+    expected = 2.0 / np.pi * np.arctan(xi) + (
+        (1.0 - 2.0 * nu) * xi * np.log((1.0 + xi**2) / xi**2) - xi / (1.0 + xi**2)
+    ) / (2.0 * np.pi * (1.0 - nu))
+    long = [2.0 * (1.0 - nu**2) / 1e-2, coated_half_space(1e-2, film.thickness, stiff, (1.0, nu))]
+    mean = pressure * (long[0] - long[1])  # of the coating, which the mean plane takes away
+    softer = alone / (alone - (moved[0] - moved[1] + mean)) - 1.0
+    assert softer / more == pytest.approx(expected, rel=0.01)
+
+
 def test_planes_of_a_mesh_follow_coatings_which_the_conforming_cell_answers_as_the_flat_cell():
     surface = wave((48, 2), 1e-5)
     film = (Coating(0.1, 4.0, 0.2), Coating(0.15, 0.5, 0.3))
