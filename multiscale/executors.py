@@ -38,14 +38,20 @@ def run_jobs(
     executor: Executor | None,
     finish: Callable[[Key, Result], None],
 ) -> None:
-    """Call a function once for each job, and ``finish(key, result)`` in order of completion."""
+    """Call a function once for each job, and process the results in the order of completion.
+
+    Jobs, a key and arguments each, are drawn only when they are submitted, so that any number of
+    jobs needs little memory, and each finished job makes room for the next: a slow worker does not
+    delay the others. ``finish(key, result)`` is called in this process. With an executor of
+    ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py the function must be
+    importable by name; workers call it with one thread for kernels, because they share the machine,
+    unless their ``OMP_NUM_THREADS`` is set. A pool must spawn its processes: threads of kernels do
+    not survive a fork. Without an executor, jobs run one after another with all threads.
+    """
     if executor is None:
         for key, arguments in jobs:
             finish(key, function(*arguments))
         return
-    # jobs are drawn when submitted; the function must be importable by name. Workers have one
-    # thread for kernels unless OMP_NUM_THREADS is set, and must be spawned: threads of kernels do
-    # not survive a fork
     pending, done = iter(jobs), 0
     in_flight: dict[Future[Result], Key] = {}
     ended: SimpleQueue[Future[Result]] = SimpleQueue()

@@ -170,14 +170,13 @@ def _joint_faults(
     before, faults = np.zeros((3, whole.weight.size)), []
     for factor, jump, traction in steps:
         y, t = jump.T, traction.T
-        # (K + k B^T w B) u = f + B^T w (k y - t): the bodies have the jumps B u under the tractions
-        # t + k (B u - y), and k |B u - y| is the error of both
-        # the jumps of the bodies under the tractions
+        # the jumps of the bodies under the tractions, (K + k B^T w B) u = f + B^T w (k y - t): they
+        # are B u under the tractions t + k (B u - y), and k |B u - y| is the error of both
         u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
         faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
 
-        # by ``respond``; the resolvent only gives the nearest jumps
-        # the tractions of the law at jumps within the rounding
+        # the tractions of the law, by ``respond``, at the jumps within the rounding that the
+        # resolvent gives as the nearest
         moved = y - before  # a bed depends on the change of the tangential jumps only
         moved[0] = y[0]
         rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(y), np.abs(before))

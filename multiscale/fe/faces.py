@@ -2,14 +2,18 @@ r"""Named faces of meshes with normals and frames, and the mortar rows between t
 
 With the shape functions :math:`N` of both sides and the functions :math:`\psi` of the corners of
 the facets of side 1, which are positive for every order of :math:`N` [2]_, integrated over the
-intersections of the facets [1]_, :math:`M u_2 - D u_1` is the weighted jump:
+intersections of the facets [1]_, :math:`M u_2 - D u_1` is the weighted jump with
 
 .. math:: D_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
     M_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma.    \tag{1}
 
+The rows of both matrices have equal sums, which passes the patch test: the nodal forces of an even
+traction are in balance. The sum of a row of D is the area of its corner.
+
 .. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629,
    doi:10.1016/j.cma.2003.10.010.
-.. [2] M. A. Puso, T. A. Laursen, J. Solberg, Comput. Methods Appl. Mech. Eng. 197 (2008) 555-566.
+.. [2] M. A. Puso, T. A. Laursen, J. Solberg, Comput. Methods Appl. Mech. Eng. 197 (2008) 555-566,
+   doi:10.1016/j.cma.2007.08.009.
 """
 
 from dataclasses import dataclass

@@ -190,7 +190,11 @@ def box_mesh(
     *,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> "Mesh":
-    """Mesh a box with equal hexahedra and name its faces."""
+    """Mesh a box of a size, m, with equal hexahedra, and name its faces.
+
+    Faces are ``left`` and ``right`` (lowest and highest x), ``front`` and ``back`` (y), and
+    ``bottom`` and ``top`` (z); ``origin``, m, is the corner with the lowest coordinates.
+    """
     for length, number, axis in zip(size, elements, "xyz", strict=True):
         require(f"the length of the block along {axis}", length, "(0, inf)", "m")
         if number < 1:

@@ -20,7 +20,17 @@ class LinkResponse:
 
 @dataclass(frozen=True)
 class LinkLaw(ABC):
-    """Law of a link: its elastic tension within a range, N, (1); (15) of the source."""
+    r"""Law of the tension of a link by its axial strain.
+
+    With the elastic tension :math:`t = EA\,\varepsilon`, the range :math:`[\tau^-, \tau^+]` of
+    admissible tensions, ``lower`` to ``upper``, N, and the slack :math:`\lambda`,
+
+    .. math::
+        \tau = \min(\max(t, \tau^-), \tau^+), \qquad EA\,\lambda = |\tau - t|,    \tag{1}
+
+    which for a cable, :math:`[0, \infty)`, is the law (15) of the source; the gradient of a convex
+    energy.
+    """
 
     lower: ClassVar[float] = -np.inf
     upper: ClassVar[float] = np.inf
@@ -34,7 +44,6 @@ class LinkLaw(ABC):
         """Evaluate (1) for a strain relative to the relaxed length; refused if inextensible."""
         if not np.isfinite(self.rigidity):
             raise CaseError("the tension of an inextensible link is a reaction, not a response")
-        # tau = min(max(EA eps, lower), upper), EA slack = |tau - EA eps| (1)
         elastic = self.rigidity * np.asarray(strain, dtype=float)
         tension = np.clip(elastic, self.lower, self.upper)  # (1)
         carries = (elastic >= self.lower) & (elastic <= self.upper)
@@ -66,11 +75,36 @@ class Strut(LinkLaw):
 
 @dataclass(frozen=True)
 class Beam(LinkLaw):
-    """Prismatic elastic beam in space."""
+    r"""Prismatic elastic beam in space.
 
-    # rigidities: torsion GJ, N m²; bending EI about the local axes y and z, N m²; shear kappa GA, N
-    # (infinite for an Euler-Bernoulli beam); ``up`` and the axis span the plane of the local z
-    # axis, with the global x axis in its place for beams along it
+    Parameters
+    ----------
+    rigidity : float, axial rigidity :math:`EA`, N
+    torsion : float, torsional rigidity :math:`GJ`, N m²
+    bending_y, bending_z : float
+        Bending rigidities :math:`EI_y` and :math:`EI_z` about the second and third local axis,
+        N m².
+    shear_y, shear_z : float, default infinite
+        Shear rigidities :math:`\kappa GA` along the second and third local axis, N; infinite for
+        an Euler-Bernoulli beam.
+    up : tuple of float, default (0, 0, 1)
+        Vector that, with the axis of the beam, spans the plane of the third local axis, which
+        points towards it. For beams along this vector the global x axis is used.
+
+    Notes
+    -----
+    The six modes are the elongation, the twist :math:`\vartheta`, and in both planes, with the
+    rotations :math:`\varphi_1, \varphi_2` of the ends against the chord, the symmetric bending
+    :math:`\varphi_1 - \varphi_2` and the antisymmetric bending :math:`\varphi_1 + \varphi_2`:
+
+    .. math::
+        2 W = \frac{EA}{L} e^2 + \frac{GJ}{L} \vartheta^2 + \sum \frac{EI}{L}
+        \Big[ (\varphi_1 - \varphi_2)^2 + \frac{3 (\varphi_1 + \varphi_2)^2}{1 + \Phi} \Big],
+        \qquad \Phi = \frac{12 EI}{\kappa G A L^2}.    \tag{1}
+
+    .. [1] J. S. Przemieniecki, Theory of Matrix Structural Analysis, McGraw-Hill, 1968.
+    """
+
     torsion: float
     bending_y: float
     bending_z: float
@@ -88,10 +122,6 @@ class Beam(LinkLaw):
 
     def mode_stiffness(self, length: np.ndarray) -> np.ndarray:
         """Stiffness of the six modes (1) of beams of lengths, m: N/m, then N m, shape (6, ...)."""
-        # elongation e, twist t, and in both planes the rotations p_1, p_2 of the ends against the
-        # chord (J. S. Przemieniecki, Theory of Matrix Structural Analysis, McGraw-Hill, 1968):
-        #     2 W = EA/L e² + GJ/L t² + sum EI/L [(p_1 - p_2)² + 3 (p_1 + p_2)² / (1 + Phi)],
-        #     Phi = 12 EI / (kappa GA L²)  (1)
         L = np.asarray(length, dtype=float)
         shear = 12.0 / L**2
         slender_y = 1.0 + shear * self.bending_y / self.shear_z

@@ -74,12 +74,21 @@ def moduli_by_layer(
 
 @dataclass(frozen=True, eq=False)
 class PeriodicLayer:
-    """A deformable periodic layer on a clamped base, with a height map as its top."""
+    """A deformable periodic layer on a clamped base, with a height map as its top.
 
-    # surface: heights of the top, of the composite surface for two rough bodies; depth: from the
-    # base to the mean plane of the top, m; graded moduli: (layers,) from the base up, or (nx,
-    # layers, ny); obstacle: underside of the counterface, flat if not given; coating: outermost
-    # layer first
+    Parameters
+    ----------
+    surface : Surface, heights of the top; for two rough bodies the heights of the composite surface
+    depth : float, distance from the clamped base to the mean plane of the top, m
+    layers : int, layers of elements, graded towards the top
+    law : Elastic, GradedElastic, NeoHookean, J2 or Prony
+        Graded moduli have the shape (layers,), from the base up, or (nx, layers, ny).
+    obstacle : Surface, optional, underside of the counterface on the same grid; flat if not given
+    coating : tuple of Coating
+        Layers of other materials at the top, outermost first, on a body with an Elastic law. Node
+        planes of a mesh move onto their lower faces.
+    """
+
     surface: Surface
     depth: float
     layers: int

@@ -47,7 +47,12 @@ NODES = np.polynomial.legendre.leggauss(48)  # of an integral over the amplitude
 def with_shear(
     law: Dataset, response: Dataset, shear: Dataset, *, apart: bool | None = None
 ) -> Dataset:
-    """Add the tangential branch to a normal law: the means of the nearest beds, and samples."""
+    """Add the tangential branch to a normal law: the means of the nearest beds, and samples.
+
+    The stiffness ratios along x and y differ if ``apart``; if it is not given, only if the cells
+    have a clear direction. The bootstrap draws whole realisations: sample k belongs to sample k of
+    the normal law if all realisations of the normal law are sheared.
+    """
     cells, cautions = _sheared_cells(law, response, shear)
     ratio, friction = _nearest_beds(cells)
     lay = _lay(ratio)

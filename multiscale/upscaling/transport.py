@@ -45,14 +45,18 @@ def with_conductance(
     *,
     flows: bool,
 ) -> Dataset:
-    """Return a law with the conductances of its interface."""
+    r"""Return a law with the conductances of its interface, W/(m² K) for heat and S/m² for current.
+
+    Currents through the spots have the harmonic function of a small further displacement [1]_:
+    :math:`h(p) = 2 \beta K(p) / (E^* (1/k_1 + 1/k_2))` (1). Currents through the open gap, by
+    radiation or a fluid, and films on the spots are not included.
+
+    .. [1] J. R. Barber, Proc. R. Soc. Lond. A 459 (2003) 53-66, doi:10.1098/rspa.2002.1038.
+    """
     if not conductivities:
         return law
     unloads = flows and "unloading_stiffness_ratio" in law
     beta = float(law["unloading_stiffness_ratio"]) if unloads else 1.0
-    # currents through the open gap add to these, films on the spots hinder a current further; same
-    # harmonic function as a small further displacement (J. R. Barber, Proc. R. Soc. Lond. A 459
-    # (2003) 53-66): h(p) = 2 beta K(p) / (E* (1/k_1 + 1/k_2)) (1)
     ratios = {
         f"{name}_ratio": 2.0 * beta / (contact_modulus * (1.0 / k1 + 1.0 / k2))  # (1)
         for name, (k1, k2) in conductivities.items()

@@ -1,4 +1,7 @@
-"""Base class of bulk laws; tensors (6, 6) are ordered xx, yy, zz, yz, xz, xy, shear doubled."""
+"""Base class of bulk laws; tensors have the order xx, yy, zz, yz, xz, xy.
+
+Tangents have the shape (6, 6), Pa, for strains with shear angles (twice the tensor shears).
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -15,13 +15,27 @@ UNKNOWNS = 5
 
 @dataclass(frozen=True, eq=False)
 class PlateElements:
-    """Plate of quadrilaterals with nine nodes, with Reissner's and Mindlin's kinematics."""
+    r"""Plate of quadrilaterals with nine nodes, with Reissner's and Mindlin's kinematics.
 
-    # operator of the strains (1), (elements, points, 8, 45), and of the slopes of w, (elements,
-    # points, 2, 45); area of the points, m², (elements, points); unknowns (elements, 45); positions
-    # of the nodes (2, nodes), m; values of their shapes at some places, (places, nodes)
-    # sections move by u_a + z t_a and w; strains (u_(a,b), t_(a,b), w_,a + t_a) in the order of
-    # STRAINS, with doubled shears (1)
+    Sections move by :math:`u_\alpha + z \theta_\alpha` and w. The strains are
+
+    .. math::
+        \varepsilon_{\alpha\beta} = u_{(\alpha,\beta)}, \quad
+        \kappa_{\alpha\beta} = \theta_{(\alpha,\beta)}, \quad
+        \gamma_\alpha = w_{,\alpha} + \theta_\alpha,    \tag{1}
+
+    in the order of :data:`~multiscale.macro.links.plate_cells.STRAINS`, with doubled shears.
+
+    Attributes
+    ----------
+    operator : ndarray, shape (elements, points, 8, 45), of the strains (1)
+    slope : ndarray, shape (elements, points, 2, 45), of the slopes of w along x and y
+    weight : ndarray, shape (elements, points), area of the points, m²
+    unknown : ndarray of int, shape (elements, 45)
+    position : ndarray, shape (2, nodes), m
+    values : csr_array, shape (places, nodes), of the shapes of the nodes at some places
+    """
+
     operator: np.ndarray
     slope: np.ndarray
     weight: np.ndarray
@@ -102,10 +116,18 @@ def plate_elements(
 def smooth_at(
     size: tuple[float, float], elements: tuple[int, int], places: np.ndarray
 ) -> csr_array:
-    """Return the operator (places, points) from values at all points of a plate to places."""
+    """Return the operator from values at all points of a plate to places, (places, points).
+
+    Values are fitted in every element by bilinear functions, since strains at points oscillate with
+    the transverse shear, which is right in the mean of an element.
+
+    Parameters
+    ----------
+    size, elements : tuple, as of :func:`plate_elements`
+    places : ndarray, shape (2, places), m
+    """
     basis = _basis(size, elements)
     element = basis.mesh.element_finder(basis.mapping)(*places)
-    # bilinear in every element: strains at points oscillate with the transverse shear
     local = basis.mapping.invF(places[:, :, None], tind=element)[..., 0]
     fit = _bilinear(local) @ np.linalg.pinv(_bilinear(basis.X))
     column = fit.shape[1] * element[:, None] + np.arange(fit.shape[1])

@@ -113,11 +113,18 @@ class Grains:
 
 @dataclass(frozen=True)
 class Wall:
-    """Common parameters of plane and round walls."""
+    """Common parameters of plane and round walls.
 
-    # point of the plane or axis, m; normal towards the grains, or axis, of any length; velocity,
-    # m/s (of a loaded plane in the plane); friction against grains, if not given the coefficient of
-    # the grains
+    Parameters
+    ----------
+    point : array_like, shape (3,), point on the plane or the axis, m
+    direction : array_like, shape (3,), normal towards the grains, or axis; of any length
+    velocity : array_like, shape (3,)
+        Prescribed velocity, m/s; of a loaded plane only the in-plane components are prescribed.
+    friction : float, optional
+        Coefficient against grains, dimensionless; the coefficient of the grains if not given.
+    """
+
     point: tuple[float, float, float]
     direction: tuple[float, float, float]
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -1,17 +1,25 @@
 r"""Error of a state of LATIN: a guaranteed bound for links, a heuristic indicator for rough joints.
 
 With a displacement :math:`\bar u` that is continuous over the interfaces, and admissible tensions
-:math:`\tau^*` in equilibrium, the duality gap is at least [1]_
+:math:`\tau^*` in equilibrium, the duality gap, the sum of the energy of the displacement and the
+complementary energy of the tensions, is for the exact tensions :math:`\tau` at least [1]_
 
 .. math:: \tfrac12 \| \tau - \tau^* \|^2_{k^{-1}}.    \tag{1}
 
-With tractions :math:`t^*` of joints, displacements :math:`u^*` in equilibrium with them, and the
-nearest state of the law along the search direction :math:`\kappa`, the indicator is the root of (3)
+With tractions :math:`t^*` of joints and displacements :math:`u^*` in equilibrium with them, the
+state of the law nearest to them and to the jumps :math:`\bar\jmath` of :math:`\bar u`, along the
+search direction :math:`\kappa`, has the jump :math:`\hat\jmath` and the traction :math:`\hat t` of
 
 .. math:: \hat t(\hat\jmath) + \kappa \hat\jmath = t^* + \kappa \bar\jmath,    \tag{2}
 
+and the indicator is the root of
+
 .. math::
     \| u^* - \bar u \|^2_K + 4 \sum_\text{points} w\, |t^* - \hat t|^2_{\kappa^{-1}}.    \tag{3}
+
+For a linear law of stiffness :math:`\kappa` without friction, half of its square is the duality gap
+of both fields, a guaranteed bound. With friction the limit of a traction depends on the solution:
+there is no potential and no guarantee.
 
 .. [1] P. Ladevèze, J.-P. Pelle, Mastering calculations in linear and nonlinear mechanics,
    Springer, 2005, doi:10.1007/b138705.

@@ -1,13 +1,17 @@
 r"""Quasi-static modal analysis: frequency and damping of a mode against its amplitude [1]_, [2]_.
 
-A structure at rest is loaded by :math:`\alpha M \phi`. With the energy E stored in bodies and
-joints and the modal amplitude :math:`q = \phi^T M v`, and with Masing's rule at a constant normal
-load of the joints, otherwise with :math:`D = \oint \alpha\, \mathrm{d}q` of the cycle,
+A structure at rest is loaded by :math:`\alpha M \phi`. With the change v of the displacement
+and the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` gives
 
 .. math::
     \omega^2(q) = \frac{\alpha}{q}, \qquad
     \zeta(q) = \frac{D}{2 \pi \omega^2 q^2}, \qquad
-    D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right). \tag{1}
+    D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right), \tag{1}
+
+with the energy E stored in bodies and joints. By Masing's rule the loss D of a cycle is four times
+the loss of the loading if the normal load of the joints is constant; otherwise the cycle is solved
+for :math:`D = \oint \alpha\, \mathrm{d}q`. The usual form of (1),
+:math:`8 \int \alpha\, \mathrm{d}q' - 4 \alpha q`, counts elastic curvature as a loss.
 
 .. [1] H. Festjens, G. Chevallier and J.-L. Dion, J. Sound Vib. 332 (2013) 4821-4838,
    doi:10.1016/j.jsv.2013.04.020.

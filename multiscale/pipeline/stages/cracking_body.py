@@ -24,7 +24,10 @@ from multiscale.upscaling.propagation import STRETCH
 
 EVENT_SECONDS = 2e-6  # CPU seconds of an element in an event; about 20 events crack it
 
-NO_MESH = "intervals do not contain the error of the mesh, which is unknown: give coarser"
+NO_MESH = (
+    "intervals do not contain the error of the mesh, which is unknown: give the "
+    "body a coarser mesh by coarser"
+)
 
 FAILED = "the load has not fallen to zero, so the energy of the cracks is unknown"
 
