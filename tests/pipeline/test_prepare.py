@@ -135,7 +135,7 @@ def test_a_case_that_a_run_refuses_its_explanation_refuses(tmp_path):
         ('["800 um", "800 um"]', '["64 um", "64 um"]'),
     )
     scenes = {
-        "holds 4 separate windows .* but 5 are needed": few,
+        "has 4 separate windows .* but 5 are needed": few,
         "cannot carry short_cutoff": [("[36, 36]", "[20, 20]")],
     }
     for sentence, pairs in scenes.items():
