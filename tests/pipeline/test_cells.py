@@ -207,7 +207,7 @@ def test_a_run_with_a_measured_map_reports_its_share_in_the_cells(case, tmp_path
     assert float(part.sel(stage="cells")) == pytest.approx(cells, rel=1e-9)
     assert float(response["map_filled_share"][0]) == pytest.approx(1500 / 20000)
     assert np.all(response["filled_share"].values == 0.0)
-    assert "caution: body_1: the cells hold" in printed.err
+    assert "caution: body_1: the cells have" in printed.err
     assert "body 1 windows" in printed.out
     cutoff = "The cells of body_1 contain wavelengths down to 25 µm, 8 points of the grid"
     assert cutoff in printed.out
