@@ -20,8 +20,8 @@ LONGEST_SLIP, MOST_STEPS = 0.1, 20000
 """Way of a sheared plate in a step, over the diameter of its grains, and the limit of its steps."""
 
 PRESSED_STEPS, STILL = 100, 0.05
-"""Steps of a plate that presses, after which it rests if they moved it by less than ``STILL`` mean
-diameters."""
+"""Time of pressing in resolving steps, after which the plate rests if it moved by less than
+``STILL`` mean diameters."""
 
 PART, LEAST_STEP = 0.2, 0.1
 """Part of the room in a period that a grain may move in a step of pressing, and the least share of
@@ -179,18 +179,20 @@ def shear_layer(
 
 def _press(model: Model, step: float, solver: Solver) -> tuple[np.ndarray, float]:
     """Press a layer until its upper plate rests; return the centres and the height, m."""
-    state, height = initial_state(model), np.inf
+    state = initial_state(model)
+    height = state.point[1, 2]
     way = 2.0 * STILL * float(model.grains.radius.mean())
-    room = float(state.period.min()) - least_period(model.grains.radius)
-    for k in range(MOST_STEPS):
-        if k % PRESSED_STEPS == 0:
+    room, pressed = float(state.period.min()) - least_period(model.grains.radius), 0.0
+    for _ in range(MOST_STEPS):
+        if pressed >= PRESSED_STEPS:
             if height - state.point[1, 2] < way:
                 return state.position, float(state.point[1, 2])
-            height = state.point[1, 2]
+            height, pressed = state.point[1, 2], 0.0
         # fast grains move by a part of the distance to their images, or the period is refused
         speed = float(np.linalg.norm(state.velocity[: model.grains.n, :3], axis=1).max())
-        short = PART * room / speed if speed > 0.0 else step
-        state, _ = step_grains(model, state, min(max(short, LEAST_STEP * step), step), solver)
+        share = float(np.clip(PART * room / (step * speed), LEAST_STEP, 1.0)) if speed else 1.0
+        state, _ = step_grains(model, state, share * step, solver)
+        pressed += share
     raise ConvergenceError(
         f"the plate still sinks into the grains after {MOST_STEPS} steps; use fewer layers of "
         f"grains, or a larger area"
