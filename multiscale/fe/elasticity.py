@@ -84,8 +84,8 @@ def mode_stiffness(
 ) -> csr_array:
     """Stiffness by which hexahedra of first order are too stiff without incompatible modes."""
     # Modes 1 - xi_m² (E. L. Wilson, R. L. Taylor, W. P. Doherty, J. Ghaboussi, 1973) with gradients
-    # of zero mean (R. L. Taylor, P. J. Beresford, E. L. Wilson, IJNME 10 (1976) 1211-1219), J_0 the
-    # middle:
+    # of zero mean (R. L. Taylor, P. J. Beresford, E. L. Wilson, IJNME 10 (1976) 1211-1219,
+    # doi:10.1002/nme.1620100602), J_0 the middle:
     #     P_m = j_0/j J_0^-T grad(1 - xi_m²),   K_ua K_aa^-1 K_au,
     #     K_aa = ∫ P C P,   K_ua = ∫ grad N C P  (3)
     elements = elements_of_basis(basis, mean_volume=False)
@@ -226,7 +226,8 @@ def element_response(
         pressure, curvature = np.zeros((1, 1)), np.zeros_like(volume)
         tangent = response.tangent
     elif elements.mean_volume:
-        # mean volume ratio, J. C. Simo, R. L. Taylor, K. S. Pister, CMAME 51 (1985) 177-208:
+        # mean volume ratio, J. C. Simo, R. L. Taylor, K. S. Pister, CMAME 51 (1985) 177-208,
+        # doi:10.1016/0045-7825(85)90033-7:
         #     J = 1/V ∫ det F dV,   energy = ∫ psi(F) dV + V U(J)  (1)
         first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
         pressure, tangent = first[:, None], response.tangent

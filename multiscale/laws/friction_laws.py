@@ -315,7 +315,8 @@ def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -
     sigma = np.zeros(limit.shape)
     for _ in range(MAX_ITERATIONS):
         # t_i = d_i / (sigma + a_i), |t| <= limit (1), by Newton's method for 1/|t| = 1/limit, which
-        # is monotone: J. J. Moré, D. C. Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983) 553-572
+        # is monotone: J. J. Moré, D. C. Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983) 553-572,
+        # doi:10.1137/0904038
         traction = drive / np.maximum(sigma + softness, LEAST_DIVISOR)  # (1)
         size = np.sqrt(np.sum(traction**2, axis=0))
         slides = (size > limit) & (limit > NEGLIGIBLE_LIMIT * size)

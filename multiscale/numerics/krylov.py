@@ -64,7 +64,8 @@ def ritz_values(steps: Sequence[tuple[float, float]]) -> np.ndarray:
 def minimal_residual(
     apply: Operator, right_hand_side: np.ndarray, precondition: Operator, *, goal: float, room: int
 ) -> tuple[np.ndarray, int]:
-    """Solve A x = b by flexible GMRES (Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469)."""
+    """Solve A x = b by flexible GMRES."""
+    # Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469, doi:10.1137/0914028
     from scipy.sparse.linalg import LinearOperator, gcrotmk
 
     iterations = 0
@@ -119,7 +120,8 @@ class Anderson:
             self.forget()
             self.best = size
             return DAMPED * image + (1.0 - DAMPED) * x
-        # H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735
+        # H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735,
+        # doi:10.1137/10078356X
         plain = self.relaxation * image + (1.0 - self.relaxation) * x
         self.points = [*self.points, plain][-self.memory - 1 :]
         self.residuals = [*self.residuals, residual][-self.memory - 1 :]

@@ -205,7 +205,7 @@ def fit_law(
 def _observe(
     data: Dataset | Observations, control: Dataset | None, weights: np.ndarray | None
 ) -> tuple[Observations, Observations | None, np.ndarray]:
-    """Return observations, those of the contact fraction of cells, and weights of the points."""
+    """Return observations, observations of the contact fraction, and weights of the points."""
     if isinstance(data, Observations):
         observations, area, given = data, None, data.order.size
     else:

@@ -116,9 +116,9 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     low = np.log(values.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0))
     high = np.full(share.shape, np.log(values.max()))
     # sum w_i (k_i - k) / (k_i + k) = 0 (1): D. A. G. Bruggeman, Ann. Phys. 416 (1935) 636-664,
-    # exact for a lognormal scatter; half of random cells are tight where about .42 touches: W. B.
-    # Dapp, A. Lücke, B. N. J. Persson, M. H. Müser, Phys. Rev. Lett. 108 (2012) 244301,
-    # doi:10.1103/PhysRevLett.108.244301
+    # doi:10.1002/andp.19354160705; exact for a lognormal scatter. Half of random
+    # cells are tight where about .42 touches: W. B. Dapp, A. Lücke, B. N. J. Persson, M. H. Müser,
+    # Phys. Rev. Lett. 108 (2012) 244301, doi:10.1103/PhysRevLett.108.244301
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         k = np.exp(middle)[:, None]

@@ -77,6 +77,11 @@ def law_sources(
     list of Source
         Terms of the gap are propagated by larger gaps, terms of the stiffness by a softer law about
         the mean pressure, biases by a law of free form through the gaps without them.
+
+    Raises
+    ------
+    CaseError
+        If the law has no budget.
     """
     if not has_budget(law):
         raise CaseError(

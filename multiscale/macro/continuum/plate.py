@@ -149,6 +149,7 @@ def _bilinear(x: np.ndarray) -> np.ndarray:
 def _linear_along(points: np.ndarray, weight: np.ndarray, axis: int) -> np.ndarray:
     """Return the projection of values at points of an element on functions linear along an axis."""
     # both terms of the transverse shear then have the same degree, so that thin plates do not lock:
-    # K. J. Bathe and E. N. Dvorkin, Int. J. Numer. Methods Eng. 22 (1986) 697-722
+    # K. J. Bathe and E. N. Dvorkin, Int. J. Numer. Methods Eng. 22 (1986) 697-722,
+    # doi:10.1002/nme.1620220312
     V = np.stack([points[axis] ** i * points[1 - axis] ** j for i in range(2) for j in range(3)], 1)
     return np.asarray(V @ np.linalg.solve((V.T * weight) @ V, V.T * weight))

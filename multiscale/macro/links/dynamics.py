@@ -387,10 +387,11 @@ def mean_tension(
     before: np.ndarray, after: np.ndarray, lower: np.ndarray, upper: np.ndarray, theta: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the tension of a step, a mean of final and average tension, and its slope."""
-    # discrete gradient (O. Gonzalez, Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783) of the
-    # energy V of a link, (2 theta - 1) P(tau+) + 2 (1 - theta) dV / de, so that its work is at
-    # least dV; the quotient is summed over the shares of the step below, between and above the
-    # bounds
+    # discrete gradient (O. Gonzalez, Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783,
+    # doi:10.1016/S0045-7825(00)00189-4) of the energy V of a link,
+    #     (2 theta - 1) P(tau+) + 2 (1 - theta) dV / de:
+    # its work is at least dV; the quotient is summed over the shares of the step below, between and
+    # above the bounds
     tension, slope = np.empty_like(after), np.empty_like(after)
     for row in range(after.size):
         low, high = min(before[row], after[row]), max(before[row], after[row])

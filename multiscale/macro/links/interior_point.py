@@ -30,8 +30,8 @@ RIGID_STIFFNESS = 1e6
 def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
     r"""Compute tensions and slack by an interior-point method [1]_.
 
-    With s = 1 for cables and -1 for struts, and 1/k = 0 for links of fixed length, the conditions
-    of a quadratic program that is dual to the energy of :func:`solve_newton`:
+    A quadratic program is dual to the energy of :func:`solve_newton`. With s = 1 for cables and -1
+    for struts, and 1/k = 0 for links of fixed length, its solution satisfies
 
     .. math::
         B^T \tau = \alpha F^d, \quad \frac{\tau - \tau^0}{k} = B u + s \lambda, \quad

@@ -102,7 +102,8 @@ def solve_newton(
     """
     # The derivative of the energy along a direction is piecewise linear and increasing: the step to
     # its zero is exact. In large structures with few slack links factors without slack are reused
-    # first and corrected by the last steps (J. Nocedal, Math. Comput. 35 (1980) 773-782); else
+    # first and corrected by the last steps (J. Nocedal, Math. Comput. 35 (1980) 773-782,
+    # doi:10.1090/S0025-5718-1980-0572855-7); else
     # zones around the largest residuals are solved apart (P. J. Lanzkron, D. J. Rose and J. T.
     # Wilkes, SIAM J. Sci. Comput. 17 (1996) 538-559). Elongations are summed step by step: rounding
     # is relative to their size.

@@ -94,7 +94,13 @@ class CondensedProblem:
 
 
 def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
-    """Cut an assembly, and condense its bodies once for all paths if the method condenses."""
+    """Cut an assembly, and condense its bodies once for all paths if the method condenses.
+
+    Raises
+    ------
+    CaseError
+        If a law is rigid contact, which has no stiffness, or as :func:`cut_assembly`.
+    """
     if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
             "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"

@@ -186,7 +186,8 @@ def solve_elastic_contact(
     stage = _LinearStage(body, gap, closing, active, load, tolerance)
     # M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; exchanges by least
     # index, where the number of wrong nodes does not fall, terminate for every positive definite
-    # problem: J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596
+    # problem: J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596,
+    # doi:10.1016/0305-0548(94)90106-6
     for _ in range(max_iterations):
         force, square = stage.split(out_of_balance, force)
         if changed:  # move onto the constraints of the new active set

@@ -59,9 +59,10 @@ def solve_flat(
         return np.asarray(compliance(force.reshape(shape)), force.dtype).ravel()
 
     # Step lengths of Barzilai and Borwein in turn and the exact minimum along the feasible
-    # direction (Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421): one product with C
-    # in an iteration, in single precision for nodes near contact; all nodes are checked in double
-    # precision each time that the residual has fallen to 3/100, and at the end.
+    # direction (Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421,
+    # doi:10.1007/s10107-005-0595-2): one product with C in an iteration, in single precision for
+    # nodes near contact; all nodes are checked in double precision each time that the residual has
+    # fallen to 3/100, and at the end.
     # first forces, in the box and with the load
     delta = 0.0 if approach is None else approach
     first = closing * delta - gap if load is None else closing

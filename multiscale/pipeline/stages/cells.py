@@ -37,7 +37,7 @@ from multiscale.surfaces.surface import Surface
 COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
 MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
 MESH_CAUTION = (
-    "each volume of the mesh has its compliance plus that of body_2, against a rigid flat: this is "
+    "each volume of the mesh has the compliances of both bodies, against a rigid flat: this is "
     "exact if body_2 is much stiffer, or has the moduli of the mesh at every depth"
 )
 
